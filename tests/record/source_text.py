@@ -28,7 +28,15 @@ def made(text: str, **names: Any) -> Any:
     file = f"<program {next(_count)}>"
     text = textwrap.dedent(text).lstrip("\n")
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace: dict[str, Any] = {"sh": sh, "np": np, "math": math, "functools": functools, **BLOCKS, **names}
+    namespace: dict[str, Any] = {
+        "sh": sh,
+        "np": np,
+        "math": math,
+        "functools": functools,
+        "types": types,
+        **BLOCKS,
+        **names,
+    }
     namespace["__name__"] = "user"
     exec(compile(text, file, "exec", dont_inherit=True), namespace)
     return [v for v in namespace.values() if isinstance(v, types.FunctionType) and v.__code__.co_filename == file][-1]

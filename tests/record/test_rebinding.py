@@ -32,6 +32,7 @@ def record(text: str) -> sh.Program:
         "DATA": [1, 2, 3],
         "WIDE": True,
         "counter": types.SimpleNamespace(made=0, label=""),
+        "types": types,
         **BLOCKS,
     }
     file = f"<no text {next(_count)}>"

@@ -247,3 +247,10 @@ def test_mistakes_with_methods():
     assert "x: sh.Attrib1f, if x is an input" in caught.value.cure
     with pytest.raises(AttributeError, match=r"Loop\.again is recorded for each instance: instance\.again\.compile"):
         Loop.again.compile("numpy")
+
+
+@pytest.mark.parametrize("thing", [3, None, int, "x", max, ()])
+def test_what_is_no_function_with_a_signature_is_refused(thing):
+    with pytest.raises(sh.ShpyTypeError, match=r"sh\.program takes a function, not ") as caught:
+        sh.program(thing)
+    assert caught.value.loc.file == __file__

@@ -31,6 +31,18 @@ INNOCENT = {
                 a.x += 1
             return x + a
         """,
+    "data whose fields are values, or numbers that a block sets for itself": """
+        def f(x: sh.Attrib1f):
+            state = types.SimpleNamespace(total=sh.Attrib1f(0), count=0, name="n")
+            with SH_FOR(3) as i:
+                state.total += x
+                state.total[:] = state.total * 2
+                state.count = 2
+                x += state.count * i
+            state.name = "m"
+            state.count = 0
+            return state.total + state.count
+        """,
     "temporaries that several blocks reuse": """
         def f(x: sh.Attrib1f):
             t = x * 2

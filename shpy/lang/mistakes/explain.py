@@ -389,8 +389,19 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
         case ast.Call(func=function, args=arguments):
             inside = ", ".join(ast.unparse(a) for a in arguments)
             message = f"`{asked}` is computed while recording, and its argument is known only when the program runs"
+            if isinstance(function, ast.Attribute) and OTHER_NAMES.get(function.attr, function.attr) in _JOINING:
+                return message, _joined(arguments, prefix)
             return message, _function_cure(function, inside, prefix)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
+
+
+def _joined(arguments: list[ast.expr], prefix: str) -> str:
+    """Return the cure for numpy's functions that make one array of what they are given."""
+    inside = ", ".join(ast.unparse(a) for a in arguments[:1])
+    if not arguments or not isinstance(arguments[0], ast.List | ast.Tuple):
+        return f"{inside or 'the value'}, which needs no array"
+    parts = arguments[0].elts
+    return f"{prefix}vec{min(max(len(parts), 2), 4)}({', '.join(ast.unparse(part) for part in parts)})"
 
 
 def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
@@ -399,9 +410,6 @@ def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
         return f"{prefix}{types.get(function.id, function.id)}({inside})"
     name = function.attr if isinstance(function, ast.Attribute) else ""
     name = OTHER_NAMES.get(name, name)
-    if name in _JOINING:
-        inside = inside.strip("[]()")
-        return f"{prefix}vec{min(max(inside.count(',') + 1, 2), 4)}({inside})"
     if name in _CASTING:
         return f"{prefix}{_CASTING[name]}({inside})"
     if name == "length":

@@ -21,7 +21,7 @@ from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.expressions import Expressions
 from shpy.lang.mistakes.facts import Block, State, joined
-from shpy.lang.mistakes.kinds import HOST, NUMBER, UNKNOWN, VALUE, Kind, Known
+from shpy.lang.mistakes.kinds import HOST, NUMBER, UNKNOWN, VALUE, Kind, Known, plain_fields
 from shpy.lang.mistakes.places import Places
 from shpy.lang.recording.scope import UNRESOLVED, Scope
 from shpy.lang.recording.tree import FunctionNode, quoted
@@ -141,7 +141,7 @@ class Flow:
                 self._target(target, node, known, value)
 
     def _display(self, name: str, node: ast.stmt, value: ast.expr) -> None:
-        """Bind the items of a display: `d = {"k": x}` binds `d['k']` too."""
+        """Bind the items of a display, `d = {"k": x}` binds `d['k']` too, and the fields of plain data."""
         items: list[tuple[str, ast.expr]] = []
         if isinstance(value, ast.Dict):
             pairs = zip(value.keys, value.values, strict=True)
@@ -150,6 +150,10 @@ class Flow:
             items = [(str(k), item) for k, item in enumerate(value.elts)]
         for key, item in items:
             self.places.bind_path(f"{name}[{key}]", node, self.judge.kind(item), value=item)
+        if isinstance(value, ast.Call):
+            for attribute, field in plain_fields(self.scope.resolve(value.func), value):
+                kind = NUMBER if field is None else self.judge.kind(field)
+                self.places.bind_path(f"{name}.{attribute}", node, kind, value=field)
 
     def _target(self, target: ast.expr, node: ast.stmt, known: Known, value: ast.expr | None) -> None:
         """Bind any target."""

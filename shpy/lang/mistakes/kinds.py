@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import ast
 import builtins
+import dataclasses
 import inspect
 import numbers
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 
 from shpy.lang.recording.scope import UNRESOLVED, Scope, from_shpy
 
@@ -156,6 +157,30 @@ def gives_value(thing: object) -> bool:
         return False
     module = str(function.__module__)
     return module in _LANGUAGE or module.startswith("shpy.library.")
+
+
+def plain_fields(made: object, call: ast.Call) -> Iterator[tuple[str, ast.expr | None]]:
+    """Yield the attributes, and what they hold, that a call of a dataclass or SimpleNamespace gives its instance.
+
+    A number that is the default of its field has no text there: None.
+    """
+    if any(isinstance(a, ast.Starred) for a in call.args) or any(k.arg is None for k in call.keywords):
+        return
+    given = {k.arg: k.value for k in call.keywords if k.arg is not None}
+    if made is SimpleNamespace:
+        yield from given.items()
+    elif (
+        isinstance(made, type)
+        and dataclasses.is_dataclass(made)
+        and not (from_shpy(made) or hasattr(made, "__post_init__"))
+    ):
+        fields = [f for f in dataclasses.fields(made) if f.init]
+        given |= {f.name: value for f, value in zip(fields, call.args, strict=False)}
+        for f in fields:
+            if f.name in given:
+                yield f.name, given[f.name]
+            elif isinstance(f.default, bool | int | float):
+                yield f.name, None
 
 
 def functions() -> list[str]:

@@ -27,7 +27,7 @@ from shpy.lang.data.tables import Table, TableArgument, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.programs.returns import Returns
 from shpy.lang.programs.subroutine import _slot_value
-from shpy.lang.recording.location import at
+from shpy.lang.recording.location import at, here
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.scope import unwrapped
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
@@ -90,7 +90,7 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
     fixed = (unwrapped(function) or (None, {}))[1]
     types: dict[str, InputType] = {}
     defaults: dict[str, Any] = {}
-    for name, parameter in inspect.signature(function).parameters.items():
+    for name, parameter in _signature(function).parameters.items():
         optional = parameter.default is not parameter.empty
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise RecordError(f"{parameter} takes any number of inputs", loc=loc, cure="name them one by one")
@@ -104,6 +104,14 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
         if optional:
             defaults[name] = _at(loc, check_default, types[name], parameter.default, name)
     return types, defaults
+
+
+def _signature(function: Any) -> inspect.Signature:
+    try:
+        return inspect.signature(function)
+    except (TypeError, ValueError):  # no callable, or one of C without a signature
+        cure = "@sh.program above a def whose inputs are annotated"
+        raise ShpyTypeError(f"sh.program takes a function, not {function!r}", loc=here(), cure=cure) from None
 
 
 def _is_type(annotation: Any, name: str) -> bool:

@@ -319,11 +319,13 @@ def _swizzle(name: str, size: int) -> tuple[int, ...] | None:
 
 
 def _components(key: Any, size: int) -> tuple[int, ...]:
-    """Return the components that a constant index, slice or tuple names; IndexError out of range."""
+    """Return the components that a constant index, slice or tuple names; ShpyIndexError out of range."""
     if isinstance(key, slice):
         picked = tuple(range(size)[key])
         if not picked:
-            raise IndexError(f"{_spell(key)} picks no component")
+            raise ShpyIndexError(
+                f"[{_spell(key)}] picks none of {size} components", loc=here(), cure=f"a slice of 0 to {size}"
+            )
         return picked
     keys = key if isinstance(key, tuple) else (key,)
     if any(isinstance(k, Value) for k in keys):
@@ -335,7 +337,8 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
         if not -size <= i < size:
             raise ShpyIndexError(f"component {i} of {size}", loc=here(), cure=f"0 to {size - 1}")
     if not 1 <= len(indices) <= 4:
-        raise IndexError(f"{len(indices)} components; one to four can be picked")
+        picks = f"{len(indices)} components are picked, and a vector has one to four"
+        raise ShpyIndexError(picks, loc=here(), cure="v[0, 2], or several vectors")
     return tuple(i % size for i in indices)
 
 
