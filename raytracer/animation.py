@@ -1,7 +1,7 @@
-"""Animations: the pictures of scenes that a function of time gives, as a GIF, WebP or MP4 file or a folder of PNGs.
+"""Animations: render the scenes that a function of time returns to a GIF, WebP or MP4 file or a folder of PNGs.
 
-Stage: picture. Frame k shows the scene at the time k / fps, in seconds. `sh.videos` writes the frames; everything is
-checked before one is made.
+Stage: picture. Frame k shows the scene at the time k / fps, in seconds. `sh.videos` writes the frames. All arguments
+are checked before the first frame is rendered.
 
     for done in animate(lambda time: scene_at(time), "wave.gif", frames=48, fps=24):
         print(done)

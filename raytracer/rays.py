@@ -1,7 +1,7 @@
-"""Rays that a user gives as arrays: checked, and brought into the coordinates of kernels.
+"""Check the rays that a user gives as arrays, and convert them to the coordinates of kernels.
 
-Stage: query. Arrays go to the kernel as they are where f32 holds their numbers: it converts them by itself, and tells
-which of them are no rays (`kernels.queries.GivenRay`). Only numbers out of its range are converted here, in f64.
+Stage: query. Where f32 holds the numbers, the arrays go to the kernel unchanged: the kernel converts them and reports
+invalid rays (`kernels.queries.GivenRay`). Numbers out of the range of f32 are converted here, in f64.
 
     rays = Rays.of(origins, directions, t_min, t_max)
     inputs = frame.inputs(rays, exact=False)
@@ -41,7 +41,10 @@ class Rays:
 
     @classmethod
     def of(cls, origins: Any, directions: Any, t_min: Any, t_max: Any) -> Rays:
-        """Take rays from arrays of any leading shape; SceneError for shapes and types that do not fit."""
+        """Return the rays of arrays (..., 3), with `t_min` and `t_max` as numbers or arrays (...).
+
+        Raises SceneError for other shapes, and for types that are not real numbers.
+        """
         eye, ray = triples("origins", origins), triples("directions", directions)
         if eye.shape != ray.shape:
             if eye.ndim == ray.ndim == 2:
@@ -154,7 +157,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A kernel's coordinates: those of the user less `origin` (3,), times `scale`, a power of two."""
+    """A kernel's coordinates: (the user's coordinates - `origin`) * `scale`; `origin` (3,), `scale` a power of two."""
 
     origin: NDArray[np.float64]
     scale: float

@@ -182,7 +182,7 @@ def materials() -> Scene:
 
 
 def teapot() -> Scene:
-    """Newell's teapot, glazed, on a wooden table by a window: 61,324 triangles."""
+    """Return Newell's teapot, glazed, on a wooden table by a window: 61,324 triangles."""
 
     def glazed(hit: Hit) -> Surface:  # Schlick's approximation of Fresnel's equations, as for glass of ior 1.6
         return Surface(reflectivity=0.05 + 0.95 * _grazing(hit))

@@ -1,6 +1,6 @@
-"""The command `shpy`: what is installed here, and whether a program gives the same on every backend.
+"""The command `shpy`: show the backends of this machine, compare programs between backends, measure and view them.
 
-Stage: above all others. Takes the words of the command line, prints, gives the exit status.
+Stage: above all others. Takes the arguments of the command line, prints, and returns the exit status.
 
     shpy --version
     shpy doctor                                   # status 0 where numpy works, which needs nothing else
@@ -130,7 +130,7 @@ def diff(options: argparse.Namespace) -> int:
 
 
 def _read(path: Path) -> str:
-    """Return the text of a file or of standard input; ShpyError for a text that is too long, or endless."""
+    """Return the text of a file, or of standard input for "-"; ShpyError if it is longer than `_LONGEST` characters."""
     with nullcontext(sys.stdin) if str(path) == "-" else path.open() as file:
         text = file.read(_LONGEST + 1)
     if len(text) > _LONGEST:
@@ -162,7 +162,7 @@ def doctor(every: bool = False) -> int:
 
 
 def _examine(backend: sh.BackendInfo) -> str | None:
-    """Print what there is to know of a backend; return its fault, None where it works."""
+    """Try a backend and print its devices and its state; return the fault, None if it works."""
     fault, cure = backend.reason, backend.cure
     if fault is None:
         fault = try_out(backend.name)

@@ -94,7 +94,7 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
 
 
 class _Completion(argparse.Action):
-    """Print the script of shtab for the whole parser, in which words of no fixed choice are names of files."""
+    """Print shtab's completion script for the whole parser; arguments without fixed choices complete to file names."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: str | None = None) -> None:
         """Print and leave."""
@@ -158,7 +158,7 @@ def _abandon_output() -> None:
 
 
 def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
-    """Read a whole number from `lowest` to `highest`, for the `type` of an argument."""
+    """Return a function that reads a whole number from `lowest` to `highest`, for the `type` of an argument."""
     span = f"from {lowest} to {highest}" if highest is not None else f"from {lowest} on"
 
     def read(text: str) -> int:

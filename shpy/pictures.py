@@ -1,6 +1,6 @@
-"""Programs of pixels and streams of colours as PNG files, which notebooks show.
+"""Show programs of pixels and streams of colours in notebooks, as PNG files.
 
-Stage: picture. Objects that have no picture, as programs with other inputs, are shown by their text.
+Stage: picture. A notebook shows other objects, such as programs with other inputs, by their text.
 """
 
 from __future__ import annotations

@@ -231,7 +231,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         return Program(algebra.compose(self.recorded, other.recorded))
 
     def __and__(self, other: Program) -> Program:
-        """Return `f & g`: side by side, inputs and outputs one after the other."""
+        """Return `f & g`, a program that runs both: inputs and outputs of f, then those of g."""
         if not isinstance(other, Program):
             return NotImplemented
         return Program(algebra.beside(self.recorded, other.recorded, share=False))

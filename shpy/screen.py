@@ -166,9 +166,9 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
 def drawn(
     program: Program, moment: Moment, *, backend: str | None = None, math: Math = "strict", **given: Any
 ) -> NDArray[Any]:
-    """Return the numbers of a program of pixels at a moment: (height, width), or (height, width, components).
+    """Run a program of pixels at a moment; return its output, (height, width) or (height, width, components).
 
-    `given` are the inputs that are not filled by their names. Raises ShpyTypeError as `check_pictures` does.
+    `given` are the inputs that no name such as `uv` or `time` fills. Raises ShpyTypeError as `check_pictures` does.
     """
     check_pictures(program, moment.size, given)
     output: NDArray[Any] = run_at(program.compile(backend, math=math), program.inputs, moment, given)

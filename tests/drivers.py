@@ -139,7 +139,7 @@ class Driver:
 
     @property
     def installed(self) -> bool:
-        """Return whether it can be run."""
+        """Return whether the driver is installed."""
         return self.source is None or self.source.found() is not None
 
     @property

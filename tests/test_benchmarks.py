@@ -60,7 +60,7 @@ def test_frames_are_the_same_on_every_backend(mesh):
 
 
 def test_the_errors_of_hits_are_lengths(mesh):
-    """An answer that names no triangle, or one beside the ray, is wrong by a length."""
+    """The error of a hit is a length, also where the answer is no triangle or a triangle beside the ray."""
     origins, directions = (a[::5] for a in rays.primary_rays(mesh, 24))
     pairs = zip(origins.astype(np.float64), directions, strict=True)
     exact = np.array([alike.nearest(mesh.corners, *ray) for ray in pairs])

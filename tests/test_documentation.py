@@ -82,7 +82,7 @@ def write_mesh(path):
 
 
 def write_jar(path):
-    """A file with several objects in their places, of materials with and without a picture."""
+    """Write a file of several objects with transforms, and materials with and without a picture."""
     scene = trimesh.Scene()
     squares = pillow.fromarray(np.kron([[220, 90], [60, 180]], np.ones((4, 4))).astype(np.uint8))
     for name, mesh, height in (

@@ -62,7 +62,7 @@ def test_packages_that_code_asks_for_are_declared():
 
 
 def installation(monkeypatch, *lines):
-    """Let shpy be installed as a distribution that declares these requirements."""
+    """Make shpy look like an installed distribution with these requirements."""
 
     class Metadata:
         def get_all(self, key, default):

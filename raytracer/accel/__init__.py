@@ -1,1 +1,1 @@
-"""Accelerators: structures that spare a ray most of the triangles. Built in numpy."""
+"""Accelerators: structures, built in numpy, with which a ray is tested against only a few of the triangles."""

@@ -211,7 +211,10 @@ class _Top:
         return node
 
     def linked(self, octant: int, past: int) -> list[tuple[_Object, int]]:
-        """Link the inner nodes for rays of an octant; return the objects, and the node that comes after each."""
+        """Link the inner nodes in the order in which rays of an octant visit them; the last one leads to `past`.
+
+        Returns the objects, each with the node that a ray visits after it.
+        """
         found = []
         todo = [(self.root, past)]
         while todo:

@@ -1,4 +1,4 @@
-"""The backend of the kernels that build a hierarchy. Their results are the same on each.
+"""Choose the backend of the kernels that build a hierarchy. Every backend gives the same hierarchy.
 
 Stage: accelerate.
 

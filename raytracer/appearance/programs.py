@@ -128,7 +128,11 @@ UNSHADED = ("transmission", "ior", "emission")
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """The names of the fields that a program reads of its hit or surface, and of those that a `surface` gives."""
+    """The fields of a material's or light's program, by name.
+
+    `reads`: fields of its hit or surface that the program reads. `gives`: fields of the Surface that a `surface`
+    program returns.
+    """
 
     reads: frozenset[str]
     gives: frozenset[str] = frozenset()

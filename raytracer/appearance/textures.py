@@ -84,7 +84,10 @@ class Texture:
 
 
 def _read(path: Path, alpha: bool) -> NDArray[Any]:
-    """Read the pixels of a file, (H, W, 1 or 3) uint8, or float32 where it holds more than 8 bits; or its alpha."""
+    """Read the pixels of a picture file, (H, W, 1 or 3): uint8, or float32 where the file has more than 8 bits.
+
+    With `alpha`, read its alpha channel instead; a picture without one gives a single pixel of 1.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     read = READERS.get(path.suffix.lower())

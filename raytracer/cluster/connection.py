@@ -94,7 +94,7 @@ def _worker_class() -> Any:
     class LocalWorker(SubprocessWorker):  # type: ignore[misc]
         """A worker that the command `dask` starts, so that no script is imported again as with multiprocessing.
 
-        It finds the modules that this process finds, says nothing, and hears no Ctrl-C: this process ends it.
+        It imports from the same folders as this process, prints nothing and ignores Ctrl-C: this process ends it.
         """
 
         async def _start(self) -> None:

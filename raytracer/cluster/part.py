@@ -172,7 +172,7 @@ class Part:
         return records
 
     def _shade(self, records: Records) -> Records:
-        """Take in what rays have met; the triangles that eye and mirrored rays have met are this part's."""
+        """Shade the nearest hits of eye and mirrored rays, all of them on triangles of this part."""
         columns = records.columns
         met = columns["nearest.id"] >= 0
         own = np.searchsorted(self.data.numbers, columns["nearest.id"]).clip(0, len(self.data.numbers) - 1)

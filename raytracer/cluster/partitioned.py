@@ -1,7 +1,7 @@
-"""Pictures of scenes that are cut into parts, each held by one worker, between which rays travel in batches.
+"""Render a scene whose triangles are divided into parts: each worker holds one, and rays travel between them.
 
-Stage: cluster. In a round every part takes its rays as far as they go there; a band of the picture is finished when no
-part has any. Dask moves the batches from worker to worker, and this process sees only how many rays there are.
+Stage: cluster. In each round every part traces its rays as far as they go there; a band of the picture is finished when
+no part has rays left. Dask moves batches of rays from worker to worker; this process receives only their number.
 
     with connected("local:2") as client:
         image = render_partitioned(client, Job(scene, Whitted(), "numpy"), (640, 480), 8)
@@ -139,7 +139,7 @@ def _groups(centres: NDArray[Any], numbers: NDArray[Any], count: int) -> list[ND
 
 
 def _part_of(layout: Layout, group: NDArray[Any]) -> Layout:
-    """Return the layout of some triangles, without an accelerator."""
+    """Return the layout of the triangles with these indices, without an accelerator."""
     rows = (3 * group[:, None] + np.arange(3)).reshape(-1)
     tables = {name: getattr(layout, name) for name in ("triangles", "normals", "colors", "uvs")}
     parts: dict[str, Any] = {name: table[rows] for name, table in tables.items() if table is not None}

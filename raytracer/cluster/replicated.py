@@ -111,7 +111,7 @@ def _origin(job: Job, key: str, _: Any) -> str:
 
 
 def _begun(client: Any, job: Job, sent: Any, key: str, size: tuple[int, int], resume: Resume) -> _Begun:
-    """Return the layers of the picture that is continued, and the number of its samples."""
+    """Return the layers of the picture that `resume` names, and how many samples per pixel it has."""
     assert resume is not None
     ((_, origin),) = finished(client, _origin, [None], sent, key)
     return resumed(resume, size, origin, job.integrator.samples)

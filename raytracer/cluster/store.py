@@ -1,4 +1,4 @@
-"""The things that a worker process keeps from task to task, such as the Renderer of a scene.
+"""Keep objects in a worker process from task to task, such as the Renderer of a scene.
 
 Stage: cluster.
 
@@ -23,7 +23,10 @@ _making = threading.Lock()
 
 @contextmanager
 def kept(key: str, make: Callable[[], T], room: int = KEPT) -> Iterator[T]:
-    """Give the thing of a key, for one thread at a time; `make()` makes it once in a process, which keeps `room`."""
+    """Yield the object of a key, to one thread at a time; `make()` makes it once for each process.
+
+    A process keeps the `room` objects that were used last.
+    """
     with _making:
         if key not in _things:
             while len(_things) >= room:
@@ -36,5 +39,5 @@ def kept(key: str, make: Callable[[], T], room: int = KEPT) -> Iterator[T]:
 
 
 def forget() -> None:
-    """Drop all things."""
+    """Drop all objects."""
     _things.clear()

@@ -69,7 +69,10 @@ def _made(integrator: Integrator, part: HasMeshes, backend: str) -> LayeredCube:
 
 
 def _pose(motion: Motion, number: int) -> tuple[Mesh, NDArray[np.float64]]:
-    """Return the mesh that has a cube, and its pose. A flattened mesh is transformed first, with an identity pose."""
+    """Return the mesh of which an object's cube is made, and its pose (4, 4).
+
+    A transform that flattens the mesh has no inverse: then the mesh is transformed first, and the pose is the identity.
+    """
     matrix = motion.transform(number)
     turn = matrix[:3, :3]
     if abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) < _FLAT:

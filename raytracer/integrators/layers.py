@@ -51,14 +51,17 @@ def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[s
 
 
 def clear(layers: dict[str, Any], background: Any) -> None:
-    """Fill the layers with what is seen where nothing is hit."""
+    """Fill the layers with the values of a ray that hits nothing: the background, depth infinity, object -1."""
     nothing = {"pixels": background, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
     for name, value in nothing.items():
         layers[name][:] = value
 
 
 def take_samples(band: Pixel, found: Any, fine: int) -> None:
-    """Put into the layers of a band what its `fine` x `fine` eye rays for each pixel found."""
+    """Reduce the results of `fine` x `fine` eye rays per pixel to the layers of a band.
+
+    Colours are averaged, numbers of rays added, and the other layers take the middle eye ray.
+    """
     count, width = np.shape(band.depth)
     middle = slice(fine // 2, None, fine)
     for layer, given in zip(band, found, strict=True):

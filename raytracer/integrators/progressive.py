@@ -38,9 +38,9 @@ Progress = Callable[[int, int], None]
 
 
 def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, seed: int) -> str:
-    """Return a digest of everything that decides a picture but its size: scene, camera, seed and bounces.
+    """Return a digest of scene, camera, seed and bounces, which with its size decide a picture.
 
-    It does not tell programs of materials and lights from each other.
+    Two different programs of a material or light have the same digest.
     """
     environment = scene.environment
     if layout.forest is not None:

@@ -174,7 +174,7 @@ class Renderer:
 
     @property
     def _obstacle(self) -> str | None:
-        """The accelerator, if objects cannot move in it; None otherwise."""
+        """The accelerator as the user wrote it, if objects cannot move in it; None if they can."""
         structure = self.integrator.structure
         return None if structure in HIERARCHIES else f"accel={structure!r}"
 

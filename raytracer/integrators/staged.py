@@ -143,7 +143,7 @@ class StagedTracer:
         return bool(self.compacts and rays <= band["state"].size * SPARSE and band["state"].size > LEAST)
 
     def _dense(self, band: dict[str, Any], chosen: str, names: Sequence[str]) -> tuple[dict[str, Any], Any]:
-        """Copy the rays of streams that the kernel `chosen` selects; return the copies and the rays' places."""
+        """Copy the rays that the kernel `chosen` selects to shorter streams; return these and the rays' indices."""
         self.log.calls["compact"] += 1
         state, index = sh.compact(band["state"], self._run(chosen, band).outputs)
         few = {name: state if name == "state" else sh.gather(band[name], index) for name in names}

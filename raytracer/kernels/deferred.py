@@ -119,7 +119,7 @@ def unpacked_color(word: Any) -> Any:
 
 
 def packed_normal(normal: Any) -> Any:
-    """Return a unit vector as 16 bits for each coordinate of its place on the octahedron."""
+    """Return a unit vector in octahedral encoding: two coordinates of 16 bits each, in one uint."""
     x, y, z = normal
     whole = abs(x) + abs(y) + abs(z)
     x, y = x / whole, y / whole

@@ -344,7 +344,7 @@ class ExactTest:
 
 
 class DepthTest:
-    """The test of a ray's depth against that of a sample, within the tolerance."""
+    """The hit test "sample": within the texel, the ray's depth comes as near to the sample's as the tolerance."""
 
     def __init__(self, walk: LayeredIntersector, way: Way) -> None:
         self.way, self.triangles, self.bound = way, walk.triangles, walk.bound

@@ -243,7 +243,7 @@ def _traverser(walk: GridIntersector, at_once: Any) -> Any:
 
 
 def meeting(walk: Walk) -> Any:
-    """Record the program that goes on with a ray through other triangles: its nearest hit so far may be any."""
+    """Record the program that traces a ray through more triangles and replaces its nearest hit by nearer ones."""
 
     @sh.program
     def meet(ray: Ray, nearest: Nearest) -> Nearest:

@@ -91,7 +91,7 @@ class Atlas:
 
 
 def _parts(texture: Texture) -> Iterator[tuple[int, NDArray[np.float32]]]:
-    """Yield the texels of a picture, some (n, 4) at a time, each with the number of those before."""
+    """Yield the texels of a picture in blocks (n, 4), each with the index of its first texel."""
     texels = texture.image.reshape(-1, 3)
     for start in range(0, len(texels), PART):
         part = texels[start : start + PART]

@@ -47,7 +47,7 @@ class SplitWalk:
 
 
 class Found(NamedTuple):
-    """The surface that a ray meets, by the names of a `RayHit`."""
+    """The nearest hit of a ray: distance `l`, triangle `id` (-1 for no hit) and `uv`, named as in `RayHit`."""
 
     l: sh.Attrib1f  # noqa: E741 - as in RayHit
     id: sh.Attrib1i

@@ -177,7 +177,7 @@ class Stack:
         self.held, self.top = held, top
 
     def push(self, key: Any, first: Any) -> None:
-        """Put a box on the stack if it is met: without a branch, which nobody could foresee."""
+        """Push a box onto the stack if the ray meets it. There is no branch, because processors would mispredict it."""
         self.held[self.top] = sh.Attrib2u(sh.Attrib1u(child(key, first)), key)
         self.top += sh.cond(key != NONE, 1, 0)
 

@@ -41,7 +41,7 @@ _ROUNDING = 2.0**-18
 
 @runtime_checkable
 class HasMeshes(Protocol):
-    """A Scene, which is made of more than this room knows."""
+    """The part of a Scene that a cube reads: its meshes. A protocol, since this package may not import `scene`."""
 
     @property
     def meshes(self) -> Any:
@@ -174,7 +174,7 @@ class LayeredCube:
 
     @property
     def blocks(self) -> NDArray[np.uint32]:
-        """The blocks of the coarse level as a walk reads them, (3 B B, 4): bits of the range, and the slices."""
+        """The blocks of the coarse level as a walk reads them, (3 B B, 4): depth range as bits, slices."""
         return np.concatenate([self.images.ranges.view(np.uint32), self.images.slices], axis=1)
 
     @property
@@ -191,7 +191,7 @@ class LayeredCube:
         }  # fmt: skip
 
     def check_triangles(self, triangles: NDArray[Any]) -> None:
-        """Raise SceneError if the cube is not that of these triangles."""
+        """Raise SceneError if the cube was built from other triangles."""
         if not np.array_equal(self.triangles, triangles):
             raise SceneError(
                 "the layered depth cube is that of another mesh or scene: make it with LayeredCube.of(...) of this one"

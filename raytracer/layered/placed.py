@@ -25,7 +25,7 @@ from raytracer.meshes import Mesh
 
 @dataclass(frozen=True)
 class Meshes:
-    """A tuple of meshes of which a cube is built, in place of a Scene."""
+    """The meshes of one cube: `LayeredCube.of` takes them in place of a Scene."""
 
     meshes: tuple[Mesh, ...]
 
@@ -70,7 +70,10 @@ class PlacedCubes:
         )
 
     def place(self, transforms: Mapping[int, NDArray[np.float64]], origin: NDArray[np.float64], scale: float) -> None:
-        """Set the poses for matrices (4, 4) by the numbers of objects; the scene's kernel is at `origin`."""
+        """Update the poses from each moving object's matrix (4, 4), by its number.
+
+        `origin` and `scale` define the coordinates of the scene's kernel.
+        """
         matrices = [np.eye(4)] * (len(self.cubes) - len(self.moving)) + [transforms[number] for number in self.moving]
         for k, (matrix, (start, factor)) in enumerate(zip(matrices, self.frames, strict=True)):
             inverse = np.linalg.inv(matrix)[:3]
@@ -95,7 +98,7 @@ class PlacedCubes:
 
     @property
     def resolution(self) -> int:
-        """Texels along a side of an image."""
+        """The number of texels along a side of an image."""
         return self.cubes[0].resolution
 
     @property

@@ -38,7 +38,7 @@ _FAINTEST = 32
 
 
 class Alpha(NamedTuple):
-    """The share of a surface that is there, the picture that cuts the rest out, and a picture of the clear share."""
+    """The alpha of a surface: `opacity`, the share that it covers, a cutout picture, and a picture of transmission."""
 
     opacity: float = 1.0
     cutout: Texture | None = None
@@ -144,7 +144,7 @@ def _resized(pixels: Any, height: int, width: int) -> Any:
 def _lobe(
     look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
 ) -> dict[str, Any]:
-    """Compute specular, shininess, reflectivity and transmission from numbers or from pictures (H, W)."""
+    """Compute specular, shininess, reflectivity and transmission; the arguments are numbers or pictures (H, W)."""
     given = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
     roughness, metallic, clear = np.broadcast_arrays(*given)
     alpha = np.maximum(roughness, 1e-3) ** 2
@@ -165,11 +165,11 @@ def _lobe(
 
 
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
-    """Return the meaning of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
+    """Return opacity, cutout and transmission for alpha, a factor times a picture, in the modes "MASK" and "BLEND".
 
-    A picture that blends makes clear what its alpha says, and cuts out what is less than 1/32 there, through which rays
-    pass at no cost. Where alpha is soft at the edges of shapes alone, which is to hide the steps of pixels, it cuts out
-    at 0.5: leaves on leaves would need a ray for each.
+    In the mode "BLEND" a picture's alpha becomes transmission, and alpha below 1/32 becomes a cutout, which costs no
+    scattered ray. Where only the edges of shapes have partial alpha, to smooth the steps of pixels, alpha below 0.5 is
+    cut out instead: through many leaves, each edge would cost one more scattered ray.
     """
     if mode == "MASK":
         if picture is None:

@@ -1,8 +1,8 @@
-"""The container of glTF 2.0: its JSON, its buffers, and the arrays that accessors describe.
+"""Read the container of glTF 2.0: its JSON, its buffers, and the arrays that accessors describe.
 
-Stage: scene description. `gltf_scene` makes meshes, materials, cameras and lights of it. It is read here and not by
-trimesh, which passes over sparse accessors, normalized integers, meshes of nodes with a camera, samplers and lights,
-and keeps eight bits of a colour. Numbers are checked against the bytes that are there before memory is taken for them.
+Stage: scene description. `gltf_scene` makes meshes, materials, cameras and lights from it. trimesh is not used here: it
+ignores sparse accessors, normalized integers, meshes of nodes with a camera, samplers and lights, and keeps eight bits
+of a colour. Counts in the file are compared with the bytes that it has before memory is allocated for them.
 
     document = Document(path.read_bytes(), Folder(path))
     document.array(document.one("meshes", 0)["primitives"][0]["attributes"]["POSITION"])

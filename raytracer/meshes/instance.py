@@ -1,4 +1,4 @@
-"""A mesh in another place.
+"""Instances: a mesh with a transform and a name of its own.
 
 Stage: scene description. A `Scene` takes instances beside meshes.
 
@@ -37,6 +37,6 @@ class Instance:
 
     @property
     def placed(self) -> Mesh:
-        """The mesh in its place."""
+        """The transformed mesh, with the name of the instance if it has one."""
         moved = self.mesh.transformed(self.transform)
         return moved if self.name in (None, moved.name) else replace(moved, name=self.name)

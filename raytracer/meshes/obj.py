@@ -134,7 +134,10 @@ def _floats(words: list[str], line: int) -> list[float]:
 
 
 def _corners(words: list[str], line: int, numbers: tuple[Rows, ...]) -> list[tuple[int, int, int]]:
-    """Return places from 0 of a face's corners; -1 where there is no texture vertex or normal."""
+    """Return three indices for each corner of a face: vertex, texture vertex and normal.
+
+    They begin at 0; -1 stands for a texture vertex or normal that the file leaves out.
+    """
     if len(words) < 3:
         raise SceneError(f"line {line}: a face has at least three vertices, not {len(words)}")
     found = []
@@ -169,7 +172,10 @@ def _beyond(line: int, kind: str, number: int, count: int) -> SceneError:
 
 
 def _split(vertices: Rows) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Return places (V, 3) and linear colours (V, 3): sRGB numbers after a place, as MeshLab and ZBrush write them."""
+    """Return positions (V, 3) and linear colours (V, 3), None if no vertex has a colour.
+
+    MeshLab and ZBrush write a vertex's colour in sRGB after its position; a vertex without one is white.
+    """
     places = np.array([v[:3] for v in vertices], dtype=np.float64).reshape(-1, 3)
     if not any(len(v) >= 6 for v in vertices):
         return places, None
@@ -186,7 +192,10 @@ def _table(numbers: Rows, width: int) -> NDArray[np.float64]:
 
 
 def _rows(table: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Return the rows of corners (T, 3), zeros for a corner of place -1; None if every place is -1."""
+    """Return the rows of a table at the corners (T, 3) of triangles; None if no corner has one.
+
+    The table's last row is zeros: a corner with the index -1 reads it.
+    """
     return table[places] if (places >= 0).any() else None
 
 

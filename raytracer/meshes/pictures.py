@@ -93,7 +93,7 @@ class Picture:
         return not np.isin(self.pixels, (0, 255 if self.pixels.dtype == np.uint8 else 1)).all()
 
     def share_between(self, low: float, high: float) -> float:
-        """Return the share of the numbers in [0, 1] that lie between two others."""
+        """Return the share of numbers between `low` and `high` in the first channel; large pictures are sampled."""
         step = max(1, int((self.pixels.size / (1 << 20)) ** 0.5))
         numbers = channel(self.pixels[::step, ::step], 0)
         return float(np.mean((low < numbers) & (numbers < high)))

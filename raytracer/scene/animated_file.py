@@ -48,11 +48,11 @@ class _Frame(NamedTuple):
 
 
 class AnimatedFile:
-    """A GLB or glTF file with one of its animations: the one that is called `clip`, None for the first one.
+    """A GLB or glTF file with one of its animations: that with the name `clip`, or the first for None.
 
-    `seconds` is its length. What is left out of the file is an sh.ShpyWarning. Raises FileNotFoundError, and SceneError
-    for a file that cannot be read, that has no animation of this name, or whose animation changes anything else but
-    nodes and the weights of morph targets.
+    `seconds` is the length of the animation. A feature of the file that is ignored gives an sh.ShpyWarning. Raises
+    FileNotFoundError, and SceneError for a file that cannot be read, that has no animation of this name, or whose
+    animation changes anything but nodes and the weights of morph targets.
     """
 
     def __init__(self, path: str | PathLike[str], clip: str | None = None) -> None:
@@ -84,7 +84,7 @@ class AnimatedFile:
         self._last: list[tuple[Instance, Mesh]] = []
 
     def _number(self, names: list[str], clip: str | None) -> int:
-        """Return the number of the animation that is chosen."""
+        """Return the index of the animation `clip`, 0 for None; SceneError if the file has no such animation."""
         if not names:
             raise SceneError(f"{self.path}: the file has no animations: {_CURE}")
         if clip is not None and clip not in names:

@@ -39,7 +39,7 @@ def radius_of(low: Vector, high: Vector) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """Directions of the eye rays of a calibrated camera: `matrix` (9 numbers, row by row) takes (x, y, 1) there."""
+    """A calibrated camera: `matrix`, 9 numbers by rows, maps a pixel (x, y, 1) to the direction of its eye ray."""
 
     matrix: tuple[float, ...]
     size: tuple[int, int]

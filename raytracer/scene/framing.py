@@ -101,10 +101,10 @@ def lights_for(name: str, meshes: Sequence[Mesh], camera: Camera, turn: Matrix) 
 
 
 def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
-    """Return how far unit vectors (N, 3) lead from a point to the first triangle, (N,); infinity where to none.
+    """Return the distance from the eye to the nearest triangle along unit vectors (N, 3), as (N,); infinite for no hit.
 
-    A way meets a triangle with the corners a, b and c about the eye where it is on one side of the three planes through
-    the eye and an edge, whose normals are a x b, b x c and c x a.
+    Let a, b and c be the corners of a triangle relative to the eye. A ray from the eye hits it where the ray lies on
+    the same side of the planes through the eye and an edge, whose normals are a x b, b x c and c x a.
     """
     found = np.full(len(ways), np.inf)
     for mesh in meshes:

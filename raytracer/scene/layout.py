@@ -265,7 +265,7 @@ def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:
 
 
 def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
-    """Return the different materials, and which one each mesh has."""
+    """Return the distinct materials, and for each mesh the index of its material."""
     known: dict[Material, int] = {}
     index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
     return tuple(known), index

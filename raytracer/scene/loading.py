@@ -221,7 +221,7 @@ class Library:
             return None
 
     def _names(self, line: str) -> list[str]:
-        """Return the files of a line: one with spaces in its name if it is there, else several."""
+        """Return the file names in a line: the whole line if a file of this name exists, else its words."""
         try:
             self.folder.find(line)
         except (OSError, SceneError):

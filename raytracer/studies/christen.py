@@ -87,7 +87,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that was measured, the machine, and the cases that the time did not suffice for."""
+    """The measurements, the machine on which they were made, and the cases `skipped` for lack of time."""
 
     machine: str
     backends: dict[str, str]
@@ -293,7 +293,7 @@ def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> R
 
 
 def _kernels(case: Case) -> tuple[Any, ...]:
-    """Return the options of a case from which its kernels are compiled."""
+    """Return the fields of a case that its compiled kernels depend on."""
     return case.scene, case.backend, case.tracer, case.grid, case.iterations
 
 

@@ -167,7 +167,7 @@ def scene_of(mesh: Mesh) -> Scene:
 
 
 class Bench:
-    """The exact pictures and rays of a model on a backend, and what is measured beside them."""
+    """Measures accelerators for a model on a backend, against its pictures and rays through the exact BVH."""
 
     def __init__(self, model: Model, backend: str, size: tuple[int, int], clock: Clock = time.perf_counter) -> None:
         self.backend, self.size, self.clock = backend, size, clock
@@ -218,7 +218,7 @@ class Bench:
         return {kind: self._ask(self.exact_rays, kind) for kind in KINDS}
 
     def measure(self, case: Case, *, framed: bool) -> Measured:
-        """Measure a case, `framed` with the time of whole pictures."""
+        """Measure a case; `framed` adds the time to render whole pictures."""
         rounds = max(ROUNDS, len(self.scenes)) if framed else 2
         built = [self._build(case, self.scenes[k % len(self.scenes)]) for k in range(rounds)]
         structure = built[0][1]

@@ -79,7 +79,7 @@ def about(machine: str, backends: Mapping[str, str], pictures: str, cpu: bool, s
 
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table of Markdown under its title; nothing if it has no rows."""
+    """Return a Markdown table under its title; an empty text if it has no rows."""
     if not rows:
         return ""
     lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]

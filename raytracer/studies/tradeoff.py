@@ -108,7 +108,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Every candidate, fastest first, and what could not be run with the reason."""
+    """The measured candidates, fastest first; `skipped` has the variants that could not run, with reasons."""
 
     scene: str
     backend: str
@@ -305,7 +305,7 @@ def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
 
 
 def _variants(scene: Scene, bounces: int) -> list[Variant]:
-    """Return all combinations that may differ: a scene in which nothing mirrors has one number of bounces."""
+    """Return the variants to measure: without mirrors, only those of 0 bounces, as more change nothing."""
     mirrors = any(mesh.material.may_mirror for mesh in scene.meshes)
     numbers = range(bounces + 1) if mirrors else (0,)
     accelerators = [a for a in ACCELERATORS if a != "brute" or scene.triangles <= _BRUTE]

@@ -91,7 +91,7 @@ def _first(options: argparse.Namespace, *, moving: bool) -> list[str]:
 
 
 def _seen(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> list[str]:
-    """Return the options of the command line; what is as by default is left out."""
+    """Return the options of the command line that show the present view, without those at their default."""
     found = []
     if camera.intrinsics is None:
         found += ["--camera", _numbers(camera.position)]

@@ -65,7 +65,10 @@ def _function_of_time(options: argparse.Namespace, notices: list[str]) -> tuple[
 
 
 def _animation_of(path: Path, clip: str | None, notices: list[str]) -> AnimatedFile | None:
-    """Return the file with its animation; None for a file without, and for one whose first one cannot be shown."""
+    """Return the file with its animation; None for a file without animations.
+
+    Without `clip`, an animation that cannot be shown gives a notice and None, and the scene is shown still.
+    """
     if clip is None:
         if path.suffix.lower() not in ANIMATED or not path.is_file():
             return None

@@ -47,7 +47,7 @@ class Drawer:
 
 
 class Renderers:
-    """Renderers by their form; a form that cannot be made keeps its error."""
+    """Renderers by their form, each made in a thread; a form that failed keeps its error until it is asked for."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake

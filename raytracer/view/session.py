@@ -82,7 +82,7 @@ class Session:
 
     @property
     def form(self) -> Form:
-        """The backend and the integrator that are asked for."""
+        """The backend and the integrator that the page has chosen."""
         return Form(self._backend, self._integrators[self._kind])
 
     @property
@@ -93,7 +93,7 @@ class Session:
         return found
 
     def describe(self) -> dict[str, Any]:
-        """Return what the page has to know of this version: its names, camera, controls and choices."""
+        """Return the description of this version for the page: names, camera, controls and choices."""
         return {
             "program": self.request["name"],
             "triangles": self._scene.triangles,
@@ -109,7 +109,7 @@ class Session:
         }
 
     def files(self) -> list[str]:
-        """Return the files whose next version is to be opened."""
+        """Return the files to watch: the scene is opened again when one of them changes."""
         return files_of(self.request)
 
     def set(self, changes: dict[str, Any]) -> list[str]:
@@ -263,7 +263,7 @@ class Session:
                 return {"problem": f"there is no answer about {other}"}, b""
 
     def _object(self, at: list[int]) -> dict[str, Any]:
-        """Return the object of a pixel as the picture has it, at once."""
+        """Return the object at a pixel, from the layers of the picture, without tracing a ray; None for no object."""
         if self._refinement is None or not self._refinement.layers:
             return {"at": at, "number": None}
         row, column = self._inside(at)

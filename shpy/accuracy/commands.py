@@ -1,6 +1,6 @@
 """The commands `shpy accuracy` and `shpy tradeoff`.
 
-Stage: above all others. Takes the words of the command line, prints, gives the exit status.
+Stage: above all others. Takes the arguments of the command line, prints, and returns the exit status.
 
     shpy accuracy examples/planet.py:shade --domain x=-1:1 -o error.png
     shpy tradeoff package.module:program --error 2ulp --domain x=1e-3:1e3:log -o t.png

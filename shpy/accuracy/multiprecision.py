@@ -1,4 +1,4 @@
-"""The operations of the table on numbers of mpmath: nothing is rounded, so what comes out is what was meant.
+"""Compute the operations of the table in multiprecision (mpmath), so that results show no rounding error.
 
 Stage: measure, below `reference.py`. Primitive operations are written here; composite ones run their definition (see
 `ir/formula.py`). Floats are `mpf`, vectors object arrays of them. What mpmath cannot say (a zero's sign, 1 / 0, a NaN's
@@ -78,7 +78,7 @@ def _atan2(y: Any, x: Any) -> Any:
 
 
 def _exp(f: Callable[..., Any]) -> Callable[..., Any]:
-    """Limit a function that grows too fast for its digits to be written down: far beyond any type's range."""
+    """Limit the argument of a function that grows like exp: results beyond are far out of any type's range."""
     return _real(f, lambda x: abs(x) < 1e5)
 
 
@@ -159,7 +159,7 @@ def array(values: list[Any]) -> Any:
 
 
 _UNKNOWN: Any = MP.nan
-"""Within a definition, a number that mpmath cannot say: it may still be one that nobody chooses."""
+"""In a definition, a number that mpmath cannot represent. A `cond` may still choose the other side."""
 
 
 def _is_unknown(x: Any) -> bool:
@@ -167,7 +167,10 @@ def _is_unknown(x: Any) -> bool:
 
 
 def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
-    """Extend a primitive operation to unknown numbers; numbers that depend on one are not compared or chosen by."""
+    """Extend a primitive operation to unknown numbers: its result is unknown too.
+
+    A comparison of an unknown number raises Unsayable.
+    """
     compares = OPS[name].gives in ("B", "b")
 
     def known(*args: Any) -> Any:
@@ -193,7 +196,7 @@ class Exact(Formula):
         self.value = value
 
     def op(self, name: str, *others: Any) -> Exact:
-        """Return the operation, by its own definition if it has one."""
+        """Apply an operation of the table: by its definition, or by mpmath's function where it has none."""
         operands = (self, *(o if isinstance(o, Exact) else self.constant(o) for o in others))
         definition = OPS[name].definition
         return definition(*operands) if definition else Exact(_WITHIN[name](*(o.value for o in operands)))
@@ -211,7 +214,7 @@ class Exact(Formula):
         return self.op("cond", a, b)
 
     def __getitem__(self, key: int | list[int]) -> Exact:
-        """Return a component, or several."""
+        """Return one component or a list of them; a scalar is its own component."""
         return Exact(self.value[key]) if np.ndim(self.value) else self
 
     @property
@@ -221,7 +224,7 @@ class Exact(Formula):
 
     @property
     def precision(self) -> Literal["f", "d"]:
-        """The wider one: mpf have no range that a vector's length could leave."""
+        """The base of arithmetic, "d" for binary64: an mpf has at least its range and precision."""
         return "d"
 
 
@@ -241,4 +244,4 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     **{name: _by_component(f) for name, f in _SCALAR.items()},
     **{name: _defined(row.definition) for name, row in OPS.items() if row.definition},
 }
-"""Each operation of the table that takes or gives floats, but for those that ask for their bits."""
+"""Each operation of the table that takes or returns floats, except those that read their bits."""

@@ -99,7 +99,7 @@ def rivals(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> tu
 
 
 def choose(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> Candidate | None:
-    """Return the closest of the `rivals`: where times do not decide, errors do. None where nothing is kept."""
+    """Return the most exact of the `rivals`, since their times do not decide; None if no candidate is kept."""
     found = rivals(kept, error)
     return found[-1] if found else None
 

@@ -140,7 +140,7 @@ def _label(comparison: Comparison, axes: Any, place: Any, figure: Any) -> None:
 
 
 def _extent(text: Any) -> Any:
-    """Return the box of a label in pixels, without the line that leads to its point."""
+    """Return the bounding box of a label in pixels, without the line from the label to its point."""
     from matplotlib.text import Text
 
     return Text.get_window_extent(text)

@@ -84,10 +84,10 @@ class Tradeoff:
 
     @property
     def pick(self) -> Candidate:
-        """The choice: of the candidates that keep the budget, on unseen inputs too, the fastest.
+        """The choice: the fastest candidate whose errors keep the budget, on unseen inputs too.
 
-        Times of a busy machine vary: of those that are not separable from the fastest, the closest is chosen
-        (`shpy.accuracy.pareto`). Raises ShpyError where no candidate keeps the budget.
+        Times of a busy machine vary. Of candidates whose times are not separable from the fastest's, the most exact is
+        chosen (`shpy.accuracy.pareto`). Raises ShpyError where no candidate keeps the budget.
         """
         if self._comparison.picked is not None:
             return self.candidates[self._comparison.picked]

@@ -1,7 +1,7 @@
 """The protocol of a backend, between `Kernel` (above) and the targets (below).
 
 Stage: emit, compile, run. A backend takes a verified module as it was recorded, prepares it with `passes`, prints it
-and runs it. It knows nothing of user arrays: `Kernel` checks and flattens them, and shapes what comes back.
+and runs it. It does not see the user's arrays: `Kernel` checks and flattens them, and gives the results their shape.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ class TableMemory:
 class DeviceCall:
     """One run over `shape` elements, all in memory of the device.
 
-    `inputs` follow the entry's, each of n elements, or of one for all; `outputs` have n. `status`, n ints, is needed by
-    an executable that does not write all: what an output holds where the status is not WRITTEN is not defined. An
+    `inputs` are in the entry's order, each with n elements, or with one that all share; `outputs` have n. An executable
+    that does not write all elements needs `status`, n ints: an output is undefined where the status is not WRITTEN. An
     output may be an input where the space says so, but not the data of a table.
     """
 
@@ -244,7 +244,7 @@ class Space(Protocol):
         """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> Memory:
-        """Memory that an object of the device's own library owns; ShpyTypeError where it is not of this dtype."""
+        """Return the memory of an array or texture of another library; ShpyTypeError if it has another dtype."""
 
     def view(self, memory: Any, type: Type, count: int) -> Memory | None:
         """Return the same memory as `count` scalars or vectors of another size, at most as many components.
@@ -271,7 +271,7 @@ class Space(Protocol):
         """Start what `Executable.ready` gave, one after the other; waits for none of them."""
 
     def finish(self) -> None:
-        """Wait until everything that was started has ended."""
+        """Wait until all runs that were started have ended."""
 
 
 class Executable(Protocol):

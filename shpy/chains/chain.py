@@ -156,7 +156,7 @@ class Repeat(Chain):
 
     @property
     def steps(self) -> Iterator[tuple[Member, bool]]:
-        """Every kernel in order, with whether the chain runs it."""
+        """Yield every kernel in order, each with True if the chain is certain to run it."""
         return ((kernel, runs and self.times > 0) for kernel, runs in super().steps)
 
     def perform(self, run: Run) -> None:
@@ -247,8 +247,8 @@ def sequence(*members: Program | Kernel | Chain, where: str | Program | None = N
     """Return the chain that runs each member once, in order; members are programs, kernels and chains.
 
     `sh.sequence(a, b, c)` gives the bits of `c << b << a` where these connect by name, with the results between them in
-    streams. `where`, the name of a stream of bools or a program of the element, tells which elements run: the others
-    keep what the streams hold. It is evaluated for each kernel when that runs.
+    streams. `where` selects the elements that run: it is the name of a stream of bools, or a program of one element
+    that returns a bool. The other elements keep the values in the streams. Each kernel evaluates `where` when it runs.
     Raises ShpyTypeError where an output has no name, or where a stream would have two types.
     """
     return Sequence(_guarded(_members(members), where))

@@ -50,7 +50,7 @@ class Performed(Node, Protocol):
 
     @property
     def steps(self) -> Iterable[tuple[Member, bool]]:
-        """Every kernel, in order, each with True if the chain is certain to run it."""
+        """Return every kernel in order, each with True if the chain is certain to run it."""
 
     def perform(self, run: Run) -> None:
         """Run it."""
@@ -393,7 +393,7 @@ def _class_of(layout: Layout) -> Any:
 
 
 def _labels(members: Iterable[Member]) -> dict[Member, str]:
-    """Return a name for each kernel: that of the program, numbered if programs that differ have the same."""
+    """Return a label for each kernel: the name of its program, with a number if another program has this name."""
     taken: dict[str, Any] = {}
     found = {}
     for member in members:

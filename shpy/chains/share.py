@@ -36,7 +36,7 @@ class Share:
     of: Condition | None
 
     def count(self, place: Place, streams: Mapping[Any, Stream]) -> tuple[int, bool]:
-        """Return how many elements are ready, and whether they are enough."""
+        """Return the number of elements that are ready, and whether it reaches the share at which the member runs."""
         ready = _marks(self.condition, place, streams)
         if ready is None:
             return 0, False

@@ -84,7 +84,7 @@ def has_lazy(given: Any) -> bool:
 
 
 def check_whole(name: str, given: Any, instead: str) -> None:
-    """Raise ShpyTypeError for a Dask array where a kernel reads at any index."""
+    """Raise ShpyTypeError for a Dask array as the input `name`, which a kernel reads at any index; name `instead`."""
     if has_lazy(given):
         raise ShpyTypeError(
             f"{name} is read at any index, and a worker has one block of a Dask array",

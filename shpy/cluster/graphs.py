@@ -1,4 +1,4 @@
-"""Graphs: a job for each block, and from what it returns the Dask arrays of the outputs.
+"""Graphs: run a job for each block, and make the Dask arrays of the outputs from its results.
 
 Stage: cluster. Dask's blockwise makes the tasks; the job is one key of the graph, so each worker receives it once.
 """
@@ -72,13 +72,13 @@ def over_blocks(
 
 
 def _meta(cls: Any, rank: int, precision: str) -> tuple[int, Any]:
-    """Return the extent of the axis of components, 0 without one, and an empty array of a leaf."""
+    """Return the extent of a leaf's axis of components, 0 for a scalar, and an empty array of the leaf's dtype."""
     tail = cls.size if cls.size > 1 else 0
     return tail, np.empty((0,) * (rank + bool(tail)), dtypes_at(precision)[cls.base])
 
 
 def whole_places(chunks: Chunks) -> list[list[tuple[int, int, int]]]:
-    """Return the places of blocks that are kept whole."""
+    """Return for each axis the blocks as (start in the grid, 0, extent): each block is kept whole, without a border."""
     return [
         [(int(start), 0, n) for start, n in zip(np.cumsum((0, *sizes[:-1])), sizes, strict=True)] for sizes in chunks
     ]

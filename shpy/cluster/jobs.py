@@ -34,14 +34,17 @@ _KEPT = 16
 
 
 class Job(ABC):
-    """The work of a worker on each block."""
+    """The work that a worker does for each block."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: held for name, held in vars(self).items() if name != "_ready"}  # each thread makes its own
 
     @abstractmethod
     def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
-        """Return the arrays of the outputs' leaves, of the part of the block that is `kept`."""
+        """Run on one block, which begins at `origin` of the grid, with the parts of the cut inputs.
+
+        Returns the array of each leaf of the outputs, for the elements of the block that are `kept`.
+        """
 
 
 class _Thread(threading.local):
@@ -109,7 +112,11 @@ def again(kernel: Program | Kernel, recorded: Recorded) -> Program | Kernel:
 
 
 class Blockwise(Job):
-    """A kernel over blocks: `inputs` holds the layout and the leaves of each input by name, None for those cut."""
+    """Runs a kernel on each block.
+
+    `inputs` has for each input by name its layout and its leaves; a leaf of None is cut into blocks, the others are
+    whole arrays.
+    """
 
     def __init__(
         self,

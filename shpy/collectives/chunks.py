@@ -134,6 +134,6 @@ def _block(block: NDArray[Any], reduce: Reduce, packed: bytes, axis: int) -> NDA
 
 @functools.lru_cache(maxsize=64)
 def _unpacked(packed: bytes) -> tuple[Program, Any]:
-    """Return a program and the type of an element, the same program for all blocks of a worker."""
+    """Unpickle a program and the type of an element. A worker keeps them, so that all blocks use the same program."""
     program, cls = pickle.loads(packed)
     return program, cls

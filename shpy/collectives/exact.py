@@ -1,8 +1,8 @@
 """Exact sums of floats: integers of as many bits as a sum can have, rounded once.
 
-Stage: run. On the host, the integer significands of one exponent are summed without an error: 24 bits, or halves of
-53, of fewer than 2**31 elements fit into 64 bits. The bins together are one integer, in units of the least denormal.
-A device sums blocks of floats of 32 bits (`programs.accumulating`), and the host these sums.
+Stage: run. The host adds the integer significands of each exponent in a bin of 64 bits, without an error: significands
+of 24 bits, or halves of 53 bits, of fewer than 2**31 elements fit. All bins together are one integer, in units of the
+least denormal. A device sums blocks of 32-bit floats (`programs.accumulating`), and the host adds these sums.
 Source: Malcolm, On accurate floating-point summation, CACM 14 (1971); Kulisch's long accumulator.
 """
 

@@ -141,9 +141,9 @@ class Leaves:
 
 
 def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs: Any) -> Any:
-    """Run a program at a place over `count` elements; streams become Tables where it takes such.
+    """Run a program over `count` elements at a place; where it takes a Table, a stream is read as one.
 
-    Returns the outputs, or the result of the run where they are written to `out`.
+    Returns the outputs; with `out`, into which they are written, the Result of the run.
     """
     kernel = made.compile_at(place)
     given = {n: Table(s) if isinstance(made.inputs[n], TableType) else s for n, s in inputs.items()}

@@ -34,9 +34,9 @@ def width_for(combine: Program) -> int:
 
 
 def annotated(function: Callable[..., Any], **types: Any) -> Program:
-    """Record a function with types that are known only now; the result's is `out`.
+    """Record a function as a program whose inputs have these names and types; `out` is the type of the result.
 
-    The types are the inputs, so a function that takes any named arguments has one for each.
+    The function takes any named arguments, as its inputs are known only now.
     """
     parameters = [Parameter(name, Parameter.KEYWORD_ONLY) for name in types if name != "out"]
     function.__signature__ = Signature(parameters)  # type: ignore[attr-defined]

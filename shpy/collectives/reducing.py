@@ -94,7 +94,7 @@ def _mean(stream: Stream, axis: int | None) -> Any:
 
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:
-    """Return the exact sum, which the host finishes: integers of any size are its own."""
+    """Return the exact sum. The host finishes it, since Python has integers of any size."""
     rows = _rows(stream, axis)
     shape = (1, *rows.shape, 1) if axis is None else rows.shape
     before, _, after = shape

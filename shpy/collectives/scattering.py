@@ -109,7 +109,10 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
 
 
 def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
-    """Combine the values of each place: sorted by their indices, those of a place stand together, in their order."""
+    """Combine the values that go to each element of `target`, in their order.
+
+    A stable sort by index brings the values of an element together.
+    """
     place, leaves_at = values.place, Leaves(values.place)
     keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
     counts = over_leaf(place, leaves_at.tally(index, target.size))

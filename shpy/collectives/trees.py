@@ -97,7 +97,7 @@ def _check_body(program: Program, name: str) -> None:
 
 
 def leaf_types(type_: Any) -> list[Any]:
-    """Return the IR's type of each leaf of a type."""
+    """Return the IR type of each leaf of a type of the language."""
     return [cls.type for _, _, cls in leaves(layout_of(type_, "an element"), "")]
 
 

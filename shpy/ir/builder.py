@@ -239,14 +239,14 @@ class Builder:
 
     @contextmanager
     def when(self, condition: Operand, loc: Loc | None = None) -> Iterator[None]:
-        """Append an If whose `then` is the block."""
+        """Append an If; the statements of the `with` block are its `then`."""
         self.push()
         yield
         self.append(If(_id(condition), self.pop(), (), loc or self.loc))
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
-        """Make the block the `orelse` of the If that was appended last."""
+        """Add the statements of the `with` block as `orelse` to the If that was appended last."""
         last = self._regions[-1][-1] if self._regions[-1] else None
         if not isinstance(last, If) or last.orelse:
             raise ValueError("otherwise follows a when")

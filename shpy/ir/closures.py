@@ -316,7 +316,7 @@ class Compiler:
     # Operations
 
     def operation(self, let: Let, args: list[int]) -> Callable[[Frame], Any]:
-        """Return a function that computes the right side of a Let from a frame."""
+        """Return a function that computes the right side of a Let from a frame; `args` are the operands' slots."""
         type, dtype = let.value.type, self.dtypes[let.value.type.base]
         match let.op, let.attr:
             case "const", tuple(bits):

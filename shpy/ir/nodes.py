@@ -133,7 +133,7 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class Continue:
-    """Go to the innermost loop's `continuing`."""
+    """Jump to the `continuing` region of the innermost loop."""
 
     loc: Loc | None = field(default=None, compare=False)
 

@@ -111,7 +111,7 @@ class Op:
 
     @property
     def takes(self) -> tuple[str, ...]:
-        """The letters of the arguments: `("T", "T", "S")`."""
+        """The type letter of each argument, for example `("T", "T", "S")`."""
         return _letters(self.signature)
 
     @property

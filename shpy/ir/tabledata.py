@@ -39,7 +39,7 @@ class TableData:
             settle()
 
     def replace(self, array: NDArray[Any], version: int) -> None:
-        """Take another array, that of this version."""
+        """Replace the array and set its version."""
         self.settle()
         self.array, self.version = array, version
         self._parts = []

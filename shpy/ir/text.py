@@ -82,7 +82,7 @@ bind_printer(print_module)
 
 
 def lines(module: Module, names: bool = True, locations: bool = True) -> list[Line]:
-    """Return the lines of `print_module`, each with what it shows."""
+    """Return the lines of `print_module`, each with the object that it prints."""
     return _Printer(names, locations).module(module)
 
 

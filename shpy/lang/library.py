@@ -3,7 +3,7 @@
 Stage: record. Each is a subroutine, so it stays a function of its own in the emitted text and gives the same bits on
 every target.
 
-    sh.hash(3, 5)         # a u that looks random
+    sh.hash(3, 5)         # a pseudo-random u
     sh.unit_float(u)      # a float in [0, 1)
     sh.noise(p)           # a float that changes slowly with the point p
 
@@ -45,13 +45,16 @@ pcg = Subroutine(_pcg, "pcg")
 
 
 def _pcg_pair(x: Attrib1u) -> Any:
-    """Return pcg(x) and pcg(x + 1), whose states are a step apart."""
+    """Return pcg(x) and pcg(x + 1). One multiplication serves both, as their states differ by a constant."""
     state = x * _STEP + 2891336453
     return scramble(state), scramble(state + _STEP)
 
 
 def hash(x: Any, y: Any = None, z: Any = None) -> Any:
-    """Hash one to three u with PCG: the last word first, each result added to the word before it. An i wraps."""
+    """Return a hash of one to three words u with PCG, as u. An i is converted and wraps.
+
+    The last word is hashed first, and each hash is added to the word before it.
+    """
     words = [_unsigned(w) for w in (x, y, z) if w is not None]
     result = pcg(words[-1])
     for word in reversed(words[:-1]):
@@ -74,7 +77,7 @@ def _unsigned(x: Any) -> Any:
 
 
 def unit_float(u: Any) -> Any:
-    """Make a float in [0, 1) from the upper bits of a u: (u >> 8) * 2**-24."""
+    """Return a float in [0, 1) from the upper 24 bits of a u: (u >> 8) * 2**-24."""
     operand = arithmetic.operand(u, "sh.unit_float")
     if isinstance(operand, Value) and operand.base is not Base.U:
         raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
@@ -190,7 +193,7 @@ WRAPS: Final[dict[str, Wrap]] = {
 
 
 def _either(repeat: Any) -> Wrap:
-    """Return the wrap of an argument: repeated where a run says so."""
+    """Return the wrap of a texture input: "repeat" where the bool `repeat`, known at run time, holds, else "clamp"."""
     return (
         lambda x: cond(repeat, fract(x), clamp(x, -1, 2)),
         lambda i, extent: cond(repeat, i % extent, i),
@@ -198,7 +201,7 @@ def _either(repeat: Any) -> Wrap:
 
 
 def _cubic(t: Any) -> list[Any]:
-    """Return the weights of the four texels around a place at t from the second: Catmull-Rom (Keys 1981, a = -1/2)."""
+    """Return the Catmull-Rom weights of four texels at t in [0, 1] from the second (Keys 1981, a = -1/2)."""
     return [
         t * (t * (1 - 0.5 * t) - 0.5),
         t * t * (1.5 * t - 2.5) + 1,
@@ -210,9 +213,10 @@ def _cubic(t: Any) -> list[Any]:
 def filtered(
     uv: Any, extents: Sequence[Any], wraps: Sequence[Wrap], linear: Any, cubic: bool, fetch: Callable[..., Any]
 ) -> Any:
-    """Return what `fetch`, which takes an index on each axis, the last one first, gives about a place.
+    """Return the filtered texel at texture coordinates: the nearest one, or linear or cubic interpolation.
 
-    `linear` is a bool, of the language where only a run tells.
+    `fetch` returns the texel of an index on each axis, the last axis first. `wraps` has the wrap of each axis. `linear`
+    is a bool, or a value of the language for a texture that is known only at run time.
     """
     axes = len(extents)
     point, index = CLASSES["Attrib", axes, Base.F], CLASSES["Attrib", axes, Base.I]
@@ -235,7 +239,7 @@ def filtered(
     cell = index(corner)
 
     def along(axis: int, *offset: int) -> Any:
-        """Blend along an axis and those before it, at an offset on those behind it."""
+        """Interpolate along the axes 0 to `axis`, at the offsets `offset` on the axes after it."""
         if axis < 0:
             return texel(cell + index(*offset) if builtins.any(offset) else cell)
         if not cubic:

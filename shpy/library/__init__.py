@@ -1,8 +1,8 @@
 """The shader library: functions that are written in the language, over the operations of `shpy` itself.
 
 `sh.library.fbm(p)`, or `from shpy.library import fbm`. Each works inside programs on every backend, and strict mode
-gives the same bits on all of them. Where no loop is recorded, functions also work outside, on constants.
-docs/library.md shows them all.
+gives the same bits on all of them. Functions without loops also work outside programs, on constants. docs/library.md
+shows them all.
 """
 
 from shpy.library.colors import (

@@ -1,7 +1,7 @@
-"""Conversions between spaces of colour.
+"""Conversions between colour spaces.
 
-Stage: record. Components are the last meaning of a colour's letters: `hsv_from_rgb(c)` has the hue in x, the saturation
-in y and the value in z, each from 0 to 1. A hue of 1 is a hue of 0.
+Stage: record. Components follow the letters of the space: `hsv_from_rgb(c)` has the hue in x, the saturation in y and
+the value in z, each from 0 to 1. The hues 0 and 1 are the same.
 
 Sources: sRGB: IEC 61966-2-1; luminance: ITU-R BT.709; HSV and HSL: Smith 1978, Joblove and Greenberg 1978; XYZ and
 CIE 1976 L*a*b*: CIE 15:2004, with the white D65.
@@ -47,7 +47,7 @@ _DELTA: Final = 6 / 29
 
 
 def _each(c: Any, f: Callable[[Any], Any], what: str) -> Any:
-    """Apply f to each component but a fourth, which is alpha."""
+    """Apply f to the components of a colour, but keep a fourth component, alpha."""
     v = vector(c, (1, 2, 3, 4), what)
     return CLASSES[v.kind, 4, v.base](f(v[0, 1, 2]), v[3]) if v.size == 4 else f(v)
 
@@ -107,7 +107,7 @@ def hsv_from_rgb(c: Any) -> Any:
 
 
 def rgb_from_hsv(c: Any) -> Any:
-    """Return the RGB colour of (hue, saturation, value); the hue has the period 1."""
+    """Return the RGB colour of (hue, saturation, value), each from 0 to 1; a hue outside [0, 1) wraps."""
     v = vector(c, (3,), "sh.library.rgb_from_hsv")
     k = (v[0] * 6 + (5, 3, 1)) % 6
     return _color(v[2] - v[2] * v[1] * clamp(min(k, 4 - k), 0, 1), v)

@@ -1,4 +1,4 @@
-"""Operands of the library's functions: numbers, tuples and values become values of floats.
+"""Convert the operands of the library's functions, numbers, tuples and values, to values of floats.
 
 Stage: record.
 

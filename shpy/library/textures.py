@@ -136,7 +136,7 @@ def _levels(array: Any) -> tuple[list[NDArray[Any]], int]:
 
 
 def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Halve the pixels of an image along an axis, to at least one; each is the mean of the area it covers."""
+    """Halve the number of pixels along an axis, to at least 1; a new pixel is the mean of the area that it covers."""
     extent = image.shape[axis]
     fewer = np.maximum(extent // 2, 1)
     edges = np.linspace(0, extent, fewer + 1)
@@ -205,7 +205,7 @@ class TextureCube:
         self.table.update(_bordered(faces)[0])
 
     def __call__(self, direction: Any) -> Any:
-        """Return the colour in a direction, of any length."""
+        """Return the colour in a direction; its length does not matter."""
         return self.type(self._routine(Attrib3f(vector(direction, (3,), "a TextureCube")), self.filter))
 
     def _filtered(self, direction: Attrib3f, filter: str) -> Any:

@@ -38,8 +38,8 @@ def scale(factors: Any) -> Any:
 def rotate(axis: Any, angle: Any = None) -> Any:
     """Return a rotation: `rotate(angle)` of the plane (Matrix3f), `rotate(axis, angle)` of space (Matrix4f).
 
-    Angles are in radians, counterclockwise when the axis points at the viewer (Rodrigues's formula). The axis need not
-    be a unit vector; an axis of zeros rotates nothing and scales all by cos(angle).
+    Angles are in radians, counterclockwise when the axis points at the viewer (Rodrigues's formula). The axis may have
+    any length but 0: with an axis of zeros the matrix scales by cos(angle) in place of a rotation.
     """
     if angle is None:
         turn = Attrib1f(vector(axis, (1,), "sh.library.rotate"))

@@ -1,6 +1,6 @@
-"""The widget of a program or chain: the page asks for a frame once it has drawn the last, so that none wait in line.
+"""The widget of a program or chain. The page asks for a frame after it has drawn the last, so frames do not queue.
 
-Stage: view. `widget.js` draws and has the controls, which are those of `shpy view`; this class computes.
+Stage: view. `widget.js` draws, and has the controls of `shpy view`; this module computes the frames.
 
     page  ──{"time", "frame", "mouse", "steps", "params"}──▶  Canvas
     page  ◀──{"params", "milliseconds"} + pixels────────────   Canvas
@@ -26,7 +26,7 @@ from shpy.view.controls import Controls
 
 
 def _script() -> str:
-    """Return the widget's one module: the page's elements and controls, then the widget's own code."""
+    """Return the widget's JavaScript module: the elements and controls of `shpy view`, then the widget's own code."""
     page, own = files("shpy.view") / "page", files("shpy.notebook")
     parts = [page / "elements.js", page / "controls.js", own / "widget.js"]
     text = "\n".join(re.sub(r"^import .*$", "", part.read_text(), flags=re.MULTILINE) for part in parts)
@@ -53,7 +53,7 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
         self.on_msg(self._answer)
 
     def frame(self, time: float = 0.0, frame: int = 0, mouse: Any = (0, 0, 0, 0)) -> NDArray[np.uint8]:
-        """Return the pixels (height, width, 4) at a time, in sRGB."""
+        """Return the pixels (height, width, 4) in sRGB; `time` in seconds, `mouse` as in `sh.animate`."""
         x, y, press_x, press_y = map(float, mouse)
         moment = Moment(self._shown.size, float(time), int(frame), (x, y, press_x, press_y))
         return pixels(self._shown.draw(moment), encode=self._encode)

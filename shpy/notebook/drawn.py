@@ -55,7 +55,7 @@ class Running:
         self._last = -1
 
     def draw(self, moment: Moment) -> Any:
-        """Return the output of a frame: a later frame runs the chain, an earlier one restarts it first."""
+        """Return the output of a frame. The chain runs up to this frame; for an earlier frame it restarts first."""
         if moment.frame < self._last:
             self._evolution.reset()
             self._last = -1

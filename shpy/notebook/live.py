@@ -1,4 +1,4 @@
-"""`sh.widget`: a program of pixels, or a chain that runs on, in a notebook, with a slider for each Param.
+"""`sh.widget`: show a program of pixels or a running chain in a notebook, with a slider for each Param.
 
 Stage: view.
 
@@ -31,7 +31,7 @@ def widget(
     encode: bool = False,
     **values: Any,
 ) -> Any:
-    """Return a widget that shows a program of pixels, or a chain that runs on, with controls for its Params.
+    """Return a notebook widget that shows a program of pixels or a running chain, with controls for its Params.
 
     This process computes the frames, on any backend, and sets the Params' values: `gain.value` follows the slider, and
     the slider follows a value set in another cell. Inputs are filled by name as `sh.animate` does; `mouse` follows the

@@ -1,4 +1,4 @@
-"""Subroutines for many lanes: one copy of a function for each way in which it is called.
+"""Vectorise subroutines: make a copy of a function for each combination of uniform and varying arguments.
 
 Stage: improve. Part of `vectorize`. A copy is made for the arguments that vary from lane to
 lane, and for whether all lanes are active. If not, it gets their mask as one more argument, unless it never reads it:

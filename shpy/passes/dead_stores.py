@@ -49,7 +49,7 @@ def without_dead_stores(function: Function, functions: Functions) -> Function:
 
 @dataclass(frozen=True, slots=True)
 class _After:
-    """The live variables at each target of control: past the loop, at its continuing, past the function."""
+    """The live variables at each target of a jump: after the loop, at its `continuing`, after the function."""
 
     breaking: int
     continuing: int

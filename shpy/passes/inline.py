@@ -194,7 +194,10 @@ def _returns(region: Region) -> bool:
 
 
 def _without_returns(region: Region, guards: int) -> Region | None:
-    """Return a region that ends the function without its Returns; None if branches are not enough."""
+    """Return the region without Returns, its early exits as branches of Ifs; None if that is not possible.
+
+    `guards`: how many levels of Ifs may take the statements after them into a branch.
+    """
     for n, s in enumerate(region):
         if isinstance(s, Return):
             return region[:n]

@@ -16,9 +16,9 @@ from shpy.passes.dead_stores import remove_dead_stores
 
 
 def select_outputs(module: Module, indices: Sequence[int]) -> Module:
-    """Return the module with these of its entry's outputs, in this order, and without what the others needed.
+    """Return the module with the outputs `indices` of its entry, in this order, without code for the others.
 
-    A status output, which no port describes, is the entry's last: it stays where its index is given, last.
+    The entry's last output may be the status, which has no port: its index, if given, must be the last.
     """
     entry = module.entry
     outputs = tuple(entry.outputs[i] for i in indices)

@@ -212,7 +212,7 @@ class _Sharing(Rewriter):
         return self.next_slot - 1
 
     def slot_of(self, key: tuple[object, ...], type: Type, name: str | None) -> int:
-        """Return the variable for this use: loops that follow each other share it."""
+        """Return the variable of this key, which consecutive loops share."""
         if key not in self.known:
             self.known[key] = self.slot(type, name)
         return self.known[key]
@@ -363,7 +363,7 @@ def _leaves(s: Stmt, in_loop: bool = False) -> bool:
 
 
 def _inner_depths(module: Module) -> dict[str, int]:
-    """Return the depth of nested loops of each function, functions that it calls included."""
+    """Return for each function the depth of nested loops, including loops of the functions that it calls."""
     depths: dict[str, int] = {}
 
     def depth(region: Region) -> int:

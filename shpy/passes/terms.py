@@ -55,7 +55,7 @@ class Term(Formula):
 
     @property
     def precision(self) -> Literal["f", "d"]:
-        """Binary64 or, as h was lowered before, binary32."""
+        """The base of arithmetic: "d" for binary64, else "f", as an earlier pass has lowered binary16."""
         return "d" if self.type.base is Base.D else "f"
 
     def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:

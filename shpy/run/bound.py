@@ -1,8 +1,8 @@
-"""Bound calls: the steps of a call whose inputs have a known signature, found out by the first such call.
+"""Bound calls: the first call with a signature finds the steps of a run, and later calls repeat them.
 
-Stage: run. Most calls of a kernel are like the one before: contiguous arrays of the same shapes, in the dtypes that the
-kernel works with, or streams of the same shapes and types. Nothing of these has to be checked or converted again. All
-other calls go through `host`.
+Stage: run. Most calls of a kernel are like the call before: contiguous arrays of the same shapes, in the dtypes that
+the kernel works with, or streams of the same shapes and types. These need no check or conversion again. All other calls
+go through `host`.
 
     known[signature(inputs)] = bound_of(recorded, executable, dtypes, inputs, common, place)
     outputs, shape, status, place = known[signature(inputs)].run(inputs, params, tables, out)

@@ -1,4 +1,4 @@
-"""Arrays on their way in and out of a kernel: checked, broadcast, flattened; and shaped again.
+"""Check, broadcast and flatten the arrays that a kernel reads, and give the arrays that it writes their shape.
 
 Stage: run. A stream of N-tuples is an array (*S, N), and (*S,) where N = 1; the element shapes S of all inputs
 broadcast. Everything is checked before anything runs.
@@ -63,7 +63,7 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
 
 
 class Sized(Protocol):
-    """A leaf of an input, as far as shapes go."""
+    """The name, components and element shape of an input's leaf: all that checks of shapes read."""
 
     @property
     def name(self) -> str:
@@ -240,7 +240,7 @@ class Target:
         self.flat = self.array.reshape((-1, *tail))
 
     def finish(self) -> None:
-        """Copy what was computed into the user's array, where that is not contiguous."""
+        """Copy the results into the user's `out` array if that is not contiguous; a contiguous one has them already."""
         if self.given is not None and self.given is not self.array:
             self.given[...] = self.array
 

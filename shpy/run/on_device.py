@@ -88,7 +88,10 @@ def prepare(
 
 
 def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:
-    """Return whether an input has memory that a target overwrites, but for the same elements if `itself` holds."""
+    """Return whether a target overwrites memory of an input.
+
+    With `itself`, an input that is exactly the target's elements does not count.
+    """
     return any(
         overlap(read, target.memory) and not (itself and _same(read, target.memory))
         for target in targets

@@ -1,6 +1,6 @@
-"""Dependent uniforms at run time: their expressions are programs of one element, which numpy runs before the kernel.
+"""Dependent uniforms at run time: numpy evaluates each as a program of one element, before the kernel runs.
 
-Stage: run. What is computed is kept until one of the sources changes.
+Stage: run. A value is kept until one of its sources changes.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ def dtypes_at(precision: str) -> Mapping[Base, Any]:
 
 
 class InputLeaf:
-    """One leaf of an input: the array (*shape[, size]) in its dtype, and the element shape."""
+    """One leaf of an input: its array (*shape, size), (*shape,) for a scalar, and the shape of its elements."""
 
     def __init__(self, name: str, cls: type[Value], data: Any, dtype: Any) -> None:
         self.name = name

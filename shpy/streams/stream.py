@@ -103,7 +103,7 @@ class Stream(StreamReductions, Shown):
         device: int | None = None,
         precision: Precision = "f32",
     ) -> Stream:
-        """Return a stream of a shape, for a kernel to write; its elements are zeros."""
+        """Return a stream of zeros with this shape and type of elements, for a kernel to write."""
         made = cls.fresh(given_shape(shape), type, _place(backend, device, precision))
         for memory in made._memories:
             memory.write(np.zeros((memory.count, *_tail(memory)), memory.dtype))
@@ -367,7 +367,7 @@ class StreamTable(Table):
 
     @property
     def memory(self) -> Memory:
-        """The memory that holds the elements now."""
+        """The memory that holds the table's elements at present."""
         return self.stream._memories[self.leaf]
 
     def update(self, array: Any, *, start: int | None = None) -> None:
@@ -464,7 +464,7 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
 
 
 def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
-    """Return the stream that another process sent, on the same device of this one."""
+    """Return a stream that was pickled in another process, on the device of this process with the same index."""
     made = Stream.fresh(shape, type_of(layout), _place(place.backend, place.device, place.precision))
     for memory, array in zip(made._memories, arrays, strict=True):
         memory.write(array)

@@ -1,7 +1,7 @@
-"""Find the elements of a run that meet a denormal, and where: a device that flushes them may give another result.
+"""Find the elements of a run that compute a denormal: a device that flushes denormals may give other results there.
 
-Stage: test. Takes a program and its inputs, runs it on numpy with two more outputs, and gives for each element the
-place and the value of the first denormal.
+Stage: test. Takes a program and its inputs, runs it on numpy with two more outputs, and returns for each element the
+statement and the value of its first denormal.
 
     y = x * 1e-20              y = x * 1e-20
                        ->      hit = y != 0 & abs(y) <= least normal & $place == 0

@@ -157,19 +157,19 @@ def first_divergence(
     shape: Any = None,
     **named: Any,
 ) -> Divergence | None:
-    """Return the first event at which a backend parts from another, bit by bit; None where their outputs are the same.
+    """Return the first event at which two backends differ in a bit; None where their outputs are equal.
 
-    Results may be `ulp` numbers apart, or atol + rtol * |the first's|, as in `assert_equivalent`: then outputs within
-    that are the same, and so are the values of an event. Events go the same way on both up to the one that is found.
+    With a tolerance, `ulp` or atol + rtol * |value on the first backend| as in `assert_equivalent`, outputs and values
+    of events within it are equal. Up to the event found, both backends take the same branches.
 
-    `backends` are names as in `testing.targets` ("numpy", "opencl-4", "interpreter"), each that is available with all
-    its lane widths if none are given; those after the first are compared with the first, until one differs. `element`
-    is the place in C order of the element to look at, the first one that differs if it is not given. `inputs` come by
-    position or by name; other names are options of `Program.compile`. NaNs are all the same.
+    `backends` are names as in `testing.targets` ("numpy", "opencl-4", "interpreter"), by default all that are
+    available, with all lane widths. Each is compared with the first, until one differs. `element` is the index in C
+    order of the element to follow, by default the first that differs. `inputs` come by position or by name; other names
+    are options of `Program.compile`. All NaNs are equal.
 
-    Where one of the two gives what the reference interpreter gives, the interpreter stands for it. A statement that
-    parts only while nobody watches it (a contraction, a lane width's own text) cannot be found: then this gives None
-    although the outputs differ.
+    A backend whose results are those of the reference interpreter is represented by the interpreter. Watching a
+    statement may change its result (without a contraction, or at another lane width): then the difference cannot be
+    found, and None is returned although the outputs differ.
 
     `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """

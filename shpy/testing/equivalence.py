@@ -120,7 +120,7 @@ class _Comparison:
         return meets_denormals(self.setting)
 
     def told(self, other: Run, wrong: Array) -> Iterator[str]:
-        """Yield the lines that explain a failure."""
+        """Yield the lines of the message for elements that differ, with the first statement at which they do."""
         element, s = int(np.flatnonzero(wrong)[0]), self.setting
         place = ", ".join(map(str, s.index(element))) or "the only one"
         yield (

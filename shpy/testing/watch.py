@@ -55,7 +55,7 @@ class Site:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """The module that watches itself. `outputs` names the outputs that were added, with their types, in order."""
+    """A module that also outputs the values of its statements; `outputs` has the name and type of each, in order."""
 
     module: Module
     sites: tuple[Site, ...]
@@ -289,7 +289,7 @@ class _Watcher:
 
 
 def _stored_names(function: Function) -> Mapping[int, str]:
-    """Return the variable into which a value is stored first: what a value without a name is to the user."""
+    """Return for each value the name of the variable that it is stored into first: a name that the user knows."""
     slots = {
         v.id: v.name for v in (*function.inputs, *function.outputs, *function.variables) if isinstance(v, Variable)
     }

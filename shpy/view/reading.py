@@ -69,7 +69,7 @@ def _heard(event: str, given: tuple[Any, ...]) -> None:
 
 
 def _is_of_user(file: str, folder: str) -> bool:
-    """Return whether a file is the user's: in the folder or below it, or elsewhere in no package; never hidden."""
+    """Return whether a file is the user's: in or below the folder, or outside packages; hidden files are not."""
     if file.endswith(".pyc"):
         return False
     below = file.startswith(folder + os.sep)

@@ -97,7 +97,7 @@ class _Page:
             self.offer(frame)
 
     async def deliver(self, send: Callable[[bytes], Awaitable[None]]) -> None:
-        """Send what waits, until the connection ends."""
+        """Send the waiting messages, until the connection ends."""
         while True:
             await send(await self._messages.get())
 
@@ -270,7 +270,7 @@ def _is_loopback(address: str) -> bool:
 
 
 def _listen(address: str, port: int) -> socket.socket:
-    """Return the listening socket; raises ShpyError where the address or port cannot be had."""
+    """Return a listening socket; raise ShpyError if the address or port cannot be bound."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     made = socket.socket(family)
     try:

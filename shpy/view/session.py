@@ -190,7 +190,7 @@ class Session:
 
 
 def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, Any]:
-    """Return the error of a file that could not be recorded, for the page, and the files to watch."""
+    """Return, for the page, the error of a file that could not be recorded, and the files to watch for changes."""
     return {**explain(error, Path(request["path"])), "files": [str(path) for path in files_read()]}
 
 

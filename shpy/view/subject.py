@@ -75,7 +75,7 @@ class Still:
         return run_at(kernel, self.program.inputs, moment), form
 
     def exactly(self, moment: Moment, form: Form) -> Any:
-        """Return the output for a moment in a form, which may have to be compiled."""
+        """Return the output at a moment in a form; compile the form first if it is new."""
         return run_at(self.kernels.exactly(form), self.program.inputs, moment)
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:

@@ -53,7 +53,7 @@ def plain(value: Any) -> Any:
 
 
 class Line:
-    """The worker's end of the socket: whole messages, read and written by its threads."""
+    """The worker's end of the socket, which its threads share: reads and writes whole messages."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection

@@ -44,7 +44,7 @@ def test_the_rest_of_a_number_is_kept():
 
 
 def one_operation(name: str) -> tuple[sh.Program, int]:
-    """A program that is one row of the table on scalars or, where it takes only those, three components."""
+    """Return a program of one operation, on scalars or, for an operation on vectors, on three components."""
     row = OPS[name]
     size = 3 if "V3" in row.takes or name in ("reflect", "refract", "faceforward") else 1
     b = Builder(name)

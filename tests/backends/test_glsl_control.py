@@ -96,7 +96,7 @@ def test_a_condition_on_nan_is_false_whatever_the_compiler_makes_of_it() -> None
 
 @pytest.mark.parametrize("math", ["strict", "relaxed"])
 def test_a_sum_that_is_its_own_summand_is_so_by_rounding_too(math: Any) -> None:
-    """Mesa takes `x + a == x` for `a == 0`, of a condition that is not precise."""
+    """Mesa rewrites `x + a == x` as `a == 0` in a condition that is not `precise`."""
 
     @sh.program
     def absorbed(x: sh.Attrib1f, a: sh.Attrib1f) -> sh.Attrib1i:

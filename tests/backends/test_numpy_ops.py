@@ -129,7 +129,7 @@ def test_an_operation_means_what_the_table_says(op):
 
 
 def element_by_element(op, lanes, result):
-    """For vector operations on scalars, whose meaning takes one element as an array without axes."""
+    """Evaluate an operation on vectors for scalars: its definition takes one element as an array without axes."""
     each = [OPS[op].meaning(*(np.asarray(a[n]) for a in lanes)) for n in range(64)]
     return np.array(each, DTYPES[result.base])
 

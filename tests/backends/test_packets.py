@@ -194,7 +194,7 @@ def test_inputs_that_are_the_same_for_all(lanes: int) -> None:
 @each_width
 @pytest.mark.parametrize("kind", ["f", "d", "i", "u", "b"])
 def test_memory_of_every_type(lanes: int, kind: str) -> None:
-    """Vectors of every size come in, are turned round, and go out again."""
+    """Vectors of every size are read, reversed and written."""
     b = Builder("turn")
     for size in (1, 2, 3, 4):
         x = b.input(vec(kind, size))

@@ -325,7 +325,7 @@ def test_loops_nest(backend):
 
 @pytest.mark.parametrize("turns", [60_000, 70_000])
 def test_a_loop_of_known_length_is_whole_or_the_chain_tells_of_it(turns):
-    """llvmpipe stops the loops of an element after 65,535 iterations in all, without a word."""
+    """llvmpipe stops the loops of an element after 65,535 iterations in all, without an error."""
 
     @sh.program
     def count(n: sh.Attrib1i):

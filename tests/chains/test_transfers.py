@@ -120,7 +120,7 @@ def test_sorts_and_counts_of_particles_read_nothing(backend, transfers):
 
 @on_every_backend
 def test_a_scatter_that_combines_reads_a_count_and_no_elements(backend, transfers):
-    """It asks how many places a run wrote, because a place may have more values than one run combines."""
+    """It reads the number of places that a run wrote: a place may have more values than one run combines."""
     cells = sh.Stream(np.arange(50) % 7, sh.Attrib1i, backend=backend)
     ones = sh.Stream(np.ones(50, np.int32), sh.Attrib1i, backend=backend)
     seen = transfers(backend)

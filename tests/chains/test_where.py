@@ -1,4 +1,4 @@
-"""Elements for which a condition does not hold do not run, and keep what they are."""
+"""`where` in a chain: elements for which the condition is False do not run, and keep their values."""
 
 import numpy as np
 import pytest

@@ -334,7 +334,7 @@ def test_importing_shpy_does_not_import_dask():
 
 
 def kill_once(block, flag):
-    """Kill the worker that gets a block first."""
+    """Kill the worker that runs the first block; a file marks that this has happened."""
     try:
         os.close(os.open(flag, os.O_CREAT | os.O_EXCL))
     except FileExistsError:

@@ -81,7 +81,7 @@ pickle.dump(found, open(sys.argv[2], "wb"))
 
 
 def elsewhere(tmp_path, work, dumps=pickle.dumps):
-    """Run (callable, args, named) in a fresh process that cannot import this module; give the arrays of each."""
+    """Run each (callable, args, named) in a new process that cannot import this module; return its arrays."""
     given, got = tmp_path / "work", tmp_path / "found"
     given.write_bytes(dumps(work))
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}

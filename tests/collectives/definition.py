@@ -61,7 +61,7 @@ def tree(x, f):
 
 
 def prefixes(x, f):
-    """All prefixes over the first axis: each combines the largest aligned blocks that cover it, from left to right."""
+    """Return the prefixes over the first axis: each combines the largest aligned blocks that form it, left to right."""
     blocks = [x]
     while len(blocks[-1]) > 1:
         pairs = len(blocks[-1]) // 2 * 2

@@ -115,7 +115,7 @@ def test_ten_thousand_inputs(target):
 
 
 def two_sums(a, b):
-    """(..., 2): sums and their errors, as "compensated" combines them."""
+    """Return (..., 2), sums and their rounding errors, as the operation "compensated" combines them."""
     with np.errstate(all="ignore"):
         s = a[..., 0] + b[..., 0]
         back = s - a[..., 0]
@@ -265,7 +265,7 @@ def test_other_floats_than_the_working_one(backend, type_, word):
 
 
 def test_rounding_twice_is_another_number():
-    """Half of a unit and a bit that a double has no room for: float32(math.fsum(x)) is off by one unit."""
+    """The sum is half an ULP and a bit that binary64 drops, so float32(math.fsum(x)) is wrong by one ULP."""
     x = np.float32([1, 2.0**-24, 2.0**-80])
     assert np.float32(math.fsum(x)) == 1
     assert sh.Stream(x, sh.Attrib1f, backend="numpy").sum("exact") == np.nextafter(np.float32(1), np.float32(2))

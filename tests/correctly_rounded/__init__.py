@@ -65,7 +65,7 @@ def rounded_pairs(name: str, a: Floats, b: Floats) -> Floats:
 
 
 def hard(name: str, x: Floats, margin: float) -> Floats:
-    """Return those x whose exact value is within the margin, relative to it, of a midpoint between two binary32."""
+    """Return the x whose exact result lies within a relative margin of a midpoint between two binary32 numbers."""
     x = np.ascontiguousarray(x, np.float32)
     places = np.empty(x.size, np.int64)
     count = _library().hard(name.encode(), x.size, _at(x), ctypes.c_double(margin), x.size, _at(places))
@@ -92,7 +92,7 @@ def _at(array: NDArray[Any]) -> ctypes.c_void_p:
 
 @functools.cache
 def _library() -> Any:
-    """Return the C library, which is built where there is none of this text for this processor."""
+    """Return the C library; build it if there is none of this source for this processor."""
     text = b"".join((_HERE / name).read_bytes() for name in ("values.c", "rounding.c")) + repr(_STEPS).encode()
     text += next((line for line in _CPU.read_bytes().splitlines() if line.startswith(b"flags")), b"")
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "shpy"

@@ -20,7 +20,7 @@ EXACT: dict[str, Callable[[Any], Any]] = {
 
 
 def nearest(value: Any) -> float:
-    """Return the binary32 that is nearest to a number; of two the one with an even mantissa. Denormals too."""
+    """Return the binary32 nearest to a number, denormals included; ties go to the even mantissa."""
     step = max(mp.frexp(value)[1] - 24, -149)
     rounded = float(mp.ldexp(mp.nint(mp.ldexp(value, -step)), step))
     return rounded if abs(rounded) < 2.0**128 else float("inf") * (1 if rounded > 0 else -1)

@@ -1,6 +1,6 @@
-"""Texts of the IR, broken at random: the parser and the verifier refuse them with an error of their own, or take them.
+"""Random changes in texts of the IR: the parser and the verifier raise a ShpyError, or accept the text.
 
-A text that they take runs, within its budget of iterations, alike on the interpreter and on numpy.
+An accepted text gives the same results on the interpreter and on numpy, within its limit of iterations.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ LARGE = [
 
 @st.composite
 def broken(draw):
-    """A text with a few tokens or lines left out, doubled, exchanged, replaced, or made very large."""
+    """Draw a text of which a few tokens or lines are removed, doubled, exchanged, replaced or made very large."""
     text = draw(st.sampled_from(TEXTS))
     pieces = TOKEN.findall(text) if draw(st.booleans()) else text.splitlines(True)
     for _ in range(draw(st.integers(1, 4))):
@@ -89,7 +89,7 @@ def broken(draw):
 
 
 def refused_briefly(error: sh.ShpyError) -> bool:
-    """False, for an error of a readable size."""
+    """Return False; fail if the error's text is too long to read."""
     assert len(str(error)) < 20_000
     return False
 

@@ -89,7 +89,7 @@ def differences(f):
 @pytest.mark.parametrize("value", VALUES)
 @pytest.mark.parametrize("shape", [(4, 6), (5, 7), (1, 1)])
 def test_differences_are_those_of_the_neighbours(value, shape):
-    """The derivatives in the grid of whole quads around this one; on numpy."""
+    """The derivatives are differences in whole quads: those of a grid extended to even sides, on numpy."""
     even = tuple(n + n % 2 for n in shape)
     program = differences(value)
     kernel = program.compile("numpy")

@@ -88,7 +88,7 @@ def test_cellnoise_is_constant_in_each_cell_and_differs_between_cells(size, back
 
 
 def nearest(points, size, metric):
-    """The sorted distances from each point to the points of all cells up to 4 away, in binary64."""
+    """Return the sorted distances, in binary64, from each point to the feature points of all cells up to 4 away."""
     base = np.floor(points)
     offsets = np.stack(np.meshgrid(*[np.arange(-4, 5)] * size), axis=-1).reshape(-1, size)
     cells = (base[:, None] + offsets[None]).astype(np.float32)

@@ -188,7 +188,7 @@ def browser():
 
 
 def open_page(browser, widget, **options):
-    """Return a page that shows the widget, and asks it in this process."""
+    """Return a page that shows the widget; the widget runs in this process."""
 
     def ask(asked):
         sent = []

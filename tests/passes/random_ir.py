@@ -302,7 +302,7 @@ class Generator:
         return self.make_int(type) if type.is_int else self.make_float(type)
 
     def assemble(self, type: Type) -> Value:
-        """A vector out of others: repeated, picked, or made of parts."""
+        """Return a vector made from other values: a splat, a swizzle or a construct."""
         match self.random.randrange(3):
             case 0:
                 return self.b.splat(self.simple(type.scalar), type.size)

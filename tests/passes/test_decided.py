@@ -54,7 +54,7 @@ def test_under_the_condition_itself_and_in_inner_regions_too():
 
 
 def test_selects_that_no_branch_decides_stay():
-    """Selects after the branch, in its other side, and by another condition."""
+    """The selects come after the branch, stand in its other side, or read another condition."""
     body = """
         %4: f = mul %a.0, %a.0
         %5: b = gt %4, %a.0

@@ -1,4 +1,4 @@
-"""One or two operations keep their bits in `fold`: each operation, on the edges of every type."""
+"""`fold` keeps the bits of programs of one or two operations: each operation, at the edges of every type."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Uniformity, masks, exit copies: what vectorize makes of small functions, read off its output."""
+"""vectorize on small functions: uniformity, masks and exit copies in its output."""
 
 from contextlib import contextmanager
 

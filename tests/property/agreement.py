@@ -96,7 +96,7 @@ class Expected:
         return self.watch.arises([a[k] for a in self.inputs], params, tables, (), ())
 
     def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
-        """Every element's end and every bit of its outputs, but for NaNs."""
+        """Compare the status of every element and every bit of its outputs; all NaNs are equal."""
         expected, how = self.answers
         wrong = ends != how
         for found, wanted in zip(outputs, expected, strict=True):
@@ -303,7 +303,7 @@ def _ran_there(program: Tree, inputs: list[Array], precision: Precision, math: M
 
 
 def ran(expected: Expected, backend: str) -> Answers:
-    """Outputs and ends on a backend."""
+    """Run the program on a backend; return its outputs and the status of each element."""
     stopped: Any = 0
     count = len(expected.inputs[0])
     shape = expected.shape

@@ -52,7 +52,7 @@ class Part:
 
 
 def arrays(types: dict[str, str], r: random.Random) -> dict[str, Array]:
-    """COUNT elements for each input."""
+    """Return COUNT random elements for each input."""
     rng = np.random.default_rng(r.randrange(1 << 30))
     made: dict[str, Array] = {}
     for name, type in types.items():
@@ -63,7 +63,7 @@ def arrays(types: dict[str, str], r: random.Random) -> dict[str, Array]:
 
 
 def fitted(value: Array, old: str, new: str) -> Array:
-    """The value as an argument of another type: an int becomes a float, a scalar a vector."""
+    """Convert a value to another type of argument: an int to a float, a scalar to a vector."""
     if (old.endswith("f") and new.endswith("i")) or ("3" in old and "1" in new):
         raise Refused
     made = value.astype(np.float32) if new.endswith("f") else value
@@ -217,7 +217,7 @@ def composition(r: random.Random) -> Part:
 
 
 def check(seed: int) -> None:
-    """One composition's inputs, the names of its outputs, and every bit of them."""
+    """Check the inputs of one composition, the names of its outputs, and every bit of the outputs."""
     r = random.Random(seed)
     whole = composition(r)
     assert list(whole.program.inputs) == list(whole.inputs), whole.told

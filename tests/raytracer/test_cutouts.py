@@ -93,7 +93,7 @@ def test_shadows_of_glass_are_as_clear_as_its_picture():
 
 
 def test_the_border_lies_where_the_number_is_one_half():
-    """Between two texels of 0 and 1 the interpolated number is 1/2 in the middle of the picture."""
+    """Between texels of 0 and 1 the interpolated value is 1/2, the border, in the middle of the picture."""
     ramp = Texture([[0.0, 1.0]], wrap="clamp")
     scene = Scene([SQUARE.with_material(Material(cutout=ramp))], (), AHEAD)
     found = render(scene, (16, 16), backend="numpy", bounces=0)

@@ -55,7 +55,7 @@ def obj(folder, text, *ignored, **pictures):
 
 
 def before_green(material, mesh=None):
-    """The colours (8, 8, 3) that are seen of a square of a material before a green wall, without lights."""
+    """Render a square of a material in front of a green wall, without lights; return the colours (8, 8, 3)."""
     square = mesh or Mesh(SQUARE, [[0, 1, 2], [0, 2, 3]], uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
     scene = Scene([square.with_material(material), WALL], (), AHEAD, ambient=1.0, background=(0, 0, 0))
     return render(scene, (8, 8), backend="numpy", bounces=2).pixels

@@ -113,7 +113,7 @@ def test_the_white_furnace():
 
 
 def test_the_circle_of_confusion_grows_as_it_should():
-    """A point of the lens is seen aside by its place times (focus - distance) / (focus distance), as an angle."""
+    """From a point p of the lens, an object at a distance d is shifted by the angle p (focus - d) / (focus d)."""
     near, far, focus, aperture = 2.0, 8.0, 4.0, 0.5
     pinhole = Camera((0, 0, 0), (0, 0, -1), fov=40)
     lens = dataclasses.replace(pinhole, aperture=aperture, focus=focus)

@@ -43,7 +43,7 @@ def scene(glass=True, lamp=(2.0, 1.5, 1.0), **changes):
 
 
 def with_numbers(made, name, **numbers):
-    """Return the scene with other numbers of one mesh's material."""
+    """Return the scene with other parameters in one mesh's material."""
     material = made.meshes[made.names.index(name)].material
     return made.with_material(name, dataclasses.replace(material, **numbers))
 

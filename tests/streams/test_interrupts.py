@@ -68,9 +68,9 @@ class Interrupts:
 
 
 def interrupted_at(call, number=None):
-    """Raise KeyboardInterrupt where this thread calls a function of shpy for the nth time; gives the number of calls.
+    """Raise KeyboardInterrupt at this thread's nth call of a function of shpy; return the number of calls.
 
-    Python hears Ctrl-C there.
+    Python handles Ctrl-C at such calls.
     """
     count, before = 0, sys.gettrace()
 

@@ -174,7 +174,7 @@ def twins(name):
 
 
 def views(name):
-    """Streams over the elements 0 to 900 and 64 to 964 of the same memory."""
+    """Return two streams over the elements 0 to 900 and 64 to 964 of the same memory."""
     if name == "numpy":
         whole = numbers()
         return sh.Stream.wrap(whole[:900]), sh.Stream.wrap(whole[64:964])

@@ -1,4 +1,4 @@
-"""Options that are bools, counts and shapes: what is none of these is an error, and nothing is ignored."""
+"""Options that are bools, counts and shapes: any other value is an error, and no value is ignored."""
 
 import numpy as np
 import pytest

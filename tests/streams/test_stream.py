@@ -316,7 +316,7 @@ def test_dropped_streams_give_their_memory_back(name):
 
 
 def pooled(name, space):
-    """The number of buffers or textures that a device has."""
+    """Return the number of buffers or textures that a device holds."""
     return {"opencl": lambda: len(space.machine.pool), "glsl": lambda: len(space._store.pool)}.get(name, int)()
 
 

@@ -1,4 +1,4 @@
-"""Several threads run the same kernels over streams of their own: each gets what it would get alone."""
+"""Several threads run the same kernels over streams of their own: each gets the results of a run alone."""
 
 import gc
 

@@ -96,7 +96,7 @@ class Stress:
     # Splitting: `Pace` decides for OpenCL and GLSL, tiles and bands are the dispatches of numpy and of large draws.
 
     def split(self, stack: ExitStack) -> None:
-        """Patch all that decides how much of a run one dispatch does."""
+        """Patch the limits that decide the size of a dispatch."""
         by_chance = lambda *_: self.chance()  # noqa: E731
         for name in ("fits", "is_brief", "was_brief"):
             stack.enter_context(patch.object(pace.Pace, name, by_chance))

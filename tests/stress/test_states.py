@@ -61,7 +61,7 @@ class Held:
         self.model = model
 
     def read(self):
-        """Return the elements that the thing itself gives."""
+        """Return the elements, read from the object itself."""
         if isinstance(self.thing, sh.Stream):
             return self.thing.numpy()
         if isinstance(self.thing, np.ndarray):

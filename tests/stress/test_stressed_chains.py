@@ -114,7 +114,7 @@ def test_chains_agree(shard):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_runs_read_tables_as_they_were(backend):
-    """Nobody waits for runs of `look`, and the mode changes its table before they begin."""
+    """The chain does not wait for runs of `look`, and the mode changes its table before they begin."""
     arrays = data(0, 2100)
     expected = OneByOne("numpy", arrays)
     expected.run(("repeat", look, 3))

@@ -21,7 +21,7 @@ F, U = vec("f"), vec("u")
 
 
 def line_of(text: str) -> int:
-    """The line of this file that ends in the mark."""
+    """Return the number of the line in this file that ends in a mark."""
     return next(n for n, line in enumerate(HERE, 1) if line.endswith(f"# {text}"))
 
 
@@ -105,7 +105,7 @@ def test_a_statement_in_a_subroutine_is_found(monkeypatch):
 
 
 def test_ways_that_part_are_told(monkeypatch):
-    """Bits agree up to the comparison, whose answer is the first thing that differs."""
+    """Bits agree up to the comparison: its result is the first difference."""
     with_fault(monkeypatch, "numpy", op("gt", "ge"))
 
     @sh.program

@@ -139,7 +139,7 @@ def test_denormals_that_only_become_zero_are_told_from_others():
 
 
 def test_denormals_inside_of_operations_and_functions_count():
-    """A step of `reflect` is flushed, and of a function of a text; neither operand nor result is a denormal."""
+    """A step inside `reflect`, or inside a function of the IR, is flushed; operands and result are not denormal."""
     text = """module inner
 input x: Attrib1f
 output y: Attrib1f

@@ -54,7 +54,7 @@ def view(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def as_at_first(view):
-    """Undo what the test before has set."""
+    """Reset the page's settings after the previous test."""
     views.as_at_first(view, "gain", "tint", "negative")
 
 

@@ -59,7 +59,7 @@ def run_some(call: Call, elements: Array, status: Array, run: Callable[[Call], A
 class Listed:
     """A kernel whose last input is the condition under which an element runs: see `base.Executable`.
 
-    `guarded` discards the others; `plain` is the same kernel without the condition, and does not know its place.
+    `guarded` discards the other elements. `plain` is the same kernel without the condition; it cannot use grid_index.
     """
 
     guarded: Executable
@@ -72,7 +72,7 @@ class Listed:
 
     @property
     def source(self) -> str:
-        """The text with the condition."""
+        """The emitted text of the kernel that evaluates the condition for each element."""
         return self.guarded.source
 
     @property
@@ -133,7 +133,10 @@ class Lists:
             self._space.start([self._guarded.ready(call, once=True)])
 
     def _pays(self, live: int, count: int) -> bool:
-        """Return whether a list takes less time than the packets that have an element of it, wherever these lie."""
+        """Return whether it is faster to run the `live` of `count` elements as a list than to run whole packets.
+
+        The estimate assumes that live elements lie at random places: a packet runs if any of its lanes is live.
+        """
         if live in (0, count):
             return live == 0
         if live > _SIMILAR * self._known:

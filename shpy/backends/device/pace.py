@@ -36,8 +36,8 @@ SHORT: Final = 10
 class Pace:
     """The number of elements of one kernel that take about `seconds`.
 
-    `bounded` if no data makes an element take more than a few thousand iterations. `steady` unless data
-    may make elements of the next call dearer by any factor: each call then begins small.
+    `bounded`: no data makes an element take more than a few thousand iterations. Not `steady`: the elements of the
+    next call may cost any factor more, so each call begins with a small dispatch.
     """
 
     def __init__(

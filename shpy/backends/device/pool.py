@@ -52,7 +52,7 @@ class Pool:
         return self._free[kind].pop()
 
     def give_back(self, kind: Kind, thing: Any) -> None:
-        """Keep a thing that nobody uses any longer, or release it where much is kept."""
+        """Keep a buffer or texture that is no longer used; release it if the pool is full."""
         if self._kept + kind.bytes > _MOST:
             self._release(thing)
             return

@@ -1,8 +1,8 @@
-"""Probes of a device: the operations that everything else is built from, on inputs chosen to be hard.
+"""Probe a device: find the basic operations that it rounds wrongly, on inputs chosen to be hard.
 
-Stage: compile. Each device is asked once for each version of its driver, by a program of its backend's own; here are
-the inputs, the exact results and what follows. What can be corrected is lowered to other operations, anything else is
-an error of compiling.
+Stage: compile. A program of the backend runs once for each device and version of its driver; this module has the
+inputs and the exact results, and compares. The passes lower a wrong operation to other operations where that is
+possible; otherwise compiling raises an error.
 
     a, b, c = hard_inputs()
     wrong = wrong_operations({"div": ..., "sqrt": ..., ...})      # frozenset() where all is well
@@ -37,10 +37,11 @@ _NAMES: Final = {"convert_nan": "int of NaN"}
 
 @cache
 def hard_inputs() -> tuple[Array, Array, Array]:
-    """Three arrays of COUNT binary32 numbers. Where c < 0 no result is denormal, else a * b is.
+    """Return a, b and c, each COUNT binary32 numbers.
 
-    A sixth each: quotients and roots that lie as close as possible to the middle of two numbers, and others. There c is
-    about -a * b, so that fma gives the error of the product. The other half has mantissas like these.
+    In the first half no result is denormal and c < 0. A third of it are quotients and a third are roots that lie as
+    close as possible to the middle of two binary32 numbers; the rest are random. There c is about -a * b, so that fma
+    gives the error of the product. The second half has the same mantissas, c > 0, and a * b is denormal.
     """
     third = COUNT // 6
     divisor, root = 2**23 + _scattered(0, 23), 2**23 + _scattered(1, 23)

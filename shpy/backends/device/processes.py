@@ -1,7 +1,7 @@
-"""The process that uses a driver: a forked child has its parent's driver, but not the driver's threads, and would hang.
+"""Keep a forked child from using the driver of its parent: it lacks the driver's threads, and would hang.
 
-Stage: compile, run. A backend asks before it touches its driver, and before it takes a lock that another thread of the
-parent may have held at the time of the fork.
+Stage: compile, run. A backend calls `use` before it calls its driver, and before it takes a lock that another thread of
+the parent may have held at the time of the fork.
 
     OPENCL = Driver("opencl")
     OPENCL.use()           # BackendUnavailable in a child of a process that has used OpenCL

@@ -57,7 +57,7 @@ def key(*parts: str) -> str:
 
 
 def load(name: str) -> bytes | None:
-    """Return the binary kept under this key; None where there is none, or one that is damaged or not this user's."""
+    """Return the binary kept under this key; None if it is missing, damaged or owned by another user."""
     with _opened_folder() as folder:
         if folder is None:
             return None
@@ -98,7 +98,10 @@ def save(name: str, binary: bytes) -> None:
 
 
 def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[str]]) -> frozenset[str]:
-    """Return the names kept under this key, all of them possible, or else keep and return those that `ask` gives."""
+    """Return the names kept under this key.
+
+    If no names are kept, or not all of them are `possible`, the names that `ask` returns are kept and returned.
+    """
     kept = load(name)
     if kept is not None:
         known = frozenset(kept.decode(errors="replace").split())

@@ -1,7 +1,7 @@
-"""The plan of a text whose names hold to the end of a function and need no declaration, as in Python.
+"""Plan the names of values in a language like Python, whose names need no declaration and last to the function's end.
 
-Stage: emit. A value is named before its second use is written, not where it is made: a value that only one side of an
-If uses is computed there, and one that is stored first gets the variable's name. Names that a user gave stay.
+Stage: emit. A value gets its name before its second use is written, not where it is computed. So a value that only one
+side of an If uses is computed there, and a value that is stored first gets the variable's name. Users' names stay.
 
     %3 = mul %1, %2            t = a * b                 if %c { ... %4 ... }       if c:
     %4 = add %3, 1        ->   x = t + 1            %4 is used there alone    ->        t = f(a)

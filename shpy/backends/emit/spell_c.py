@@ -158,7 +158,7 @@ class Speller:
         return text if own >= level else f"({text})"
 
     def spelled(self, e: Expr) -> Spelled:
-        """Spell an expression, and tell how tightly it binds."""
+        """Spell an expression; return the text and its level of precedence."""
         match e:
             case Name():
                 return e.text, Level.ATOM

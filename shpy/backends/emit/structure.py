@@ -107,7 +107,7 @@ class Body(Operations):
         return step
 
     def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
-        """Return a loop with what the target adds to it."""
+        """Return the loop with the statements that the target adds; a hook for targets, which adds none by default."""
         return made
 
     def unknown_zero(self, type: Type) -> Expr | None:

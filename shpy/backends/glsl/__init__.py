@@ -84,9 +84,9 @@ class GlslBackend:
         self._count: int | None = None
 
     def devices(self) -> list[Device]:
-        """Return every device that EGL lists; BackendUnavailable without one.
+        """Return every device that EGL lists; BackendUnavailable if there is no device.
 
-        The first call tries one device after the other until there is none; later ones know their number.
+        The first call opens devices until one fails, since EGL does not tell their number; later calls know it.
         """
         found = [_described(open_context(0))]
         while self._count is None or len(found) < self._count:
@@ -97,7 +97,7 @@ class GlslBackend:
         return found
 
     def compile(self, module: Module, options: Options) -> GlslExecutable:
-        """Prepare, print and build; CompileError, at the user's line, for what GLSL or the device has not."""
+        """Prepare, print and build; CompileError, at the user's line, for a type that GLSL or the device lacks."""
         if options.lanes not in ("auto", 1):
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
         runtime = self._runtime(options.device or 0)
@@ -157,9 +157,9 @@ class GlslBackend:
 
 
 def _target(limits: Limits, module: Module, options: Options) -> Target:
-    """Return what a device can do; the loops of the prologue need `precise`.
+    """Return the abilities of a device, for the passes; loops in the prologue need a compiler that keeps `precise`.
 
-    Its binary64 is for functions of ours alone. A program that has f64 itself is refused, as without it.
+    Only shpy's own functions use the device's binary64. A program that uses f64 itself is refused.
     """
     looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
     doubles = limits.doubles and options.precision != "f64" and Base.D not in bases_of(module)
@@ -167,7 +167,7 @@ def _target(limits: Limits, module: Module, options: Options) -> Target:
 
 
 def _printable(module: Module, exact: bool) -> Module:
-    """Return the module without what Mesa's compilers get wrong."""
+    """Return the module in forms that Mesa's compilers get right; `exact`: they may fold no floats either."""
     held = hold_bools_as_ints(module)
     return hide_derivable(held) if exact else held
 
@@ -180,7 +180,7 @@ def _described(context: Context) -> Device:
 
 
 def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
-    """Return the outputs of each shader, which has `most` at most, by their numbers."""
+    """Divide `count` outputs among shaders of at most `most` outputs; return their indices."""
     return tuple(tuple(range(first, min(first + most, count))) for first in range(0, count, most))
 
 
@@ -199,7 +199,7 @@ def _notes(context: Context) -> tuple[str, ...]:
 
 
 def _refuse(module: Module, target: Target) -> None:
-    """CompileError for what GLSL 3.30 has not: f64, but for functions of ours where the target has it for them."""
+    """Raise CompileError for types that GLSL 3.30 lacks: f16, and f64 unless the device has it for shpy's functions."""
     if target.doubles:
         return
     for function in module.functions:

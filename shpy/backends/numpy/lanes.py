@@ -125,7 +125,7 @@ def minimum(a: Any, b: Any) -> Array:
 
 
 def maximum(a: Any, b: Any) -> Array:
-    """Compute the op `max`, of which at most one is a literal."""
+    """Compute the operation `max`; at most one operand is a literal."""
     return _bounded(np.fmax, a, b, np.greater_equal) if _is_literal(b) else select((a < b) | (a != a), b, a)
 
 
@@ -217,7 +217,7 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
 
 
 def compact(live: Array, *values: Array) -> list[Array]:
-    """Return the live lanes of each value; a variable may hold a value that is the same for all lanes, which stays."""
+    """Return the live lanes of each value; a uniform value, without lanes, stays as it is."""
     index = live.nonzero()[0]
     return [v.take(index, axis=-1) if lane_count(v) == live.size else v for v in values]
 

@@ -1,6 +1,6 @@
 """Data that emitted code reads by index: tables, and the place of a tile in the grid.
 
-Stage: run. Indices are clamped on every axis: nothing here traps.
+Stage: run. Indices are clamped on every axis, so no index raises an error.
 
 >>> table = TableView(np.float32([10, 20, 30]), 1)
 >>> table.gather(np.int32([-5, 1, 9]))
@@ -81,7 +81,7 @@ class Place:
         return np.array(every[0] if len(every) == 1 else every, np.int32)
 
     def moved(self, *offsets: int) -> Any:
-        """Return the index moved by an offset on each axis, which may wrap around, as that of an int does."""
+        """Return the index plus an offset on each axis; sums wrap around as ints do."""
         index = (self.index,) if len(offsets) == 1 else self.index
         moved = [axis + np.array(offset, np.int32) for axis, offset in zip(index, offsets, strict=True)]
         return moved[0] if len(offsets) == 1 else moved
@@ -115,13 +115,13 @@ class Listed(Place):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """Lines and columns of a table, some of them beyond its border: what is copied to where in an array of them."""
+    """A rectangle of a table, part of it beyond the border: the parts to copy, each with its place in the array."""
 
     shape: tuple[int, ...]
     copies: tuple[tuple[tuple[slice, slice], Array], ...]
 
     def made(self) -> Array:
-        """Return a new array of them."""
+        """Copy the parts of the block into a new array."""
         made = np.empty(self.shape, self.copies[0][1].dtype)
         for into, found in self.copies:
             made[into] = found
@@ -259,7 +259,7 @@ class TableView:
         return lines, columns
 
     def _copied(self, block: _Block) -> Array:
-        """Return the array of a block; that of the last one is kept."""
+        """Return the array of a block; the array of the block that was asked for last is kept."""
         last, wide = self._wide
         if last is not block:
             wide = block.made()

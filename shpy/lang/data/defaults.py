@@ -1,7 +1,7 @@
-"""Inputs that a call may leave out: what their defaults may be.
+"""Defaults of inputs that a call may leave out.
 
-Stage: record. A default is one value of the input's type: numbers, a constant of the language, a Param (its value at
-the time of the run), and for a table or texture an `sh.Table` or `sh.Texture2D`.
+Stage: record. A default is one value of the input's type: numbers, a constant of the language, or a Param, whose value
+at the time of the run counts. The default of a table or texture is an `sh.Table` or `sh.Texture2D`.
 
     @sh.program
     def scale(x: sh.Attrib1f, by: sh.Attrib1f = 2.0) -> sh.Attrib1f: ...

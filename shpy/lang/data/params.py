@@ -211,7 +211,7 @@ class _ValueParam(_MadeParam):
         return numbers if len(numbers) > 1 else numbers[0]
 
     def at(self, precision: str, math: str) -> Any:
-        """Return the exact value for a kernel: it is the same for all precisions and modes."""
+        """Return the value for a kernel, exactly; a Param has the same value in all precisions and modes."""
         return self.exact
 
     @property

@@ -425,7 +425,7 @@ def _types(cls: Any) -> list[Any]:
 
 
 def listed_tables(tables: dict[str, Table]) -> dict[str, Table]:
-    """Return a program's tables as the user made them: one for all fields of a struct and all rows of a matrix."""
+    """Return a program's tables as the user made them: one table for all fields of a struct or rows of a matrix."""
     found: dict[str, Table] = {}
     for name, table in tables.items():
         owner = table._owner

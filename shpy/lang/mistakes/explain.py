@@ -116,7 +116,7 @@ class _Spelling:
 
     @classmethod
     def of(cls, file: str) -> _Spelling:
-        """Read from the file's imports."""
+        """Find how the file imports shpy: the prefix of its names, and the names imported directly."""
         prefix, imported = "sh.", set[str]()
         tree = parsed(file)
         for node in tree.body if tree is not None else []:

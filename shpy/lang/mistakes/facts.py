@@ -113,7 +113,10 @@ def joined(start: State, ends: list[State], when: int) -> State:
 
 
 def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
-    """Return the store that the user meant; where there is nothing to store into, how to make it."""
+    """Return the cure for a rebinding: the store `x[:] = …` that the user meant.
+
+    If the name held no value before the block, the cure also makes one.
+    """
     inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
         inside = quoted(file, fact.node)

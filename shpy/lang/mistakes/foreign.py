@@ -1,4 +1,4 @@
-"""Names that other languages and libraries have for what shpy does: what to write instead of each.
+"""Names that other languages and libraries have for functions of shpy, each with the name to write instead.
 
 Stage: record, where an attribute is missing. Takes the name that the user wrote; gives the cure.
 

@@ -120,7 +120,7 @@ class Places:
         return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
 
     def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_iteration: bool = False) -> None:
-        """Raise the error for a value read here that was changed through another of its names since it got this one."""
+        """Raise the error if the value read here was changed through another name after it got the name of `fact`."""
         if fact.object == NO_OBJECT:
             return
         for change in self.changes.get(fact.object, ()):

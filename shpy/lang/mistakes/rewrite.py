@@ -55,7 +55,7 @@ class _Rewriter(ast.NodeTransformer):
         return ast.Call(function, [node.test, node.body, node.orelse], [])
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
-        """Leave another function as it is."""
+        """Keep a lambda unchanged: its body is another function's."""
         return node
 
 
@@ -78,6 +78,6 @@ def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.e
 
 
 def rewritten(node: ast.expr, prefix: str) -> str:
-    """Return the expression's text with Python's logic replaced; `prefix` stands before shpy's names."""
+    """Return the expression's text with Python's logic (`and`, `not`, `a < b < c`) replaced; `prefix` is as `sh.`."""
     text = ast.unparse(ast.fix_missing_locations(_Rewriter(prefix).visit(copy.deepcopy(node))))
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

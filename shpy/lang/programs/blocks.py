@@ -152,7 +152,7 @@ class LoopBlock(Block):
 
 
 class Counted(LoopBlock):
-    """A loop over the numbers of a range: SH_FOR, and what an array does with each of its elements."""
+    """A loop over a range of numbers: SH_FOR, and loops over the elements of an array."""
 
     what = "SH_FOR"
 

@@ -76,7 +76,10 @@ def _spoken(type: Type) -> str:
 
 
 def _check_names(what: str, ports: Sequence[Port], inside: str = "") -> None:
-    """Check structures, which dots and brackets make: parts stand together, and a matrix has all its rows in order."""
+    """Check the names of ports whose dots and brackets form structs and matrices; raise VerifyError.
+
+    The parts of a structure must stand together, and a matrix must have all its rows in order.
+    """
     heads: set[str] = set()
     for head, group in groupby(ports, key=lambda port: re.split(r"[.\[]", port.name)[0]):
         members = list(group)
@@ -134,7 +137,7 @@ def _honest(function: Function) -> Function:
 
 
 def _kept(loop: Loop, before: Region, constants: dict[int, int]) -> bool:
-    """Return whether the loop counts a variable from constant to constant, and so keeps its promised iterations."""
+    """Return whether the loop counts a variable between constants and so has at most its promised iterations."""
     head = loop.body[: test_length(loop.body)]
     lets = {s.value.id: s for s in (*head, *loop.continuing) if isinstance(s, Let)}
     test = lets.get(head[-1].condition) if head and isinstance(head[-1], If) else None

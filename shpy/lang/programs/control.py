@@ -127,7 +127,10 @@ class _Else(Block):
         self.chain = chain
 
     def between(self) -> Region:
-        """Move out of the scope what follows the chain's last block; an error where that is more than computation."""
+        """Take the statements after the chain's last block out of the scope and return them.
+
+        Raises RecordError for a statement that does more than compute a condition.
+        """
         statements = self.frame.scope.statements
         moved = tuple(statements[self.chain.end :])
         for statement in moved:
@@ -280,7 +283,7 @@ def _loop(what: str) -> LoopBlock:
 
 
 def SH_BREAK(c: Any = None) -> None:
-    """Leave the innermost loop, where `c` holds if it is given."""
+    """End the innermost loop; with a condition `c`, only where it holds."""
     _loop("SH_BREAK")
     _exit("SH_BREAK", Break(here()), c)
 

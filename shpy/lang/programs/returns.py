@@ -173,5 +173,5 @@ def ends(region: Region) -> bool:
 
 
 def _breaks(region: Region) -> bool:
-    """Return whether a Break of the loop with this body stands in it."""
+    """Return whether a loop body contains a Break that ends this loop, not an inner one."""
     return any(isinstance(s, Break) or (isinstance(s, If) and (_breaks(s.then) or _breaks(s.orelse))) for s in region)

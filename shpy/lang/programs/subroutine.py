@@ -35,7 +35,7 @@ from shpy.lang.values.value import Value
 
 
 class Subroutine:
-    """A function of the language that is emitted as one. Call it with values.
+    """A function of the language that the emitted text has as a function. Call it with values.
 
     Raises RecordError for recursion, and for one variable given for two parameters that are both written.
     """

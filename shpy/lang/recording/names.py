@@ -22,7 +22,7 @@ from shpy.lang.recording.tree import parsed
 
 @dataclass(slots=True)
 class Naming:
-    """The names of one file, by line: of assignments, and of what `with` binds."""
+    """The names that one file binds, by line: the targets of assignments and of `with … as`."""
 
     tree: ast.Module
     assigned: dict[int, str | None] = field(default_factory=dict)

@@ -23,5 +23,5 @@ class Unchanging:
 
 
 def cannot_travel(what: str, cause: str, cure: str) -> ShpyTypeError:
-    """Return the error for a value that another process cannot be given."""
+    """Return the error for a value that cannot be sent to another process."""
     return ShpyTypeError(f"{what} cannot travel: {cause}", loc=here(), cure=cure)

@@ -259,7 +259,7 @@ def recording(name: str, loc: Loc | None) -> Iterator[Recording]:
 
 
 def need_frame(what: str) -> Frame:
-    """Return the function being recorded; an error naming `what` outside."""
+    """Return the function being recorded; outside a recording raise an error that names `what`."""
     frame = current_frame()
     if frame is None:
         raise RecordError(

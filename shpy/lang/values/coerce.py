@@ -75,7 +75,7 @@ def merge(literals: Sequence[Literal]) -> Literal:
 
 
 def common_base(strong: Iterable[Base], weak: Iterable[str], what: str) -> Base:
-    """Return the base in which operands of these bases, and literals of these kinds, meet."""
+    """Return the common base of operands with the bases `strong` and literals of the kinds `weak`."""
     bases, kinds = set(strong), set(weak)
     if not bases:
         if "bool" in kinds and len(kinds) > 1:

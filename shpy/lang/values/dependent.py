@@ -71,7 +71,7 @@ class Dependent:
 
     @property
     def sources(self) -> tuple[Any, ...]:
-        """The Params and Tables that it follows."""
+        """The Params and Tables from which the uniform is computed."""
         held: Expression = self._const
         if held.sources is None:
             found = {id(n.source): n.source for n in nodes_of(held.root) if n.source is not None}

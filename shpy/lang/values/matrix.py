@@ -73,7 +73,7 @@ class Matrix(Symbolic):
 
     @classmethod
     def _plain(cls) -> type[Matrix]:
-        """Return the type of results: a Param's class is derived from a matrix type and makes no matrices."""
+        """Return the matrix type for results: a Param's class derives from one, but its results are no Params."""
         return MATRICES[cls.__name__]
 
     def _rows_of(self, given: Any) -> tuple[Any, ...]:

@@ -421,7 +421,7 @@ def _imported(module: str, name: str) -> Any:
 
 
 def _describes(cls: Any, group: Group) -> bool:
-    """Return whether a class has the parts of a group: another version of the user's module may have others."""
+    """Return whether a class has the fields of a group; after a change of the user's module it may have others."""
     if group.form == "namedtuple" and not getattr(cls, "__annotations__", None):
         return getattr(cls, "_fields", None) == group.names
     try:

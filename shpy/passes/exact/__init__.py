@@ -1,18 +1,18 @@
 """The elementary functions of strict mode at binary32: the exact value, rounded once, by way of binary64.
 
 Stage: improve. For devices that have binary64. `FUNCTIONS["exp"]` is a formula whose arguments are binary32 Terms named
-like the operation's. Its result is a binary64, or a binary32 where the formula has rounded once itself, because its
-edge cases are cheaper to select afterwards. `rounded` adds what is common to all: the one rounding, and `EXCEPTIONS`.
+like the operation's. Its result is a binary64, or a binary32 where the formula itself has rounded once, because its
+edge cases are cheaper to select afterwards. `rounded` adds the parts common to all: the one rounding, and `EXCEPTIONS`.
 
-The relative error of a formula is below 2**-46. So only inputs whose exact value lies that close to the middle between
-two binary32 numbers can be misrounded: none to six of all inputs of a function. `EXCEPTIONS` lists them; those of odd
-and even functions for positive inputs only. Most formulas have none, for their coefficients were chosen so.
+The relative error of a formula is below 2**-46. So it can misround only inputs whose exact value lies that close to the
+middle between two binary32 numbers: at most six inputs of a function. `EXCEPTIONS` lists them; for odd and even
+functions it lists positive inputs only. Most formulas have no exceptions, as their coefficients were chosen for that.
 
     sinh = rounded("sinh")                 # lower makes sinh_strict of it
     z.mul_add(p, c)                        # one fma where the device is quick at that, else z * p + c
 
-A formula has to be right in both spellings: products that must be exact have factors with few enough bits, and the
-exceptions are those of either spelling.
+A formula has to be right with and without fma: products that must be exact have factors with few enough bits, and
+`EXCEPTIONS` lists the inputs that either spelling misrounds.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def _sine(f: Term, odd: Term) -> Term:
 
 
 def tan(x: Term) -> Term:
-    """Tangent: a quotient of polynomials on an eighth of a turn to each side."""
+    """Tangent: a quotient of polynomials on [-pi / 4, pi / 4]."""
     f, odd = _parts_of(x, 2)
     z = (f * f).named("z")
     above, below = (f * horner(z, TAN_ABOVE)).named("above"), horner(z, TAN_BELOW).named("below")

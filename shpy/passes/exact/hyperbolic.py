@@ -35,7 +35,7 @@ _ONE: Final = 0x3F800000
 
 
 def _power(n: Term) -> Term:
-    """Return the binary64 2**n for an int n from -127 on; 0 in place of 2**-127 and of all that is less."""
+    """Return 2**n in binary64 for an int n; 0 where n is -127 or less."""
     return ((n + 127).op("max", 0) << 23).based(Base.U).op("float_from_bits").based(Base.D)
 
 
@@ -86,7 +86,7 @@ def _logarithm(s: Term, k: Term) -> Term:
 
 
 def _scale_of(u: Term) -> tuple[Term, Term]:
-    """Return k and 2**-k for the power of two nearest to u, from 1 up to 2**129."""
+    """Return k and 2**-k, where 2**k is the power of two nearest to u; u from 1 up to 2**129."""
     moved = (u * 0.125).based(Base.F).op("bits_from_float") + (_ONE - _ROOT_HALF)
     n = ((moved >> 23).based(Base.I) - 127).named("n")
     return (n + 3).based(Base.F).based(Base.D).named("k"), (_power(-n) * 0.125).named("scale")

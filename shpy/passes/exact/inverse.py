@@ -1,7 +1,7 @@
 """Arc sine, cosine and tangent by way of binary64.
 
-Stage: improve. Past 1/2 an arc sine is pi/2 less two arcs of sqrt((1 - x) / 2). An arc tangent is taken from the
-nearest of 0, pi/4 and pi/2: what is left is that of a quotient of at most tan(pi/8).
+Stage: improve. For x > 1/2, asin(x) = pi/2 - 2 asin(sqrt((1 - x) / 2)). An arc tangent is the nearest of 0, pi/4 and
+pi/2 plus the arc tangent of a quotient of at most tan(pi/8).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Functions of strict mode at binary32 for devices that have no binary64: the exact value, rounded once.
 
-Stage: improve. `FUNCTIONS["exp"]` computes with sums of two binary32, of which the last one is rounded to odd before it
-is rounded to nearest. The relative error is near 2**-49, so only inputs whose exact value lies that close to the middle
-between two binary32 can be misrounded. `EXCEPTIONS` lists them with their results; those of an odd or even function for
-positive inputs only. The other functions of strict mode need binary64, and such a device refuses them.
+Stage: improve. `FUNCTIONS["exp"]` computes with sums of two binary32; the last sum is rounded to odd before it is
+rounded to nearest. The relative error is near 2**-49, so only inputs whose exact value lies that close to the middle
+between two binary32 numbers can be misrounded. `EXCEPTIONS` lists these inputs with their results; for odd and even
+functions it lists positive inputs only. The other functions of strict mode need binary64; without it they are an error.
 """
 
 from __future__ import annotations

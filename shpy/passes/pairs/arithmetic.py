@@ -48,10 +48,10 @@ def polynomial(z: Pair, coefficients: Sequence[Coefficient]) -> Pair:
 
 
 def rounded(largest: Term, others: Sequence[Term]) -> Term:
-    """Return the sum of the largest number and others, 2**-20 of it or smaller, rounded once.
+    """Return the sum of the largest number and others, at most 2**-20 of it in size, rounded once.
 
-    What the last addition leaves out decides the last bit of the one before it, which is rounded to odd: so it cannot
-    look like the middle between two numbers unless it is (Boldo and Melquiond 2008).
+    The sum of the others is rounded to odd: if an addition loses bits, the last bit of its result is set. So the total
+    appears to lie in the middle between two numbers only if it does (Boldo and Melquiond 2008).
     """
     first, *rest = others
     lost: Term | None = None

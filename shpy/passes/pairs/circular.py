@@ -1,6 +1,6 @@
 """Sine and cosine in pairs of binary32, for angles of any size.
 
-Stage: improve. An angle is k * pi / 2 and three numbers, the first at most pi / 4 and the others far smaller.
+Stage: improve. An angle is k * pi / 2 plus a sum of three numbers: the first is at most pi / 4, the others far smaller.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def div(a: Term, b: Term) -> Term:
 
 
 def sqrt(x: Term) -> Term:
-    """Return the square root: that of the mantissa times an even power of two."""
+    """Return the square root, from the root of the mantissa and half an even exponent."""
     bits = x.op("bits_from_float").named("bits")
     e = _exponent(bits).named("e")
     odd = (e & 1).named("odd")

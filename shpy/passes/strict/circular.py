@@ -34,7 +34,7 @@ INFINITY: Final = float("inf")
 
 
 def _times_part(k: Term, part: float) -> Pair:
-    """Return the whole number k < 2**20 times a constant, exactly; in binary64 the constant has few enough bits."""
+    """Return the whole number k < 2**20 times a constant, exactly: one product in binary64, two parts in binary32."""
     factor = k.constant(part)
     if k.type.base is Base.D:
         return k * factor, k.constant(0)
@@ -181,7 +181,10 @@ def acos(x: Term) -> Term:
 
 
 def _atan_of_quotient(smaller: Term, larger: Term) -> Pair:
-    """Return the arc tangent of smaller / larger, both positive, in two parts; from 1/2 on pi/4 plus a smaller one."""
+    """Return the arc tangent of smaller / larger, both positive, as the sum of two numbers.
+
+    From a quotient of 1/2 on, it is pi/4 plus the arc tangent of a smaller quotient.
+    """
     wide = (smaller + smaller > larger).named("wide")
     total, total_low = fast_two_sum(larger, smaller)
     n = where(wide, smaller - larger, smaller).named("n")

@@ -1,7 +1,7 @@
 """Functions of binary16 in strict mode: all 65,536 results are the exact value rounded once.
 
-Stage: improve. `half` computes them in binary32 and rounds. That is a second rounding, which goes wrong where the
-result in binary32 is the middle between two binary16 and the exact value is not. A test of all inputs found these.
+Stage: improve. `half` computes them in binary32 and rounds to binary16. This second rounding is wrong where the result
+in binary32 is the middle between two binary16 numbers but the exact value is not. A test of all inputs found these.
 """
 
 from __future__ import annotations

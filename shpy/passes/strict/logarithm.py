@@ -1,8 +1,7 @@
 """Logarithms, powers and the inverse hyperbolic functions, from operations that every target rounds alike.
 
-Stage: improve. x is 2**k * (1 + f) with 1 + f between the roots of 1/2 and 2, and the logarithm of 1 + f twice the
-inverse hyperbolic tangent of s = f / (2 + f), as in Sun's fdlibm (1993). A power is 2 to the y * log2(x), with the
-logarithm in two parts.
+Stage: improve. x = 2**k * (1 + f) with 1 + f between sqrt(1/2) and sqrt(2), and log(1 + f) = 2 atanh(s) with
+s = f / (2 + f), as in Sun's fdlibm (1993). pow(x, y) = 2**(y * log2(x)), where the logarithm is the sum of two numbers.
 """
 
 from __future__ import annotations
@@ -84,7 +83,7 @@ def _parted_double(x: Term) -> Pair:
 
 
 def edges(x: Term, inside: Term) -> Term:
-    """Return a logarithm of x where it is no positive finite number."""
+    """Return a logarithm of x: `inside` for positive finite x, else -inf for 0, NaN below 0, and x itself."""
     outside = where(x.equals(0), x.constant(-INFINITY), where(x < 0, x.constant(NAN), x))
     return where((x > 0) & (x < INFINITY), inside.named("inside"), outside.named("outside"))
 

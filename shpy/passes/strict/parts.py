@@ -53,7 +53,7 @@ def polynomial(z: Term, coefficients: Numbers) -> Term:
 
 
 def plus(x: Term, number: float) -> Term:
-    """X + number, written as a difference where that reads better."""
+    """Return x + number, written as x - |number| for a negative number."""
     return x - (-number) if number < 0 else x + number
 
 
@@ -100,7 +100,7 @@ def square_root(t: Term, low: Term) -> Pair:
 
 
 def whole_and_shifted(x: Term) -> Pair:
-    """Return the nearest whole number, never -0, and the same plus MAGIC; |x| below 2**21."""
+    """Return the whole number nearest to x, never -0, and that number plus MAGIC; |x| must be below 2**21."""
     shifted = x + MAGIC[x.type.base]
     return shifted - MAGIC[x.type.base], shifted
 

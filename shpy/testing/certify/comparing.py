@@ -1,6 +1,6 @@
-"""Compares a run with the golden hash, and names the inputs that differ with the help of numpy on this machine.
+"""Compare a run with its golden hash; find inputs whose results differ, with numpy on this machine.
 
-Stage: test. Takes a program and its arrays, gives a `Finding`.
+Stage: test. Takes a program and its arrays, returns a `Finding`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ class Work:
 
 
 def compare(work: Work, target: Target, wanted: str | None) -> tuple[Finding, list[Array]]:
-    """Run it; the same bits as the golden hash `wanted` stands for, or else the inputs that differ from numpy here."""
+    """Run the work on a target and compare its bits with the golden hash `wanted`.
+
+    If the hashes differ, the finding names inputs whose results differ from numpy's on this machine.
+    """
     found = work.run(target)
     given = digest(found)
     if given == wanted:
@@ -69,7 +72,7 @@ def _strange(given: str, wanted: str | None) -> str:
 
 
 def compare_arrays(work: Work, target: Target, found: list[Array], wanted: list[Array]) -> Finding:
-    """Find the same bits as numpy's, the same but for denormals, or the first inputs that differ."""
+    """Compare results with numpy's: the same bits, the same except for denormals, or the first inputs that differ."""
     rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (found, wanted)]
     wrong = np.zeros(work.count, np.bool_)
     for a, b in zip(*rows, strict=True):

@@ -55,7 +55,7 @@ def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
 
 
 def sweep_checks() -> list[Check]:
-    """Return a check for each function, and for each formula of portable mode: the bits, and the bound."""
+    """Return the checks of each function and each formula of portable mode: its bits, and its bound in ULP."""
     portable = [Check(f"{name}, portable", functools.partial(_sweep, name, math="portable")) for name in PORTABLE]
     return [Check(name, functools.partial(_sweep, name)) for name in SWEPT] + portable
 

@@ -1,6 +1,6 @@
-"""The report of a certificate: printed while it is made, and kept as JSON.
+"""The report of a certificate, printed as checks end and written as JSON.
 
-Stage: test. Nothing in it names a person or a folder.
+Stage: test. The report names no person and no folder.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Sectio
 
 
 def mixed(cases: list[Case]) -> list[Case]:
-    """Return the cases in an order of which any beginning holds all kinds of them."""
+    """Return the cases in an order in which any first part contains cases of all kinds."""
     order = sorted(range(len(cases)), key=lambda k: k * _GOLDEN_RATIO % 1)
     return [cases[k] for k in order]
 

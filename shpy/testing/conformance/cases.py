@@ -127,7 +127,7 @@ class Case:
         )
 
     def check(self, found: Outcome, who: str) -> None:
-        """Fail unless a target's outcome is the reference's."""
+        """Raise AssertionError unless the outcome of the target `who` equals the reference's."""
         wrong = self.difference(found, who)
         if wrong is not None:
             raise AssertionError(wrong)

@@ -100,7 +100,10 @@ def form_while(body: Block, depth: int) -> Block:
 
 
 def form_do(body: Block, depth: int) -> Block:
-    """Return the condition is made before SH_UNTIL: what an SH_CONTINUE skips may not be read, so there is none."""
+    """Return the block in a `do` whose condition is a value, computed before SH_UNTIL.
+
+    Such a condition may not read a value that an SH_CONTINUE skips: it reads the counter alone.
+    """
     start, step, room = _counter(depth, 3)
     return (start, Do((step, *body, plus("x", 0.125)), Apply(B, "not", (room,)), late=False), plus("x", 0.5))
 
@@ -233,7 +236,7 @@ def straight_cases() -> Iterator[Case]:
 
 
 def cut(block: Block) -> Block:
-    """Return the block without what stands behind an exit."""
+    """Return the block, and the bodies of loops in it, up to the first exit without a condition."""
     made: list[Stmt] = []
     for s in block:
         match s:
@@ -366,7 +369,7 @@ def stepped_cases() -> Iterator[Case]:
 
 
 def limit_cases() -> Iterator[Case]:
-    """Loops that take too many iterations: which elements do, and the results of the others."""
+    """Yield cases of loops that reach their limit in some elements: these elements stop, the others have results."""
     forever = compare("lt", X, 1e9)
     grows = Assign("x", number(2.0), None, "mul")
     yield case("limit-of-while", (While(forever, (plus("x", 1.0), Exit("break", bit(0)))), plus("x", 0.5)), limit=5)

@@ -102,7 +102,7 @@ def row_case(name: str, base: str, count: str) -> Case | None:
 
 
 def meant(name: str, types: tuple[Type, ...], arrays: list[Array]) -> Array:
-    """Return the table's result for (n,) and (n, size) arrays."""
+    """Return the exact result of an operation, by its row in the table, for arrays (n,) or (n, size)."""
     result = result_type(name, types)
     # A vector of one component, so that a sum over components is not one over elements.
     columns = [a.T if a.ndim > 1 else a[None] for a in arrays]

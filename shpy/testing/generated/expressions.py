@@ -280,7 +280,7 @@ class Expressions:
         return Swizzle(type, self.expr(vector, depth), (self.draw(st.integers(0, vector.size - 1)),))
 
     def vector(self, base: Base) -> Type:
-        """Return a vector of a base; one that a variable has, as a rule."""
+        """Draw a vector type of a base, in most cases the type of an existing variable."""
         there = [t for t in self.names.values() if t.base is base and t.size > 1]
         if there and not self.chance(20):
             return self.pick(there)  # type: ignore[no-any-return]

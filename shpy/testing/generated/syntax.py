@@ -247,7 +247,7 @@ class For:
 
 @dataclass(frozen=True)
 class Exit:
-    """break, continue, return or discard, under a condition or not."""
+    """A break, continue, return or discard, with or without a condition."""
 
     kind: str
     condition: Expr | None = None
@@ -281,7 +281,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Tree:
-    """`arrays` are one element's own, `tables` data; every return gives the values that `results` then have."""
+    """A program. `arrays` are local to an element, `tables` are data; every return returns the values of `results`."""
 
     inputs: tuple[Variable, ...]
     arrays: tuple[Variable, ...]

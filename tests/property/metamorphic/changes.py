@@ -102,7 +102,7 @@ def truth(b: Builder, value: Value) -> Value:
 
 
 def split_vector(surgeon: Surgeon) -> Function | None:
-    """Return an operation on vectors, done component by component; or a store, likewise."""
+    """Split an operation on vectors, or a store, into its components."""
     place = _where(surgeon, lambda s: (isinstance(s, Let) and _by_component(s)) or _whole_store(surgeon, s))
     if place is None:
         return None
@@ -123,7 +123,7 @@ def split_vector(surgeon: Surgeon) -> Function | None:
 
 
 def merged_vectors(surgeon: Surgeon) -> Function | None:
-    """Two scalar operations of one kind, done as one on vectors."""
+    """Replace two scalar operations of one kind by one operation on vectors."""
     pairs = [(spot, i, j) for spot in surgeon.spots() for i, j in _pairs(surgeon, spot.region, spot.head)]
     if not pairs:
         return None
@@ -163,7 +163,7 @@ def _whole_store(surgeon: Surgeon, s: object) -> bool:
 
 
 def _pairs(surgeon: Surgeon, region: Region, head: int) -> list[tuple[int, int]]:
-    """Places of two scalar operations of one kind, the first of which is not used before the second is done."""
+    """Return the places of two scalar operations of one kind; nothing between them uses the first."""
     found = []
     for i, one in enumerate(region):
         if i < head or not _scalar(one):

@@ -28,10 +28,10 @@ class Variant(Program):
 
 
 def variants(program: Program, count: int, seed: int = 0, steps: int = 4) -> Iterator[Variant]:
-    """`count` variants of a program, each changed up to `steps` times; a seed always gives the same ones.
+    """Yield `count` variants of a program, each with up to `steps` changes; the same seed gives the same variants.
 
-    Every operation stays the operation that it was, so results are the same to the last bit wherever an operation on a
-    vector gives what it gives component by component.
+    The changes keep every operation, so the results have the same bits wherever an operation on a vector has the bits
+    of the operation on each component.
     """
     for n in range(count):
         rng = random.Random(f"{seed}.{n}")

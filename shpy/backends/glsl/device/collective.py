@@ -87,7 +87,7 @@ class _Points:
         self._context = context
 
     def put(self, values: Any, index: Any, target: Any) -> None:
-        """Write elements to their places: the last one of several stays."""
+        """Write values to the elements of `target` at an index; of several values for an element the last one stays."""
         text = _VALUE.replace("KIND", _KINDS.get(values.type.base, ""))
         self._draw(text, index, target, slice(0, index.count), values)
 

@@ -260,7 +260,7 @@ class Context:
             pass
 
     def go_on(self) -> None:
-        """Raise an error, which nobody sees, if the caller waits no longer: after Ctrl-C, or as the process ends."""
+        """Raise an error, which no user sees, if the caller no longer waits: after Ctrl-C or as the process ends."""
         if self._ending or not self._wanted.is_set():
             raise ShpyError("the run was interrupted")
 

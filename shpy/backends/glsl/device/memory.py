@@ -120,7 +120,7 @@ class GlslMemory:
         return self.shown
 
     def _show(self) -> None:
-        """Leave the texture to whoever holds it: it is not used for other memory."""
+        """Take the texture out of the pool for good, since the user now holds it."""
         if self.shown is None and self.pooling.detach():
             doomed = self.space.doomed
             self.shown = shown_texture(self.texture, self.space.check_thread)

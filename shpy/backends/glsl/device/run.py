@@ -51,7 +51,7 @@ class Program:
 
 
 class Runtime:
-    """All that is kept on one context: programs by their text, textures, tables."""
+    """The objects that one context keeps: programs by their text, textures and tables."""
 
     def __init__(self, context: Context) -> None:
         self.context = context
@@ -321,7 +321,7 @@ def _collect(
 
 
 def refused(source: str, log: str, loc: Loc | None) -> CompileError:
-    """Return the driver's log as an error at the user's line, as far as the text's comments tell it."""
+    """Return the driver's log as an error, at the user's line where the text's comments give it."""
     found = _ERROR.search(log)
     if found is None:
         return CompileError(f"the driver refused the shader:\n{log.strip()}", loc=loc)
@@ -337,7 +337,7 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
 
 
 def unsupported(type: Type, loc: Loc | None) -> CompileError:
-    """Return the error for a base that GLSL 3.30 has not."""
+    """Return the error for a type that GLSL 3.30 lacks."""
     lacks = {Base.D: "f64", Base.H: "f16"}.get(type.base)
     name = f"{lacks[1:]}-bit floats ({lacks})" if lacks else repr(type)
     cure = 'compile this program on "numpy" or "opencl"'

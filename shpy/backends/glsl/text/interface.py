@@ -1,4 +1,4 @@
-"""A shader as the runtime takes it: its text, and the thing that each name in it stands for.
+"""The interface between a shader's text and the runtime: the input, table or uniform that each name stands for.
 
 Stage: between emit and run.
 """
@@ -44,7 +44,7 @@ class InputTexture:
 
 @dataclass(frozen=True, slots=True)
 class TableTexture:
-    """A table: its sampler and the uniform of its shape."""
+    """A table in a shader: the names of its sampler and of the uniform with its shape."""
 
     name: str
     type: Type

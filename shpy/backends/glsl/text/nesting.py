@@ -50,7 +50,7 @@ def sheltered_functions(module: Module) -> frozenset[str]:
 
 
 def _depth(region: Region, depths: dict[str, int], *, returns_nest: bool) -> int:
-    """Return the depth to which the region's blocks nest, those of the functions called counted in."""
+    """Return how deep the region's blocks nest, counting the blocks of the functions that it calls."""
     deepest = before = 0
     for s in region:
         inner = depths[s.function] if isinstance(s, Call) else 0

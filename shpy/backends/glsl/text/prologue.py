@@ -216,7 +216,7 @@ def output(location: int, type: Type, name: str) -> str:
 
 
 def reader(table: TableTexture, name: str) -> str:
-    """Return the function that reads a table: its texels are the elements in C order, folded."""
+    """Return the function that reads a table, whose elements fill the rows of a texture in C order."""
     index, n, type = spelled(vec(Base.I, table.rank)), table.shape, table.type
     flat = "at" if table.rank == 1 else row_major([f"at.{c}" for c in "xyz"[: table.rank]], n)
     texel = f"texelFetch({table.sampler}, ivec2(i & {FOLD - 1}, i >> {_FOLD_BITS}), 0)"
@@ -240,7 +240,7 @@ def grid_name(size: int) -> str:
 
 
 def grid_function(size: int) -> tuple[str, frozenset[str]]:
-    """Return that function, and the runtime's names in it."""
+    """Return the function that computes `grid_index` on `size` axes, and the names of the runtime that it uses."""
     n = GRID_SHAPE
     rows = {
         1: "    return i;",

@@ -122,11 +122,11 @@ class _ShaderMaker(GlslUnit):
         return self.readers[name]
 
     def shape_of(self, name: str) -> Name:
-        """Return the uniform of a table's shape."""
+        """Return the name of the uniform that holds a table's shape."""
         return Name(vec(Base.I, self.tables[name].rank), self.tables[name].shape)
 
     def place(self, op: str, type: Type) -> Expr:
-        """Return `sh_grid_index2()`, `sh_grid_shape.xy`."""
+        """Return the expression of a place in the grid: `sh_grid_index2()` or `sh_grid_shape.xy`."""
         if op == "grid_shape":
             return tree.picked(self.runtime_name(GRID_SHAPE, vec(Base.I, 4)), range(type.size), type)
         if type.size not in self.placed:

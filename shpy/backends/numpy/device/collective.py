@@ -31,7 +31,7 @@ def _take(source: Any, index: Any) -> NumpyMemory:
 
 
 def _put(values: Any, index: Any, target: Any) -> None:
-    """Write elements to their places; numpy's assignment leaves the last of several only where it is documented."""
+    """Write values to the elements of `target` at an index; of several values for an element the last one stays."""
     kept = (index.array >= 0) & (index.array < target.count)
     winners = np.full(target.count, -1, np.int64)
     np.maximum.at(winners, index.array[kept], np.flatnonzero(kept))
@@ -68,7 +68,7 @@ def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
 
 
 def _sort(keys: Any, descending: bool) -> NumpyMemory:
-    """Sort; where numbers of different bits are equal, zeros and NaN, they are put into the order they had."""
+    """Sort stably: +0 and -0, and NaNs of different bits, keep the order that they had."""
     array = keys.array
     found = np.sort(array)[::-1].copy() if descending else np.sort(array)
     if array.dtype.kind == "f":

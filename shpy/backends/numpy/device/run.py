@@ -71,7 +71,7 @@ class NumpyBackend:
         np.empty(_KEPT_MEMORY, np.uint8)
 
     def devices(self) -> list[Device]:
-        """Return the processor, by numpy."""
+        """Return the one device: the processor."""
         return [Device("numpy", np.__version__, ("f64",))]
 
     def compile(self, module: Module, options: Options, tile: int | None = None) -> NumpyExecutable:
@@ -99,7 +99,7 @@ class NumpyBackend:
 
 
 def _functions(module: Module) -> frozenset[str]:
-    """Return the functions of a module that numpy's own ones of binary64 can do."""
+    """Return the operations of a module that numpy's functions of binary64 can compute."""
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     return EXACT.intersection(let.op for let in lets)
 
@@ -219,7 +219,7 @@ class NumpyExecutable:
                 _write(out, result, written, extents)
 
     def _outputs(self, call: Call, part: slice) -> list[Array]:
-        """Return the memory of the results: of a vector, or of each of its components."""
+        """Return the arrays for the results: one for an output, or one for each component of it."""
         outputs = [out[part] for out in call.outputs]
         if not self.layout.apart:
             return outputs

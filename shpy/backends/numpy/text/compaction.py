@@ -64,7 +64,7 @@ def compacted(block: Block, varying: Iterable[Expr], names: Names) -> Block:
 
 
 class _Around:
-    """The statements before and behind a loop, and at the head of its iterations."""
+    """The statements that compaction adds before and after a loop, and at the start of each iteration."""
 
     def __init__(self, found: _Found, varying: frozenset[Expr], names: Names) -> None:
         loop = found.loop

@@ -87,7 +87,10 @@ def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict
 
 
 def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Function, dict[int, Iterations]]:
-    """Return the function with the sums of such loops as folds at the end of an iteration, and the loops by `id`."""
+    """Return the function in which each loop of `found` adds its terms by a `fold` at the end of an iteration.
+
+    Also returns the rewritten loops with their Iterations, by `id`.
+    """
     made: dict[int, Iterations] = {}
 
     def region(r: Region) -> Region:

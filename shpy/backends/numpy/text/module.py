@@ -102,7 +102,7 @@ def print_python(vector: VectorModule, *, status: bool = False, exact: frozenset
 
 
 def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
-    """Return what each function needs besides its inputs, for itself and for those that it calls."""
+    """Return the arguments that each function needs besides its inputs, also for the functions that it calls."""
 
     def needed(let: Let) -> Needs | None:
         needs = needed_by(let)
@@ -135,7 +135,7 @@ class _PythonModule(Unit):
         self.compacts = False
 
     def printed(self, *, in_place: bool) -> Printed:
-        """Return the whole text, and what it takes; `in_place`: a stencil writes its outputs."""
+        """Return the whole text with its arguments; `in_place`: a stencil writes into the arrays of the outputs."""
         entry = self.module.entry
         outs: tuple[int, ...] = ()
         for function in self.module.functions:
@@ -230,7 +230,10 @@ class _PythonBody(NumpyOperations):
         return compacted(tuple(self.out), self.lane_names, self.scope)
 
     def continued(self) -> dict[int, int]:
-        """Find the variables that begin as an input of their name, which is nothing else: they are that argument."""
+        """Find the variables that can be the Python argument itself, by the input that each begins with.
+
+        Such a variable has the input's name and starts with its value, which nothing else reads.
+        """
         inputs = {port.id: port for port in self.function.inputs if isinstance(port, Value)}
         uses_of = [v for s in walk(self.function.body) for v in uses(s)]
         found: dict[int, int] = {}

@@ -51,7 +51,7 @@ _LETTERS: Final = {"cond": 6, "min": 7, "max": 7, "clamp": 18, "convert": 17, "f
 
 
 def own(e: Expr) -> Expr:
-    """Return the same with a type of its own, where it is a literal."""
+    """Return the expression with an explicit dtype if it is a literal, whose type numpy would choose."""
     return tree.call(dtype(e.type), e.type, e) if isinstance(e, Literal) else e
 
 

@@ -1,11 +1,11 @@
-"""Updates, values that take the place of another: `total += w * x` instead of `total_2 = total + w * x`.
+"""Updates: write a result into the array of an operand, `total += w * x` instead of `total_2 = total + w * x`.
 
-Stage: emit. Part of the numpy printer. Takes the entry of a vectorised module; says of an operation whether the array
-of its first operand may be changed. numpy then neither makes an array nor fills another part of the cache.
+Stage: emit. Part of the numpy printer. Takes the entry of a vectorised module; tells for each operation whether it may
+overwrite its first operand. Then numpy allocates no array, and less of the cache is used.
 
-What is asked for: the operand is an array that the text has made itself, as large as the result; nothing but operators
-ever reads it, so that no view and no slot holds it too; this is its last use; and both are values of one variable, or
-neither has a name.
+The conditions: the text itself has made the operand's array, which is as large as the result; only operators read it,
+so no view and no slot shares it; this is its last use; and operand and result are values of one variable, or neither
+has a name.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _READERS = frozenset(INFIX) | UPDATES.keys() | {"sqrt", "neg"}
 
 
 class Updates:
-    """The values of an entry that may be changed once they are read for the last time."""
+    """The values of an entry whose arrays an operation may overwrite when it reads them for the last time."""
 
     def __init__(self, entry: Function, facts: LaneFacts) -> None:
         readers: dict[int, set[str]] = defaultdict(set)
@@ -38,7 +38,7 @@ class Updates:
         self.large = large
 
     def allows(self, s: Let) -> bool:
-        """Return whether the operation may change its first operand, once nothing else reads that."""
+        """Return whether the operation may write its result into the array of its first operand."""
         if s.op not in UPDATES:
             return False
         before = self.made.get(s.args[0])

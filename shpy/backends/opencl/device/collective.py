@@ -214,7 +214,7 @@ class _OpenCLCollectives:
         self._digit = _CPU_DIGIT if self.on_cpu else _DIGIT
 
     def select(self, mask: Any) -> OpenCLMemory:
-        """List the elements whose mark is set."""
+        """Return the indices of the elements whose mark is set, in order, as ints."""
         n = mask.count
         chunks, chunk = self._chunks(n)
         counts = self._allocate(chunks, Base.U)

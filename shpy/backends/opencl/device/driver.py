@@ -163,7 +163,7 @@ def _rounds_correctly(device: Any) -> bool:
 
 
 def machine_of(index: int | None) -> Machine:
-    """Return the device of this index in `devices()`, opened once a process; None: the first."""
+    """Return the device of this index in `devices()`, the first for None; a process opens each device once."""
     found = _found()
     index = index or 0
     if not 0 <= index < len(found):

@@ -199,7 +199,7 @@ class OpenCLSpace:
         return OpenCLMemory(self, native.base_data, native.size // type.size, type, dtype)
 
     def view(self, memory: OpenCLMemory, type: Type, count: int) -> OpenCLMemory:
-        """Return the same buffer as elements of another size."""
+        """Return a view of the buffer as `count` elements of another type."""
         return OpenCLMemory(self, memory.buffer, count, type, memory.dtype, memory)
 
     def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:

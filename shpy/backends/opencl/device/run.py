@@ -408,7 +408,7 @@ class OpenCLExecutable:
 
     @property
     def _start(self) -> Any:
-        """Return the place at which the first dispatch begins, in the type of the argument."""
+        """Return the index of the first dispatch's first element, in the type of the kernel's argument."""
         return np.uint64(0) if self.kernel.lanes == 1 else np.int32(0)
 
     def _row(self, length: int) -> list[Any]:

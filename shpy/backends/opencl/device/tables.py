@@ -1,4 +1,4 @@
-"""Tables on a device: the memory of the host, or copies of it, which follow the changes of their data.
+"""Tables on a device: memory shared with the host, or copies that are updated when the data change.
 
 Stage: run.
 

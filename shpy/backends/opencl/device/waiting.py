@@ -64,7 +64,7 @@ class Waiter:
             raise job.error
 
     def keep(self, event: Any, things: Any) -> None:
-        """Keep things until the event is complete, after a run that was interrupted."""
+        """Hold references to a run's memory until the event completes, after Ctrl-C has interrupted the run."""
         self._interrupted = True
         self._jobs.put(_Job(event, things))
 

@@ -184,7 +184,7 @@ class PacketMaker(KernelMaker):
         return replace(found, grid=found.grid | shape, ranks=frozenset({rank}))
 
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return what is handed on to a function; the entry's own function finds its place in the grid itself."""
+        """Return the arguments to pass on to a function; the entry's own function computes its place in the grid."""
         found = super().handed(function)
         if function != self.module.entry.name or not self.place:
             return found

@@ -1,7 +1,7 @@
-"""Operations on packets: as on vectors of OpenCL C, but for what this file says.
+"""Operations on packets. Most are those of OpenCL C's vectors; this module has the others.
 
-Stage: emit. A packet is a vector of as many numbers as there are lanes (`widen`), so `z_x * z_x + 4.0f` reads as it
-does for one element. Bools are ints, -1 for true: masks. What is the same for all lanes is left to `ClBody`.
+Stage: emit. A packet is a vector with a number for each lane (`widen`), so `z_x * z_x + 4.0f` reads as it does for one
+element. Bools are masks: ints, -1 for true. `ClBody` writes the operations on uniform values.
 
     lane_any %leaving   ->  sh_any(leaving)             table %i, points   ->  sh_gather_f3(points, clamp(i, ...))
     cond %c, %a, %b     ->  c ? a : b                   floor %x           ->  __builtin_elementwise_floor(x)

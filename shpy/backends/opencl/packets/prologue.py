@@ -115,9 +115,9 @@ _SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
 
 
 class PacketPrologue(Prologue):
-    """The functions that one packet's kernel uses, in the order in which they were asked for.
+    """The functions that one packet's kernel uses, in the order of the first use.
 
-    `columns` of the lanes lie side by side. `listed`: packets are parts of a list.
+    A packet has `columns` neighbouring elements in each row. `listed`: packets are parts of a list of live elements.
     """
 
     def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False) -> None:

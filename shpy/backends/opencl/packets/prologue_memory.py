@@ -84,7 +84,8 @@ def _place(place: str, size: int, component: int) -> str:
 class PacketMemory:
     """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`.
 
-    `columns` of the lanes lie side by side: four of a block, or all. `listed`: packets are parts of a list.
+    A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. `listed`: packets
+    are parts of a list of live elements.
     """
 
     lanes: int
@@ -201,7 +202,7 @@ typedef struct {{
         ])  # fmt: skip
 
     def write(self, name: str, base: Base, size: int) -> str:
-        """Return `sh_write_f2` and the function for packets that are not whole."""
+        """Return `sh_write_f2`, and the function that writes the lanes of an incomplete packet one by one."""
         lanes, element, fields = self.lanes, element_name(base), _fields(size)
         value = spelled_wide(rows_of(base, size, lanes))
         numbers = [f"v{f}" if base is not Base.B else f"convert_uchar{lanes}(-v{f})" for f in fields]
@@ -263,7 +264,7 @@ typedef struct {{
         return f"p.left < {self.lanes}" if self.listed else "!p.whole"
 
     def gather(self, name: str, base: Base, size: int) -> str:
-        """Return `sh_gather_f3`, which reads elements of a table; those of three numbers are kept as four."""
+        """Return `sh_gather_f3`, which reads elements of a table; the buffer pads elements of three numbers to four."""
         lanes, element = self.lanes, element_name(base)
         held = {3: 4}.get(size, size)
         pointer = element if held == 1 else f"{element}{held}"
@@ -363,7 +364,10 @@ typedef struct {{
         return f"__builtin_shufflevector({first}, {second}, {places})"
 
     def _sorted(self, element: str, name: str, picks: list[Pick]) -> tuple[list[str], str]:
-        """Return statements and a last shuffle that pick four numbers from any vectors; `name` begins their names."""
+        """Return statements and a final shuffle that pick four numbers out of up to four vectors.
+
+        A shuffle takes two vectors, so more need statements first; `name` is the prefix of their variables.
+        """
         if len({source for source, _ in picks}) <= 2:
             return [], self._shuffled(element, picks)
         lines = []

@@ -284,7 +284,10 @@ class TreePrologue:
         return words
 
     def _node(self) -> str:
-        """Return the struct of a node, one vector for each of its numbers, and how lanes of it are picked."""
+        """Return the struct of a tree's node and the functions that pick lanes from nodes.
+
+        The struct has a vector for each number of an element, with a component for each lane.
+        """
         n = self.lanes
         fields = [f"    {spelled_wide(t)} part{k};" for k, t in enumerate(self.parts)]
         lines = ["// What is combined: a lane of each part.", "typedef struct {", *fields, "} sh_node;", ""]

@@ -77,9 +77,9 @@ class Kernel:
 def print_kernel(
     module: Module, math: Math = "strict", *, elementwise: bool = False, faults: Collection[str] = ()
 ) -> Kernel:
-    """Print the kernel of a prepared module; CompileError for what OpenCL cannot do.
+    """Print the kernel of a prepared module; CompileError for an operation that OpenCL C cannot express.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: what it gets wrong, of FAULTS.
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: the names in FAULTS that the compiler has.
     """
     whole = hide_derivable(module) if hides_zeros(math, faults) else module
     return KernelMaker(whole, math, Prologue(), elementwise=elementwise, faults=faults).kernel()

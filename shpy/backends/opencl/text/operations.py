@@ -79,7 +79,7 @@ def hides_zeros(math: Math, faults: Collection[str]) -> bool:
 class ClUnit(Unit):
     """One kernel: names, prologue and abilities of the compiler.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: what it gets wrong, of FAULTS.
+    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: the names in FAULTS that it has.
     """
 
     target = "opencl"

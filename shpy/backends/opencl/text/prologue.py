@@ -206,7 +206,7 @@ class Prologue:
         return op in NAN_LOST or (type.size > 1 and op in _BY_COMPONENT)
 
     def flat_index(self, rank: int) -> str:
-        """Ask for the function that finds an element of a table of one, two or three axes."""
+        """Use the function that computes the flat index in a table of `rank` axes, 1 to 3; return its name."""
         if rank == 1:
             self._texts.setdefault("sh_at", _NEAREST)
             return "sh_at"
