@@ -1,8 +1,8 @@
 """Compute the operations of the table in multiprecision (mpmath), so that results show no rounding error.
 
 Stage: measure, below `reference.py`. Primitive operations are written here; composite ones run their definition (see
-`ir/formula.py`). Floats are `mpf`, vectors object arrays of them. What mpmath cannot say (a zero's sign, 1 / 0, a NaN's
-way through a power) raises `Unsayable`: there the reference is binary64.
+`ir/formula.py`). Floats are `mpf`, vectors object arrays of them. A result that mpmath cannot represent (a zero's sign,
+1 / 0, a power of NaN) raises `Unsayable`; the reference then computes in binary64.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ _SCALAR: dict[str, Callable[..., Any]] = {
 
 
 def _by_component(f: Callable[..., Any]) -> Callable[..., Any]:
-    """Apply a function of scalars to vectors too; a scalar beside vectors stands for all their components."""
+    """Apply a function of scalars to vectors too; a scalar beside vectors is broadcast."""
 
     def mapped(*args: Any) -> Any:
         size = max(np.size(a) for a in args)

@@ -45,7 +45,7 @@ Spread = tuple[float, float]
 
 
 def names_of(words: Iterable[str]) -> dict[str, str]:
-    """Return what the modes and precisions among these words mean.
+    """Return the meanings of the modes and precisions among these words.
 
     >>> names_of(["numpy", "f32"])
     {'f32': '32-bit floats'}
@@ -55,7 +55,7 @@ def names_of(words: Iterable[str]) -> dict[str, str]:
 
 
 class Timed(Protocol):
-    """A candidate of a trade-off: whatever has quartiles of its times."""
+    """A candidate of a trade-off, which has quartiles of its times."""
 
     @property
     def spread(self) -> Spread:
@@ -91,8 +91,7 @@ def separable(one: Spread, two: Spread) -> bool:
 def rivals(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> tuple[Candidate, ...]:
     """Return the fastest candidate, and those of the frontier whose times are not separable from its time.
 
-    `kept` are in order of time. All of them are as good as the fastest as far as was measured; errors fall from each to
-    the next.
+    `kept` are in order of time. The measured times do not separate the rivals; the error falls from each to the next.
     """
     front = frontier(kept, error)
     return tuple(c for c in front if not separable(c.spread, front[0].spread))
@@ -110,8 +109,8 @@ def timed(
     """Measure calls, all in turn in each round: return the median seconds of each and the quartiles of the rounds.
 
     In each round a call runs once more than it is timed: its first run finds the caches and the threads as another
-    call has left them. Runs that take less than `enough` seconds are timed several at once. `tell` is given the
-    number of rounds that are done.
+    call has left them. Runs that take less than `enough` seconds are timed several at once. `tell` is called with
+    the number of finished rounds.
     """
     taken: list[list[float]] = [[] for _ in calls]
     for done in range(rounds):
@@ -238,5 +237,5 @@ def _error(point: Point) -> float:
 
 
 def _number(value: float) -> str:
-    """Three digits, and no exponent for what a person reads as a time."""
+    """Format a time with three digits, and without an exponent in the range that people read."""
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"

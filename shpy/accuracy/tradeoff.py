@@ -41,12 +41,12 @@ _UNSEEN = 4
 
 @dataclass
 class Candidate:
-    """One variant: how it is compiled, `picks` of the user's choices, what it costs and how far off it is.
+    """One variant: its options of compilation, the `picks` of the user's choices, its times and its errors.
 
     `error` is the largest inside the domain, in the budget's unit: ULP are those of the output's own type at f32 for
     every precision, so that variants can be compared. `ns` per element is the median of the rounds, `spread` their
     quartiles. `code` is the length of the emitted text in characters. `held` tells whether the budget was kept on
-    inputs that the choice was not made on; None where that was not asked.
+    unseen inputs; None where these were not run.
     """
 
     variant: Variant
@@ -65,7 +65,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Every candidate, fastest first; what was skipped, and why."""
+    """The measured candidates, fastest first, and the skipped variants with the reasons."""
 
     program: str
     budget: Budget

@@ -27,10 +27,10 @@ Precision = Literal["f16", "f32", "f64"]
 class Options:
     """The options of a compilation.
 
-    `loop_limit` None lets every loop run on; `device` is an index into `Backend.devices()`.
+    `loop_limit` None means no limit; `device` is an index into `Backend.devices()`.
 
-    `lanes` is how many elements a target that runs packets runs together; the others take only "auto" and 1.
-    `math` says how exact functions are: see docs/numerics.md.
+    `lanes` is the number of elements in a packet; targets without packets take only "auto" and 1. `math` is the mode of
+    arithmetic, which decides the accuracy of functions: see docs/numerics.md.
     """
 
     precision: Precision = "f32"
@@ -241,7 +241,7 @@ class Space(Protocol):
         """The collective operations that the device does itself."""
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
-        """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
+        """Return memory for `count` elements, not initialised; ShpyError if the device has not that much."""
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Return the memory of an array or texture of another library; ShpyTypeError if it has another dtype."""
@@ -262,7 +262,7 @@ class Space(Protocol):
         """
 
     def count(self, status: Any) -> Counts:
-        """Count what the statuses say, once everything that was started has ended."""
+        """Count the statuses, once all runs that were started have ended."""
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
         """Call a function with `Memory.native` of some memories, on the thread that may use them."""
@@ -299,7 +299,7 @@ class Executable(Protocol):
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over memory of the device; return what `Space.start` calls, any number of times.
 
-        With `once` it is called once, before the executable runs anything else, which may save what repeating needs.
+        With `once` the caller promises to call it once, before the executable's next run, which may save preparations.
         """
 
 

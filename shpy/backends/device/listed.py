@@ -1,4 +1,4 @@
-"""Runs of a few elements: these are gathered, run by a kernel that knows no condition, and put back to their places.
+"""Runs of a few elements: gather them, run a kernel without the condition, and scatter the results to their places.
 
 Stage: run. Arrays of the host become lists where few elements run. A stream becomes one where that takes less time: a
 packet runs if one of its elements does, so where one element in ten is alive, most packets run for it alone. That pays
@@ -26,7 +26,7 @@ from shpy.ir.types import Base, vec
 _FEW: Final = 0.7
 """The share of elements below which to gather and to scatter them takes less time than to run over all."""
 _WORTH_A_LIST: Final = 4096
-"""Elements of a run with fewer of which all of them run."""
+"""The least number of elements for which a list is made; in a smaller run all elements run."""
 _WARP: Final = 32
 """Elements that run together where a kernel has no packets: on a GPU, or as a CPU's compiler joins them."""
 _SIMILAR: Final = 2
@@ -87,7 +87,7 @@ class Listed:
 
     @property
     def writes_all(self) -> bool:
-        """No: an element whose condition does not hold writes nothing."""
+        """False: an element whose condition does not hold writes nothing."""
         return False
 
     def run(self, call: Call) -> Array | None:
@@ -174,7 +174,7 @@ class Lists:
             self._moving = (run - begin + end - back) / live.count
 
     def _now(self, live: Any) -> float:
-        """Return the time when what was started has ended; 0 where it need not be known."""
+        """Wait for the runs that were started and return the time; 0 at once where no time is needed."""
         if live.count <= _SIMILAR * self._known:
             return 0.0
         self._space.finish()

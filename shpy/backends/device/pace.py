@@ -1,8 +1,8 @@
 """The part of a call that one dispatch does, so that each is short: a GPU's watchdog stops long ones.
 
 Stage: run. Windows resets a device after two seconds, desktop drivers for Linux after five to ten; a dispatch of about
-a tenth of a second is far from either, and lets Ctrl-C be heard. What a kernel's elements cost is not known before they
-run, so the first dispatch is small, and each next one is as large as the last one's time allows.
+a tenth of a second is far from either, and lets Ctrl-C be heard. The cost of an element is not known before the first
+run, so the first dispatch is small, and the size of each next one follows from the time of the last one.
 
     pace = Pace()                              # one a kernel: the next call starts with what was learnt
     run = pace.driver(rows, dispatch, finish, width, reads=True)
@@ -24,7 +24,7 @@ FIRST: Final = 256
 AGAIN: Final = 1 << 14
 """Elements of the first dispatch of each call of a kernel that is not steady, at most."""
 GROWTH: Final = 8
-"""A dispatch has at most this many times the elements of the one before: those were perhaps the cheap ones."""
+"""A dispatch has at most this many times the elements of the one before: their elements may have been cheaper."""
 BRIEF: Final = 0.005
 """Seconds of a dispatch that a caller need not be able to interrupt."""
 AGAIN_AFTER: Final = 64

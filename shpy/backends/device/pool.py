@@ -1,7 +1,7 @@
-"""Memory of a device that is used again: whatever nobody needs any longer serves the next one who asks for its kind.
+"""A pool of a device's memory: a buffer or texture that is no longer used serves the next request of its kind.
 
-Stage: run. Things of one kind can stand for each other, so sizes are rounded to few kinds. A thing is given back by a
-run that has ended, or when the object that owns it is gone, which any thread may notice.
+Stage: run. Objects of one kind are interchangeable, so sizes are rounded to few kinds. A run gives an object back when
+it ends. An object that a user holds comes back when the user's object is deleted, which may happen in any thread.
 
     pool = Pool()
     kind = Kind(4096)
@@ -17,33 +17,33 @@ from collections.abc import Callable, Hashable
 from typing import Any, Final, NamedTuple
 
 _MOST: Final = 256 << 20
-"""Bytes that a pool keeps of what is not in use."""
+"""The largest number of unused bytes that a pool keeps."""
 
 
 class Kind(NamedTuple):
-    """A kind of thing: all have so many bytes and one form, so that each can stand for the others."""
+    """A kind of object: all have the same bytes and form, so they are interchangeable."""
 
     bytes: int
     form: Hashable = None
 
 
 class Pool:
-    """The things of one device that are not in use. `take` and `give_back` are called by one thread at a time."""
+    """The unused objects of one device. `take` and `give_back` are called by one thread at a time."""
 
     def __init__(self, release: Callable[[Any], None] = lambda _: None) -> None:
-        """Keep at most `_MOST` bytes; `release` frees a thing beyond that, which needs no more than to be forgotten."""
+        """Keep at most `_MOST` bytes; `release` frees an object beyond that, by default by dropping the reference."""
         self._release = release
         self._free: defaultdict[Kind, list[Any]] = defaultdict(list)
         self._kept = 0
         self._dropped: list[tuple[Kind, Any]] = []
-        """Things whose owner is gone."""
+        """Objects whose owner was deleted."""
 
     def __len__(self) -> int:
-        """Return the number of things that are not in use."""
+        """Return the number of unused objects."""
         return sum(map(len, self._free.values())) + len(self._dropped)
 
     def take(self, kind: Kind, make: Callable[[], Any]) -> Any:
-        """Return a thing of a kind, whatever it holds: one that is free, or else a new one."""
+        """Return an object of a kind, its contents undefined: an unused one, or else a new one."""
         while self._dropped:
             self.give_back(*self._dropped.pop())
         if not self._free[kind]:
@@ -60,12 +60,12 @@ class Pool:
         self._free[kind].append(thing)
 
     def belong(self, owner: object, kind: Kind, thing: Any) -> weakref.finalize[Any, Any]:
-        """Take a thing back once its owner is gone, unless the finalizer that this returns is detached."""
+        """Take an object back once its owner is deleted, unless the finalizer that this returns is detached."""
         finalizer = weakref.finalize(owner, self._dropped.append, (kind, thing))
         finalizer.atexit = False
         return finalizer
 
 
 def rounded(extent: int) -> int:
-    """Return the next power of two: of things of few sizes, more are found again."""
+    """Round a size up to a power of two: with few sizes, more requests find an unused object."""
     return 1 << max(extent - 1, 0).bit_length()

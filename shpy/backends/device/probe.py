@@ -24,7 +24,7 @@ from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
-"""Operations that are asked for: `convert` is a float to an int."""
+"""The operations that are probed; `convert` converts a float to an int."""
 _OF_COMPILERS: Final = frozenset({"zeros", "exits", "optimiser"})
 FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", *_OF_COMPILERS})
 """Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
@@ -104,7 +104,7 @@ def is_exact_in_binary64(found: Mapping[str, Array], *, flushed: bool) -> bool:
 
 @cache
 def in_binary64() -> dict[str, Array]:
-    """Return the exact results of what a device computes from the hard inputs a, b and c as binary64.
+    """Return the exact results, in binary64, of the operations of a probe on the hard inputs a, b and c.
 
     `x` is a * b, which is exact, and the other operand `mul` is x * c, which is rounded. `narrow` is rounded to
     binary32: of ties in the first half, and with denormal results in the second.
@@ -154,7 +154,7 @@ def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
 
 
 def refuse_wrong(module: Module, wrong: Iterable[str], device: str) -> None:
-    """CompileError if a prepared module has an operation that the device gets wrong and nothing corrects."""
+    """Raise CompileError if a prepared module has an operation that the device rounds wrongly and no pass corrects."""
     hopeless = set(wrong) - CORRECTABLE
     if not hopeless:
         return

@@ -39,11 +39,11 @@ class LateWishes:
     letters: Callable[[str], int]
     """Gives the length of the name of the function that does an operation, nearly."""
     glimpses: Collection[int]
-    """Values that are a name or a number: written at every use, whatever the user calls them."""
+    """Values that are a name or a number: each use writes them, also where the user gave a name."""
     views: Collection[int]
     """Values that look into their first operand: glimpses too, where that has a name."""
     holds: Callable[[int, int], bool]
-    """Tells whether a variable can stand for a value that is stored into it."""
+    """Tells whether a value that is stored into a variable can use the variable's name."""
     changing: Collection[int]
     """Variables whose arrays change in part: such a variable is never the same array as another."""
     updates: Callable[[Let], bool]
@@ -273,7 +273,7 @@ class _LatePlanner(Planner):
                 self.root[result.id] = result.id
 
     def enter(self, s: If | Loop, place: Place) -> None:
-        """Name what cannot wait until it is asked for inside, and what is used later but changes there."""
+        """Name the values that must be computed before the region, and those used later that change in it."""
         if self.waiting:
             inside = [Counter(v for n in walk(r) for v in uses(n)) for r in regions_of(s)]
             if isinstance(s, Loop) and s.until is not None:

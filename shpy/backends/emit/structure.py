@@ -111,7 +111,7 @@ class Body(Operations):
         return made
 
     def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a zero of which the target's compiler does not know that it is zero; None where it is never needed."""
+        """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
         return None
 
     def called(self, function: str) -> str:
@@ -165,7 +165,7 @@ class Body(Operations):
         self.exprs[value] = Name(made.type, name)
 
     def settle(self, place: Place) -> None:
-        """Declare what is used later and would change with this statement."""
+        """Declare the values that are used later and that this statement would change."""
         for value in self.planned.settled.get(place, ()):
             self.bind(value)
 
@@ -247,7 +247,7 @@ class Body(Operations):
             self.bind(value)
 
     def result(self, s: Store) -> Expr:
-        """Return what the function gives that would store it and end."""
+        """Return the result of the function, in place of a store into its output and a return."""
         return self.exprs[s.value]
 
     def store(self, s: Store, place: Place) -> None:

@@ -1,8 +1,8 @@
 """Functions that emitted code calls and numpy lacks: gathers, arrays of a lane's own, vectors from components.
 
 Stage: run. A scalar that varies is an array (lanes,), a vector (size, lanes); a uniform one () or (1,), and (size, 1).
-A local array is (length, lanes) or (length, size, lanes), with 1 for `lanes` while it is uniform. Nothing here traps:
-indices are clamped on reading, and stores out of range are dropped.
+A local array is (length, lanes) or (length, size, lanes), with 1 for `lanes` while it is uniform. No index
+raises an error: indices are clamped on reading, and stores out of range are dropped.
 
 >>> vector(np.float32([1, 2]), np.float32(3))
 array([[1., 2.],
@@ -48,7 +48,7 @@ __all__ = [
 Array = NDArray[Any]
 
 FEW = 2048
-"""Up to here numpy's own time to start a function counts more than what it does."""
+"""Up to this many lanes, numpy takes longer to start a function than to compute."""
 MANY = 16_384
 """From here on the rows of several vectors do not fit a cache beside each other."""
 MANY_ROWS = 4
@@ -120,7 +120,7 @@ def select(mask: Array, a: Any, b: Any) -> Array:
 
 
 def minimum(a: Any, b: Any) -> Array:
-    """Compute the op `min`, of which at most one is a literal."""
+    """Compute the operation `min`; at most one operand is a literal."""
     return _bounded(np.fmin, a, b, np.less_equal) if _is_literal(b) else select((b < a) | (a != a), b, a)
 
 
@@ -130,7 +130,7 @@ def maximum(a: Any, b: Any) -> Array:
 
 
 def clamp(x: Any, low: Any, high: Any) -> Array:
-    """Compute the op `clamp`, of which some are literals, but not x."""
+    """Compute the operation `clamp`; the bounds may be literals."""
     return minimum(maximum(x, low), high)
 
 

@@ -31,7 +31,7 @@ _LINES = (1, 2)
 _COLUMNS = (1, 4, 16)
 """The number of columns on both sides of it: the fewer, the less is copied."""
 _MANY_PIECES = 128
-"""From here on what lies beyond the border is gathered one by one."""
+"""From this many elements beyond the border on, they are gathered one by one."""
 _KEPT_READS = 1024
 
 
@@ -154,7 +154,7 @@ class TableView:
         return np.may_share_memory(self._rows, array)
 
     def renew(self) -> None:
-        """Forget what was copied: the array holds something else now."""
+        """Drop the copies, since the array has changed."""
         self._wide = None, self._plane
 
     def at(self, index: Array) -> Array:
@@ -185,7 +185,7 @@ class TableView:
     def neighbour(self, place: Place, *offsets: Any) -> Array:
         """Return the elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view.
 
-        As many moduli may follow the offsets: what an index is taken modulo before it is clamped.
+        The offsets may be followed by as many moduli: each index is taken modulo its own before it is clamped.
         """
         given = tuple([o if type(o) is int else int(o.item()) for o in offsets])
         known = self._reads.get((place, given))

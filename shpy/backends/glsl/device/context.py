@@ -208,10 +208,10 @@ class Context:
         _DRIVER.at_exit(self._end)
 
     def call(self, job: Callable[[], T]) -> T:
-        """Run `job` on the context's thread and give what it gives; BackendUnavailable in a forked process.
+        """Run `job` on the context's thread and return its result.
 
-        ShpyError once the interpreter is being torn down, when its threads do not run any more.
-        Ctrl-C ends the wait, and the job where it next calls `go_on`.
+        Raises BackendUnavailable in a forked process, and ShpyError while the interpreter shuts down, when its threads
+        no longer run. Ctrl-C ends the wait, and ends the job where it next calls `go_on`.
         """
         if self.is_here():
             return job()

@@ -129,7 +129,7 @@ class GlslMemory:
 
     @property
     def extent(self) -> tuple[Any, int, int]:
-        """The texture, all of which counts."""
+        """The texture; memory never is a part of one."""
         return self.texture.glo, 0, self.count
 
     @property
@@ -176,7 +176,7 @@ class GlslSpace:
         return self._context.call(job)
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
-        """Call a function with textures on the context's thread, and settle what it leaves of GL's state."""
+        """Call a function with textures on the context's thread, and restore the GL state that it changes."""
         context = self._context
 
         def job() -> Any:
@@ -201,7 +201,7 @@ class GlslSpace:
             )
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        """Return a texture for `count` elements, whatever it holds; ShpyError where the device has none so large."""
+        """Return a texture for `count` elements, not initialised; ShpyError if the device has no texture that large."""
         if dtype == np.float64:
             raise ShpyTypeError("GLSL 3.30 has no f64", cure='precision="f32", or another backend')
         limit = self._context.limits.width
@@ -280,7 +280,7 @@ class GlslSpace:
         self.draw(text, sources, numbers, kept, (kept.width, kept.height))
 
     def count(self, status: GlslMemory) -> Counts:
-        """Count what the statuses say."""
+        """Count the statuses."""
         if not status.count:
             return Counts(0)
         found: Counts = self.call(lambda: self._count(status))

@@ -1,7 +1,7 @@
 """The depth to which a module's blocks nest for a driver, and the functions that need a shelter.
 
-Stage: emit, before printing. Mesa's llvmpipe keeps the conditions of 79 blocks inside each other, functions called
-counted in, and loses track of any more without a word. To it, what follows an early return nests, too:
+Stage: emit, before printing. Mesa's llvmpipe keeps the conditions of 79 nested blocks, counting those of functions
+called, and ignores any deeper ones without an error. For llvmpipe the code after an early return nests, too:
 
     if (a) { return; }              if (a) { } else {
     if (b) { return; }      is          if (b) { } else { ... } }

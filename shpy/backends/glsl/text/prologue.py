@@ -1,7 +1,7 @@
 r"""The prologue of a shader: hand-written functions for what GLSL 3.30 does not do, or not as the op table says.
 
-Stage: emit. The functions stand in `edges.glsl`, for one component. The printer asks for those it uses; what comes out
-is these, those that they call, and their forms for vectors, in the order of the file.
+Stage: emit. The functions stand in `edges.glsl`, for one component. The printer asks for those it uses; the text has
+these, the functions that they call, and their forms for vectors, in the order of the file.
 
 >>> prologue = Prologue()
 >>> prologue.use("sh_min", (vec(Base.F, 2),) * 2)

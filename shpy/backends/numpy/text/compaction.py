@@ -53,7 +53,7 @@ class _Found:
 def compacted(block: Block, varying: Iterable[Expr], names: Names) -> Block:
     """Return the body of a function with its loops compacted.
 
-    `varying` are the names of what differs from lane to lane; `names` gives new ones.
+    `varying` are the names whose values differ from lane to lane; `names` gives new names.
     """
     reader = _Reader()
     reader.before(block, _NONE, _NONE, _NONE)
@@ -164,7 +164,7 @@ class _Reader:
         return after
 
     def loop(self, s: Loop, after: frozenset[Expr]) -> frozenset[Expr]:
-        """Find what is needed before a loop."""
+        """Find the names needed before a loop."""
         test = _names(s.test)
         out = _NONE if s.test is None else after
         head = test | out
@@ -179,7 +179,7 @@ class _Reader:
         return head
 
     def each(self, s: Each, after: frozenset[Expr]) -> frozenset[Expr]:
-        """Find what is needed before a loop over a sequence."""
+        """Find the names needed before a loop over a sequence."""
         head = after
         while (again := head | self.before(s.body, head, after, head) - {s.name}) != head:
             head = again

@@ -1,7 +1,7 @@
 """The Python module of a vectorised module: a tile of lanes is one call of its entry.
 
-Stage: emit. Takes what `vectorize` gives; gives the text and the names of the arguments of its entry. Stores that only
-some lanes make are selects already; what is decided here is which arrays are shared and which are copied.
+Stage: emit. Takes a module from `vectorize`; returns the text and the names of the arguments of its entry. Stores of
+some lanes alone are selects already; this module decides which arrays are shared and which are copied.
 
     def mandelbrot(c, lanes):
         z = np.zeros((2, lanes), np.float32)
@@ -230,10 +230,7 @@ class _PythonBody(NumpyOperations):
         return compacted(tuple(self.out), self.lane_names, self.scope)
 
     def continued(self) -> dict[int, int]:
-        """Find the variables that can be the Python argument itself, by the input that each begins with.
-
-        Such a variable has the input's name and starts with its value, which nothing else reads.
-        """
+        """Find the variables that begin as an input of their name that nothing else reads: they are that argument."""
         inputs = {port.id: port for port in self.function.inputs if isinstance(port, Value)}
         uses_of = [v for s in walk(self.function.body) for v in uses(s)]
         found: dict[int, int] = {}
@@ -288,7 +285,7 @@ class _PythonBody(NumpyOperations):
         return self.module.functions[function]
 
     def context(self, function: str) -> tuple[Expr, ...]:
-        """Return what a call hands on besides the arguments."""
+        """Return the names that a call passes on besides the arguments."""
         return tuple([self.lanes if key == LANES else self.given[key] for key in self.module.handed[function]])
 
     @contextmanager
@@ -318,7 +315,7 @@ class _PythonBody(NumpyOperations):
         self.exprs[value] = name if scalar is None else Construct(made.type, (name,))
 
     def settle(self, place: Place) -> None:
-        """Name what is planned to be named before a statement, once."""
+        """Name the values that the plan names before a statement, once."""
         for value in self.planned.settled.pop(place, ()):
             self.bind(value)
 
@@ -358,7 +355,7 @@ class _PythonBody(NumpyOperations):
             self.store_part(s, variable, e if e.splat is None else e.splat)
 
     def stored_form(self, variable: Variable, value: int, e: Expr) -> Expr:
-        """Return what to store: spread over the lanes, or copied, if need be."""
+        """Return the value to store, broadcast over the lanes or copied if necessary."""
         alike = (variable.id in self.varying_slots) == (value in self.varying)
         if not alike or (self.function.pure and variable.id in self.in_place):
             return self.spread(variable.type, e)

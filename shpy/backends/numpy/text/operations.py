@@ -1,7 +1,7 @@
 """Operations as numpy has them.
 
-Stage: emit. Where numpy's own function means exactly what the op table says it stands for the operation; where it does
-not, the function of `shpy.ir.meaning` does. Every vector operation works component by component on (size, lanes), so a
+Stage: emit. An operation is numpy's own function where this has exactly the meaning of the table, and else the function
+of `shpy.ir.meaning`. Every vector operation works component by component on (size, lanes), so a
 splat beside a true vector is left to numpy's broadcasting. A literal takes its type from the other operand, or is given
 one (`own`).
 """
@@ -27,7 +27,7 @@ COMPARISONS: Final = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", 
 INFIX: Final = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", **COMPARISONS}
 """Operations that are operators of Python."""
 UPDATES: Final = {"add": ("+",), "sub": ("-",), "mul": ("*",), "mad": ("*", "+")}
-"""By operation what is done to its first operand, with one of the others after the other, to update it."""
+"""By operation, the operators that update its first operand with each of the others in turn."""
 _NUMPY: Final = {"abs": "abs"} | {
     row.name: row.function.__name__ for row in OPS.values() if isinstance(row.function, np.ufunc) and row.name != "abs"
 }
@@ -149,7 +149,7 @@ class NumpyOperations(Body):
         return self.elementwise(let, [a if a.splat is None else a.splat for a in args], types, type)
 
     def named(self, let: Let, args: list[Expr]) -> Expr:
-        """Return an operation that reads what has a name already."""
+        """Return an operation on values that already have a name."""
         type, what = let.value.type, let.attr
         match let.op:
             case "load":

@@ -166,7 +166,7 @@ class OpenCLSpace:
         self._kernels: dict[tuple[str, str], Any] = {}
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
-        """Return a buffer for `count` elements, whatever it holds; ShpyError where there is not so much."""
+        """Return a buffer for `count` elements, not initialised; ShpyError if the device has not that much memory."""
         machine = self.machine
         # A kernel may read a vector of three as four, and whole packets.
         size = count * type.size * held(type, dtype).itemsize
@@ -228,7 +228,7 @@ class OpenCLSpace:
         return new
 
     def count(self, status: OpenCLMemory) -> Counts:
-        """Count what the statuses say."""
+        """Count the statuses."""
         found = np.array([0, 0, -1], np.int32).view(np.uint32)
         machine = self.machine
         with machine.lock:
@@ -269,7 +269,7 @@ class OpenCLSpace:
             self._count_one()
 
     def _count_one(self) -> None:
-        """Count what was started, and wait where much of it is under way."""
+        """Count the runs that were started, and wait where many of them have not ended."""
         self.machine.started += 1
         if self.machine.started >= _AHEAD:
             self.finish()
