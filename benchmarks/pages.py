@@ -20,12 +20,13 @@ import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from websockets.sync.client import connect
 
 from shpy.errors import ShpyError
 
+_PAUSE: Final = 0.02
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
@@ -66,7 +67,7 @@ class View:
     def end(self) -> tuple[int, str]:
         """End it as Ctrl-C does; return its exit status and its standard error."""
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=20)
+        _, said = self.process.communicate(timeout=100)
         return self.process.returncode, said
 
 
@@ -126,21 +127,24 @@ class Browsed:
         """End the browser."""
         self._line.close()
         self.process.terminate()
-        self.process.wait(20)
+        self.process.wait(100)
 
 
 def _pages(port: str, url: str) -> list[Any]:
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=20) as answer:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=100) as answer:
         return [one for one in json.load(answer) if one["url"] == url]
 
 
-def wait_until(held: Callable[[], Any], seconds: float = 60.0) -> None:
-    """Wait until something holds; raises TimeoutError where it does not in time."""
-    end = time.monotonic() + seconds
-    while not held():
-        if time.monotonic() > end:
-            raise TimeoutError(f"it does not hold after {seconds} s")
-        time.sleep(0.02)
+def wait_until(held: Callable[[], Any], seconds: float = 100.0) -> None:
+    """Wait until something holds; raises TimeoutError where it does not after pauses of `seconds` in all.
+
+    Pauses count, not the clock, which goes on while a virtual machine is paused.
+    """
+    for _ in range(round(seconds / _PAUSE)):
+        if held():
+            return
+        time.sleep(_PAUSE)
+    raise TimeoutError(f"it does not hold after pauses of {seconds} s")
 
 
 @contextmanager

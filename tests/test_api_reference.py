@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 import raytracer
 import shpy as sh
@@ -18,7 +19,7 @@ def pages(tmp_path_factory):
     """The text of each page, by its path in the folder."""
     folder = tmp_path_factory.mktemp("reference")
     command = [sys.executable, ROOT / "scripts/reference", folder]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGING)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.strip() == f"{folder}/index.html"
     return {path.relative_to(folder): path.read_text() for path in folder.rglob("*.html")}

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from patience import HANGING
 from test_threads import at_once
 
 import shpy as sh
@@ -113,7 +114,7 @@ def test_damaged_and_exchanged_entries_of_a_driver_are_never_run(tmp_path, monke
     monkeypatch.setenv("SHPY_CACHE_DIR", str(folder))
 
     def run():
-        return subprocess.run([sys.executable, "-c", TWO], capture_output=True, text=True, timeout=120)
+        return subprocess.run([sys.executable, "-c", TWO], capture_output=True, text=True, timeout=HANGING)
 
     assert run().returncode == 0
     good = {path: path.read_bytes() for path in folder.iterdir()}

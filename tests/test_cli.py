@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from patience import HANGING
 from testing.faults import op, with_fault
 
 import shpy as sh
@@ -32,7 +33,7 @@ print("status", main(["doctor"]), main(["doctor", "--all"]))
 
 
 def test_doctor_is_content_with_numpy_alone_and_names_the_cure():
-    done = subprocess.run([sys.executable, "-c", NOTHING_INSTALLED], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", NOTHING_INSTALLED], capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
     assert "1 of 3 backends work; the default is numpy" in done.stdout
     assert f"to mend it: {sh.packages.install('pyopencl')}" in done.stdout
@@ -45,7 +46,7 @@ def test_a_reader_that_has_enough_is_no_error():
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         process.stdout.close()
         assert process.stderr.read() == ""
-        assert process.wait(60) == 1
+        assert process.wait(HANGING) == 1
 
 
 def test_doctor_finds_out_that_a_backend_gives_wrong_numbers(monkeypatch, capsys):

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 import shpy as sh
 import shpy_start
@@ -24,7 +25,7 @@ ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
 
 def command(*words, **named):
     return subprocess.run(
-        [sys.executable, "-m", *words], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, timeout=120, **named
+        [sys.executable, "-m", *words], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True, timeout=HANGING, **named
     )
 
 
@@ -53,7 +54,9 @@ def test_a_full_disk_is_one_line(words):
 def test_an_output_that_is_closed_is_no_error(words, tmp_path):
     shell = f'"{sys.executable}" -m {words} >&-'
     environment = ENVIRONMENT | {"PYTHONPATH": os.getcwd()}
-    done = subprocess.run(shell, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        shell, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGING
+    )
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
@@ -63,7 +66,7 @@ def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path):
     path, encoding = tmp_path / "é.png", {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}
     words = ["raytracer", "render", "boxes", "--size", "4x4", "--backend", "numpy", "-o", str(path)]
     done = subprocess.run(
-        [sys.executable, "-m", *words], env=ENVIRONMENT | encoding, capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", *words], env=ENVIRONMENT | encoding, capture_output=True, text=True, timeout=HANGING
     )
     assert done.returncode == 0, done.stderr
     assert r"\xe9.png: 4 x 4" in done.stdout
@@ -151,7 +154,7 @@ shpy_start.{command}()
 )
 def test_ctrl_c_while_a_command_is_imported_is_one_line_and_130(name, imported):
     words = [sys.executable, "-c", INTERRUPTED.format(command=name), imported]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=HANGING)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
 
 
@@ -165,7 +168,7 @@ def test_ctrl_c_while_python_m_imports_is_one_line_and_130(name, imported, optio
     (tmp_path / "sitecustomize.py").write_text(site)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     words = [sys.executable, *(word.format(name) for word in options), "--help"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, env=environment)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=HANGING, env=environment)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
 
 
@@ -177,7 +180,7 @@ def test_programs_of_others_that_python_m_runs_keep_their_handler(tmp_path):
     words = [sys.executable, "-m", "mine", "shpy"]
     start = "import signal, subprocess, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     start += "sys.exit(subprocess.run(sys.argv[1:]).returncode)"
-    assert subprocess.run([sys.executable, "-c", start, *words], env=environment, timeout=120).returncode == 0
+    assert subprocess.run([sys.executable, "-c", start, *words], env=environment, timeout=HANGING).returncode == 0
 
 
 def test_ctrl_c_that_is_ignored_stays_ignored(monkeypatch):

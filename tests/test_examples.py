@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANGING
 
 import shpy as sh
 
@@ -51,7 +52,7 @@ def test_examples_are_short(name):
 @pytest.mark.parametrize("name", ["life", "trace"])
 def test_examples_run_as_scripts(name, tmp_path):
     done = subprocess.run(
-        [sys.executable, EXAMPLES / f"{name}.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        [sys.executable, EXAMPLES / f"{name}.py"], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()

@@ -17,6 +17,7 @@ from circles import NoCircles
 from grimp import ImportGraph
 from hypothesis import settings
 from importlinter.cli import lint_imports
+from patience import HANGING
 
 import shpy
 
@@ -82,7 +83,7 @@ except raytracer.SceneError as error:
 
 
 def test_numpy_and_lark_are_enough(tmp_path):
-    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", ALONE], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
     backends, error = done.stdout.splitlines()
     assert backends == "[('numpy', True, True), ('opencl', False, True), ('glsl', False, True)]"

@@ -10,6 +10,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+from patience import HANGING
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
@@ -72,7 +74,7 @@ def test_the_lowest_versions_work_together(tmp_path):
     subprocess.run([python, "-m", "pip", "install", "-q", *pinned], check=True)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ran = subprocess.run(
-        [python, "-c", KERNEL], env=environment, capture_output=True, text=True, timeout=600, cwd=tmp_path
+        [python, "-c", KERNEL], env=environment, capture_output=True, text=True, timeout=HANGING, cwd=tmp_path
     )
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.split()[-1].startswith(lowest()["numpy"])

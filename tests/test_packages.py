@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from shpy import packages
@@ -122,6 +123,6 @@ def test_pip_understands_the_command():
         [sys.executable, "-m", "pip", "install", "--dry-run", "--no-index", "--quiet", words],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANGING,
     )
     assert done.returncode == 0, done.stderr

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 from raytracer import Scene, SceneError
 from shpy.files import check_writable, import_from, replacing
@@ -216,7 +217,7 @@ def test_a_disk_that_is_full_is_an_os_error_and_leaves_the_old_picture(tmp_path,
     assert resource.RLIMIT_FSIZE  # a limit on the size of files stands for the full disk
     path = tmp_path / f"a.{ending}"
     path.write_text("the old picture")
-    done = subprocess.run([sys.executable, "-c", SAVING, path], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", SAVING, path], capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("told: ")
     assert path.read_text() == "the old picture"

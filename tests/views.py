@@ -5,11 +5,12 @@ import os
 from contextlib import contextmanager
 
 import pytest
+from patience import PAGE
 from websockets.sync.client import connect
 
 from benchmarks.pages import CHROMIUM, View, viewed
 
-__all__ = ["View", "as_at_first", "chromium", "viewed"]
+__all__ = ["View", "as_at_first", "chromium", "new_page", "viewed", "watched"]
 
 
 def as_at_first(view, *params):
@@ -17,6 +18,25 @@ def as_at_first(view, *params):
     undone = {"params": dict.fromkeys(params), "backend": "numpy", "math": "strict", "playing": True, "steps": 1}
     with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
         line.send(json.dumps({"do": "set", "changes": undone}))
+
+
+def new_page(browser, **options):
+    """Open a page that waits as long as a busy machine needs."""
+    page = browser.new_page(**options)
+    page.set_default_timeout(PAGE)
+    return page
+
+
+@contextmanager
+def watched(browser, view, **size):
+    """Show a view in a page until the block ends: its console names no problem, and it asks nobody but the view."""
+    page, problems = new_page(browser, viewport=size), []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
+    page.goto(view.url)
+    yield page
+    assert problems == []
+    page.close()
 
 
 @contextmanager

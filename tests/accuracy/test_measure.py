@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from patience import HANGING
 from testing.faults import op, with_fault
 
 import shpy as sh
@@ -199,7 +200,7 @@ except sh.ShpyError as error:
 
 def test_mpmath_and_matplotlib_are_optional():
     text = str(product.ir)
-    done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
     assert "a reference by mpmath needs mpmath" in done.stdout
     assert "plots need matplotlib" in done.stdout

@@ -11,6 +11,7 @@ from concurrent.futures import wait
 from functools import partial
 
 import pytest
+from patience import HANGING, polls
 
 from shpy.backends.opencl.device.background import Background, Refused
 
@@ -24,53 +25,54 @@ def elsewhere():
 
 def test_tasks_run_in_one_other_process(elsewhere):
     found = [elsewhere.submit(os.getpid) for _ in range(2)]
-    first, second = (future.result(60) for future in found)
+    first, second = (future.result(HANGING) for future in found)
     assert first == second != os.getpid()
 
 
 def test_a_task_that_raises_says_why_and_the_next_one_runs(elsewhere):
     with pytest.raises(Refused, match=r"^ValueError: invalid literal"):
-        elsewhere.submit(partial(int, "x")).result(60)
-    assert elsewhere.submit(partial(int, "7")).result(60) == 7
+        elsewhere.submit(partial(int, "x")).result(HANGING)
+    assert elsewhere.submit(partial(int, "7")).result(HANGING) == 7
 
 
 def test_what_is_printed_is_no_answer(elsewhere):
-    assert elsewhere.submit(partial(os.write, 1, b"done")).result(60) == 4
+    assert elsewhere.submit(partial(os.write, 1, b"done")).result(HANGING) == 4
 
 
 def test_a_task_may_end_the_process(elsewhere):
     """As a driver's compiler may: the next task has another process."""
     with pytest.raises(Refused, match=r"^the process that compiles ended$"):
-        elsewhere.submit(partial(os._exit, 3)).result(60)
-    assert elsewhere.submit(partial(int, "7")).result(60) == 7
+        elsewhere.submit(partial(os._exit, 3)).result(HANGING)
+    assert elsewhere.submit(partial(int, "7")).result(HANGING) == 7
 
 
 def test_a_task_that_cannot_be_sent_is_refused(elsewhere):
     with pytest.raises(Refused, match="pickle"):
-        elsewhere.submit(lambda: 7).result(60)
+        elsewhere.submit(lambda: 7).result(HANGING)
 
 
 def test_a_program_without_a_python_has_no_process(elsewhere, monkeypatch):
     monkeypatch.setattr(sys, "executable", "")
     with pytest.raises(Refused, match=r"^there is no Python to compile in another process$"):
-        elsewhere.submit(os.getpid).result(60)
+        elsewhere.submit(os.getpid).result(HANGING)
 
 
 def test_nobody_waits_for_a_task_whose_result_nobody_wants(elsewhere, tmp_path):
     first = elsewhere.submit(partial(time.sleep, 0.1))
     unwanted = tmp_path / "unwanted"
     elsewhere.submit(partial(unwanted.mkdir))
-    wait([first, elsewhere.submit(os.getpid)], 60)
+    wait([first, elsewhere.submit(os.getpid)], HANGING)
     assert not unwanted.exists()
 
 
 COMPILING = """
 import os, signal, sys, time
 from functools import partial
+from patience import HANGING
 from shpy.backends.opencl.device.background import background
 found = background().submit(os.getpid)
-pid = found.result(60)
-slow = background().submit(partial(time.sleep, 60))
+pid = found.result(HANGING)
+slow = background().submit(partial(time.sleep, 2 * HANGING))
 while not background().busy:
     pass
 print(pid, flush=True)
@@ -78,7 +80,7 @@ print(pid, flush=True)
 
 
 def run(ending, *, stop=None):
-    """Run a program whose background process has a minute of work; gives its exit status and that process."""
+    """Run a program whose background process has hours of work; return its exit status, that process and its words."""
     path = os.pathsep.join(p for p in sys.path if p)
     program = subprocess.Popen(
         [sys.executable, "-c", COMPILING + ending],
@@ -90,21 +92,19 @@ def run(ending, *, stop=None):
     pid = int(program.stdout.readline())
     if stop is not None:
         program.send_signal(stop)
-    _, told = program.communicate(timeout=50)
+    _, told = program.communicate(timeout=HANGING)
     return program.returncode, pid, told
 
 
 def has_ended(pid):
-    """Return whether a process is gone, within half of the minute that its task takes."""
-    for _ in range(300):
+    """Return whether a process ends, long before its task would."""
+    for _ in polls():
         try:
             with open(f"/proc/{pid}/stat") as file:
                 if file.read().rpartition(")")[2].split()[0] == "Z":
                     return True
         except FileNotFoundError:
             return True
-        time.sleep(0.1)
-    return False
 
 
 @pytest.mark.parametrize(
@@ -113,8 +113,8 @@ def has_ended(pid):
         ("", None, 0),
         ("sys.exit(3)", None, 3),
         ("os._exit(4)", None, 4),
-        ("time.sleep(60)", signal.SIGINT, -signal.SIGINT),
-        ("time.sleep(60)", signal.SIGKILL, -signal.SIGKILL),
+        ("time.sleep(HANGING)", signal.SIGINT, -signal.SIGINT),
+        ("time.sleep(HANGING)", signal.SIGKILL, -signal.SIGKILL),
         ("pid = os.fork()\nif pid: print(os.waitpid(pid, 0)[1], file=sys.stderr)\nelse: sys.exit(0)", None, 0),
         ("if not os.fork(): time.sleep(3); os._exit(0)", None, 0),
     ],

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 MASKS = """
     chosen = sh.cond(sh.cond(x < y, sh.Attrib3b(False, True, False), sh.Attrib3b(True, True, True)), 1.0, v)
@@ -49,5 +50,5 @@ assert found.shape == (4, 3) and found.tobytes() == expected.tobytes(), (found, 
 def test_a_choice_of_constant_vectors_of_three_compiles(body: str, tmp_path: Path) -> None:
     file = tmp_path / "choice.py"
     file.write_text(PROGRAM.format(body=body.strip()))
-    done = subprocess.run([sys.executable, file], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, file], capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr

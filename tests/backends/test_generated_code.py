@@ -12,6 +12,7 @@ import textwrap
 
 import numpy as np
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from shpy.backends.opencl.device.driver import machine_of
@@ -56,7 +57,12 @@ def made(tmp_path, text):
     folder.mkdir()
     folders = {"POCL_CACHE_DIR": str(folder), "SHPY_CACHE_DIR": "", "PYTHONPATH": ROOT}
     done = subprocess.run(
-        [sys.executable, script], env=os.environ | folders, text=True, stdout=subprocess.PIPE, check=True, timeout=300
+        [sys.executable, script],
+        env=os.environ | folders,
+        text=True,
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=HANGING,
     )
     return json.loads(done.stdout.splitlines()[-1])
 

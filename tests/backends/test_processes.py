@@ -8,6 +8,7 @@ import sys
 import textwrap
 
 import pytest
+from patience import HANGING
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -58,7 +59,7 @@ def run(tmp_path, text, **options):
     script.write_text(HEAD + FORKED + textwrap.dedent(text))
     return subprocess.run(
         [sys.executable, script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": ROOT}, text=True, capture_output=True,
-        timeout=120, **options,
+        timeout=HANGING, **options,
     )  # fmt: skip
 
 

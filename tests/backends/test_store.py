@@ -10,6 +10,7 @@ import time
 import warnings
 
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from shpy.backends.device import store
@@ -344,7 +345,7 @@ def test_a_binary_is_kept_where_the_driver_keeps_nothing(folder, monkeypatch, tm
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "pocl"))
     monkeypatch.setenv("POCL_KERNEL_CACHE", kept)
     command = [sys.executable, "-W", "error", "-c", f"{PROGRAM}print(*sh.backends())"]
-    said = subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stdout
+    said = subprocess.run(command, check=True, timeout=HANGING, capture_output=True, text=True).stdout
     binaries = [entry for entry in folder.iterdir() if b"poclbin" in entry.read_bytes()]
     assert len(binaries) == (kept == "0" and "Portable Computing Language" in said)
 
@@ -354,7 +355,7 @@ def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder, monk
 
     def run(warns="error"):
         command = [sys.executable, "-W", warns, "-c", PROGRAM]
-        return subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stderr
+        return subprocess.run(command, check=True, timeout=HANGING, capture_output=True, text=True).stderr
 
     run()
     entries = list(folder.iterdir())
@@ -383,7 +384,7 @@ def test_pocl_without_a_place_for_its_cache_is_told_from_a_missing_driver(tmp_pa
     environment = {k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "POCL_CACHE_DIR")}
     environment[variable] = str(tmp_path / value)
     run = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 1
     assert f"PoCL cannot write its cache in {tmp_path}/{place}, and runs nothing without it" in done.stderr
     assert "to mend it: export POCL_CACHE_DIR=FOLDER with a folder that you can write" in done.stderr

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from shpy.backends.base import Options
@@ -178,7 +179,7 @@ def test_a_driver_without_the_extension(tmp_path: Path) -> None:
 
     def run(*command: str) -> str:
         done = subprocess.run(
-            [sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
+            [sys.executable, *command], env=environment, capture_output=True, text=True, timeout=HANGING, check=False
         )
         assert done.returncode == 0, done.stderr
         return done.stdout

@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+from patience import HANGING
+
 LIST = """
 from shpy.backends.glsl.device.context import open_context
 from shpy.testing.conformance.catalogue import all_cases
@@ -42,7 +44,7 @@ def test_the_conformance_list_without_precise():
     environment = {**os.environ, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"}
     done = subprocess.run(
         [sys.executable, "-c", LIST.replace("NAMES", repr(NAMES))], env=environment, capture_output=True, text=True,
-        timeout=300, check=False,
+        timeout=HANGING, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) >= 30
@@ -69,6 +71,6 @@ def test_what_softpipe_gets_wrong_is_corrected():
         "GALLIUM_DRIVER": "softpipe",
     }
     command = [sys.executable, "-c", SOFTPIPE.replace("NAMES", repr(CORRECTED))]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGING, check=False)
     assert done.returncode == 0, done.stderr
     assert sorted(done.stdout.split()) == sorted(CORRECTED)

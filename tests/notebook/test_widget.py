@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image as pillow
-from views import chromium
+from views import chromium, new_page
 
 import shpy as sh
 from shpy.screen import Moment, drawn, pixels
@@ -197,7 +197,7 @@ def open_page(browser, widget, **options):
         told, buffers = sent[0]
         return json.dumps([told, base64.b64encode(buffers[0]).decode() if buffers else None])
 
-    page = browser.new_page(**options)
+    page = new_page(browser, **options)
     page.expose_function("ask", ask)
     traits = {name: getattr(widget, name) for name in ("title", "extent", "controls", "moves", "evolves", "steps")}
     page.evaluate(HARNESS, [widget._esm, widget._css, traits])

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from patience import HANGING
 from scene_pictures import same
 
 import shpy as sh
@@ -233,7 +234,7 @@ def test_pictures_with_workers_killed_at_twenty_moments_are_the_same(client):
     wanted = render(scene, (20, 30), **given)
     random = np.random.default_rng(5)
     for _ in range(20):
-        client.wait_for_workers(2, timeout=120)
+        client.wait_for_workers(2, timeout=HANGING)
         pid = int(random.choice(list(client.run(os.getpid).values())))
         timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
         timer.start()
@@ -262,7 +263,7 @@ def test_a_cluster_of_different_processors_is_the_same_in_strict_and_refused_in_
         here = {**os.environ, "PYTHONPATH": os.path.dirname(__file__), "DASK_LOGGING__DISTRIBUTED": "critical"}
         workers = [subprocess.Popen(words, env={**here, **env}) for env in ({}, narrow)]
         try:
-            client.wait_for_workers(2, timeout=120)
+            client.wait_for_workers(2, timeout=HANGING)
             one, other = client.run(features).values()
             given = {"integrator": Path(samples=4), "backend": "numpy"}
             scene = Scene.builtin("cornell")

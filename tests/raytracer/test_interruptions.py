@@ -4,10 +4,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
+from patience import HANGING, polls
 
 from raytracer import Image, Renderer, Scene, cli
 from raytracer.integrators import progressive
@@ -27,12 +27,10 @@ def started(path, samples=100_000):
     """A process that renders for a long time and writes after each pass, once the first one is written."""
     words = [sys.executable, "-c", ENDLESS, *LINE, "--samples", str(samples), "-o", str(path)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-    patience = time.monotonic() + 120
-    while not path.exists():
+    for _ in polls():
+        if path.exists():
+            return process
         assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < patience
-        time.sleep(0.01)
-    return process
 
 
 def goes_on(path, capsys):
@@ -52,7 +50,7 @@ def test_a_signal_ends_with_what_is_finished(tmp_path, capsys, number):
     path = tmp_path / "a.npy"
     process = started(path)
     process.send_signal(number)
-    said = process.communicate(timeout=120)[1]
+    said = process.communicate(timeout=HANGING)[1]
     assert process.returncode == 128 + number, said
     assert f"stopped after {Image.load(path).samples:,} of 100,000 samples, which were written" in said
     assert os.listdir(tmp_path) == ["a.npy"]

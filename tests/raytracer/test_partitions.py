@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from patience import HANGING
 from scene_pictures import same
 
 import shpy as sh
@@ -184,7 +185,7 @@ def test_pictures_of_parts_with_workers_killed_at_twenty_moments_are_the_same(cl
     wanted, counts = render(mirrors(), (160, 120), **given), []
     random = np.random.default_rng(5)
     for parts in (1, 2, 4, 8) * 5:
-        client.wait_for_workers(2, timeout=120)
+        client.wait_for_workers(2, timeout=HANGING)
         address, pid = list(client.run(os.getpid).items())[random.integers(2)]
         timer = threading.Timer(random.uniform(0, 4), os.kill, (pid, signal.SIGKILL))
         timer.start()

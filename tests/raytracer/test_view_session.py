@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import File
+from patience import polls
 from PIL import Image as pillow
 
 import raytracer as rt
@@ -36,19 +37,15 @@ def opened(*words):
     return Session(request_of(options), lambda: None, lambda header: None)
 
 
-def pictures(session, seconds=30):
+def pictures(session):
     """Yield the frames until the picture is finished."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    for _ in polls():
         session.woken()
         found = session.next()
-        if found is None:
-            time.sleep(0.005)
-            continue
-        yield found
-        if found[0]["finished"]:
-            return
-    raise AssertionError("the picture is not finished")
+        if found is not None:
+            yield found
+            if found[0]["finished"]:
+                return
 
 
 def last(session):

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 TESTS = Path(__file__).parent.parent
 SCRIPT = """
@@ -70,7 +71,7 @@ print(json.dumps(wrong))
 def test_first_runs_of_kernels_and_chains(backend):
     environment = os.environ | {"PYTHONPATH": str(TESTS.parent), "SHPY_CACHE_DIR": ""}
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, backend], env=environment, text=True, capture_output=True, timeout=300
+        [sys.executable, "-c", SCRIPT, backend], env=environment, text=True, capture_output=True, timeout=HANGING
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {}

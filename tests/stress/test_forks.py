@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import HANGING
 
 TESTS = Path(__file__).parent.parent
 SCRIPT = """
@@ -41,7 +42,7 @@ with stressed(int(seed)):
 def check(seed, times, *backends):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
     command = [sys.executable, "-c", SCRIPT, str(seed), str(times), *backends]
-    done = subprocess.run(command, env=environment, text=True, capture_output=True, timeout=600)
+    done = subprocess.run(command, env=environment, text=True, capture_output=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
 
 

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, find, given, seed, settings
+from patience import HANGING
 from testing.faults import op, with_fault
 
 import shpy as sh
@@ -299,7 +300,7 @@ except sh.ShpyError as error:
 
 def test_hypothesis_is_optional():
     text = str(small_program().ir)
-    done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", WITHOUT, text], capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
     assert "agree on 1 elements" in done.stdout
     assert f"programs() needs hypothesis\n  write instead: {sh.packages.install('hypothesis')}" in done.stdout

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import HANGING
 
 TESTS = """
 import numpy as np
@@ -36,7 +37,7 @@ def pytest_runs(tmp_path):
 
     def run(*options):
         command = [sys.executable, "-m", "pytest", "-p", "shpy.testing.plugin", "-v", "-s", "-p", "no:cacheprovider"]
-        return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING)
 
     return run
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANGING
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -26,7 +27,7 @@ def found(checker: str) -> dict[str, dict[int, str]]:
     files = ("accepted.py", "mistakes.py")
     environment = {**os.environ, "PYRIGHT_PYTHON_IGNORE_WARNINGS": "1"}
     command = [sys.executable, "-m", *COMMANDS[checker], *(str(HERE / file) for file in files)]
-    run = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600)
+    run = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HANGING)
     assert run.returncode == 1, run.stdout + run.stderr
     errors: dict[str, dict[int, str]] = {file: {} for file in files}
     for match in re.finditer(r"^.*?(\w+\.py):(\d+):.*\berror: .*$", run.stdout, re.MULTILINE):

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from views import chromium, viewed
+from patience import PAGE
+from views import chromium, new_page, viewed, watched
 from websockets.sync.client import connect
 
 import raytracer as rt
@@ -38,24 +39,17 @@ def view(tmp_path_factory):
 
 @pytest.fixture
 def page(browser, view):
-    """Return a page that shows the scene as it is at first, and the problems that its console names."""
+    """Return a page that shows the scene as it is at first."""
     if view.path.read_text() != SCENE.format(color=RED):
         view.save(SCENE.format(color=RED))
     with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
         names = ("material.sphere.color", "light.0.color", "exposure")
         changes = {"scene": {}, "params": dict.fromkeys(names), "playing": False, "time": 0}
         line.send(json.dumps({"do": "set", "changes": changes}))
-    found = browser.new_page(viewport={"width": 1000, "height": 800})
-    problems = []
-    found.on("pageerror", lambda error: problems.append(str(error)))
-    found.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
-    found.set_default_timeout(15_000)
-    found.goto(view.url)
-    found.wait_for_selector("#code:text-matches('Camera')")
-    settles(found, ("red", True))
-    yield found
-    assert problems == []
-    found.close()
+    with watched(browser, view, width=1000, height=800) as found:
+        found.wait_for_selector("#code:text-matches('Camera')")
+        settles(found, ("red", True))
+        yield found
 
 
 PLANES = {"red": 0, "green": 1, "blue": 2}
@@ -228,7 +222,7 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
 def test_a_view_that_ends_or_never_had_a_picture_says_so(browser, tmp_path):
     path = tmp_path / "broken.py"
     path.write_text("def scene(time):\n    return nothing\n")
-    page = browser.new_page()
+    page = new_page(browser)
     with viewed(path, "--backend", "numpy", command=("raytracer", "view")) as view:
         page.goto(view.url)
         page.wait_for_selector("#problem:not([hidden])")
@@ -243,6 +237,7 @@ def test_a_view_that_ends_or_never_had_a_picture_says_so(browser, tmp_path):
 
 def test_the_code_is_copied(browser, view):
     context = browser.new_context(permissions=["clipboard-read", "clipboard-write"])
+    context.set_default_timeout(PAGE)
     page = context.new_page()
     page.goto(view.url)
     page.wait_for_selector("#code:text-matches('Camera')")
@@ -253,7 +248,7 @@ def test_the_code_is_copied(browser, view):
 
 
 def test_nothing_sticks_out_on_a_telephone(browser, view):
-    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page = new_page(browser, viewport={"width": 360, "height": 740})
     page.goto(view.url)
     page.wait_for_selector("body[data-form]")
     page.wait_for_selector("#material-controls fieldset")

@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from benchmarks.pages import wait_until
@@ -44,7 +45,7 @@ def runs(monkeypatch):
         Runs.count += 1
         if Runs.count == 2:
             Runs.held.set()
-            assert Runs.go_on.wait(60)
+            assert Runs.go_on.wait(HANGING)
         return found
 
     monkeypatch.setattr(observers._Backend, "_run", run)
@@ -70,7 +71,7 @@ def test_a_cancelled_search_makes_no_further_run_and_tells_nothing(runs, element
     told, before = [], others()
     searches = Searches(told.append)
     searches.begin(7, grown, MOMENT, FORMS, elements[0])
-    assert runs.held.wait(60)
+    assert runs.held.wait(HANGING)
     searches.cancel(8)  # of another page
     searches.cancel(page)
     runs.go_on.set()
@@ -82,7 +83,7 @@ def test_a_search_takes_the_place_of_the_pages_search_before(runs, elements):
     told, before = [], others()
     searches = Searches(told.append)
     searches.begin(7, grown, MOMENT, FORMS, elements[0])
-    assert runs.held.wait(60)
+    assert runs.held.wait(HANGING)
     searches.begin(7, grown, MOMENT, FORMS, elements[1])
     runs.go_on.set()
     wait_until(lambda: others() <= before)

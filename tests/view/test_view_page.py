@@ -2,6 +2,7 @@
 
 import pytest
 import views
+from patience import PAGE
 from views import chromium, viewed
 
 from benchmarks.pages import wait_until
@@ -60,31 +61,25 @@ def as_at_first(view):
 
 @pytest.fixture
 def page(browser, view):
-    """Return a page that shows the good file, and the problems that its console names."""
+    """Return a page that shows the good file."""
     if view.path.read_text() != GOOD.format(gain=1):
         view.save(GOOD.format(gain=1))
-    found = browser.new_page(viewport={"width": 1000, "height": 700})
-    problems = []
-    found.on("pageerror", lambda error: problems.append(str(error)))
-    found.on("request", lambda request: problems.append(request.url) if view.url not in request.url else None)
-    found.set_default_timeout(15_000)
-    found.goto(view.url)
-    found.wait_for_selector("[aria-label='Gain, number']")
-    shows(found, (135, 68, 0))
-    yield found
-    assert problems == []
-    found.close()
+    with views.watched(browser, view, width=1000, height=700) as found:
+        found.wait_for_selector("[aria-label='Gain, number']")
+        shows(found, (135, 68, 0))
+        yield found
 
 
 def shows(page, color):
     """Wait until the picture has a colour in its middle."""
     page.evaluate(
         """(color) => new Promise((resolve, reject) => {
-            const picture = document.getElementById("picture"), begun = performance.now();
+            const picture = document.getElementById("picture");
+            let looks = 0;
             const look = () => {
                 const data = picture.getContext("2d").getImageData(picture.width >> 1, picture.height >> 1, 1, 1).data;
                 if (color.every((part, k) => Math.abs(part - data[k]) <= 1)) return resolve();
-                if (performance.now() - begun > 12000) return reject(`it shows ${data}, not ${color}`);
+                if (++looks > 6000) return reject(`it shows ${data}, not ${color}`);
                 requestAnimationFrame(look);
             };
             look();
@@ -236,7 +231,7 @@ def test_two_forms_are_compared(page, view):
     page.select_option("#other-math", "fast")
     page.click("#compare")
     page.wait_for_selector(".sides canvas >> nth=2")
-    page.wait_for_selector("#divergence:has-text('part at')", timeout=60_000)
+    page.wait_for_selector("#divergence:has-text('part at')")
     assert "exp(" in page.inner_text("#divergence")
     assert " part at shader.py:10," in page.inner_text("#divergence")
     assert str(view.path.parent) not in page.inner_text("#panel")
@@ -321,6 +316,7 @@ def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
 def test_tabs_show_one_view(browser, view):
     view.save(EVOLVING)
     context = browser.new_context()
+    context.set_default_timeout(PAGE)
     tabs = [context.new_page() for _ in range(10)]
     for tab in tabs:
         tab.goto(view.url)
@@ -332,7 +328,7 @@ def test_tabs_show_one_view(browser, view):
 
 def test_nothing_sticks_out_on_a_telephone(browser, view):
     view.save(GOOD.format(gain=1))
-    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page = views.new_page(browser, viewport={"width": 360, "height": 740})
     page.goto(view.url)
     page.wait_for_selector("body[data-form]")
     assert page.evaluate("() => document.documentElement.scrollWidth") <= 360
