@@ -1,4 +1,4 @@
-"""How long tests wait: limits only end what hangs, so they are far above the time that a busy machine takes.
+"""Give the limits of waiting tests, which only end what hangs: they are far above the time that a busy machine takes.
 
 Clocks go on while a virtual machine is paused, for half an hour at times. So loops that poll count their pauses.
 """
