@@ -82,6 +82,7 @@ class Machine(RuleBasedStateMachine):
         self.random = np.random.default_rng(seed)
         self.kernels = {p.name: p.compile(self.backend) for p in PROGRAMS}
         self.held = []
+        gc.freeze()  # what there is by now: each collection after a drop would search it, for most of the time
         self.block = stressed(zlib.crc32(f"{seed}".encode()))
         self.mode = self.block.__enter__()
 
