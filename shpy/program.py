@@ -176,7 +176,8 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         options = self._options(device, precision, math, lanes, loop_limit)
         name = backend if backend is not None else default_backend()
         if not isinstance(name, str):
-            raise ShpyTypeError(f"backend={name!r}", loc=here(), cure=" or ".join(f'backend="{n}"' for n in NAMES))
+            cure = " or ".join(f'backend="{n}"' for n in NAMES)
+            raise ShpyTypeError(f"backend={name!r} names no backend", loc=here(), cure=cure)
         kernel = self._kernels.get((name, options))
         if kernel is None:
             kernel = self._kernels[name, options] = Kernel.on(self.recorded, name, options)
@@ -184,7 +185,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
 
     def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
         def refuse(option: str, value: Any, cure: str) -> None:
-            raise ShpyTypeError(f"{option}={value!r}", loc=here(), cure=cure)
+            raise ShpyTypeError(f"compile does not take {option}={value!r}", loc=here(), cure=cure)
 
         if not (device is None or _is_int(device)):
             refuse("device", device, "device=0, the position of one in the devices of sh.backends()")

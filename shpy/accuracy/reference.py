@@ -63,7 +63,7 @@ def evaluate(setting: Setting, kind: Kind = "mpmath") -> Truth:
         found = run(replace(setting, options={**setting.options, **_DOUBLE}, watches={}), "numpy")
         return Truth(tuple(Exact(a, np.zeros(a.shape)) for a in found.outputs), found.written)
     if kind != "mpmath":
-        raise ShpyTypeError(f"reference={kind!r}", loc=here(), cure='reference="mpmath" or "f64"')
+        raise ShpyTypeError(f"reference={kind!r} is not a reference", loc=here(), cure='reference="mpmath" or "f64"')
     return _Multiprecision(setting).run()
 
 

@@ -39,7 +39,9 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
         array, axis = array.reshape((math.prod(shape), *array.shape[len(shape) :])), 0
     elif not isinstance(axis, int) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
-        raise ShpyTypeError(f"axis={axis!r} of an array of {len(shape)} axes of elements", loc=here(), cure=cure)
+        raise ShpyTypeError(
+            f"axis={axis!r} of an array of {len(shape)} axes of elements is not an axis", loc=here(), cure=cure
+        )
     axis %= array.ndim - tail
     dtype, size, packed = dtypes_at("f32")[cls.base], _size(array, axis), pickle.dumps((program, cls))
     while array.shape[axis] > 1 or array.dtype != dtype:

@@ -64,7 +64,7 @@ class Mipmap:
         self.wraps = tuple(wrap) if isinstance(wrap, tuple | list) else (wrap, wrap)
         if len(self.wraps) != 2 or any(w not in WRAPS for w in self.wraps):
             cure = " or ".join(f'wrap="{w}"' for w in WRAPS)
-            raise ShpyTypeError(f"wrap={wrap!r}", loc=here(), cure=f"{cure}, or two of them for u and v")
+            raise ShpyTypeError(f"wrap={wrap!r} is not a wrap", loc=here(), cure=f"{cure}, or two of them for u and v")
         self.name = name if name is not None else assigned_name()
         levels, channels = _levels(array)
         self.type = CLASSES["Color", channels, Base.F]
@@ -186,7 +186,9 @@ class TextureCube:
 
     def __init__(self, faces: Any, filter: Literal["linear", "nearest"] = "linear", name: str | None = None) -> None:
         if filter not in ("linear", "nearest"):
-            raise ShpyTypeError(f"filter={filter!r}", loc=here(), cure='filter="nearest" or filter="linear"')
+            raise ShpyTypeError(
+                f"filter={filter!r} is not a filter of a cube", loc=here(), cure='filter="nearest" or filter="linear"'
+            )
         self.filter = filter
         self.name = name if name is not None else assigned_name()
         bordered, self.type = _bordered(faces)

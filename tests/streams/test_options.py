@@ -104,3 +104,23 @@ def test_a_kernel_that_never_runs_writes_no_stream():
     assert list(sh.sequence(inner, sh.repeat(inner, 0), use).inputs) == []
     found = sh.sequence(sh.repeat(made, 0), use).run(y=[1.0, 2.0], backend="numpy")
     assert found.streams["y"].numpy().tolist() == [2, 3]
+
+
+def test_an_option_that_is_not_one_is_named_with_the_choices():
+    image, faces = np.zeros((2, 2), np.float32), np.zeros((6, 2, 2), np.float32)
+    refused = {
+        "backend=3 names no backend": lambda: grow.compile(3),
+        "compile does not take math='quick'": lambda: grow.compile("numpy", math="quick"),
+        "backend='gl' names no backend": lambda: sh.Stream.empty(3, sh.Attrib1f, backend="gl"),
+        "precision='f8' is no precision": lambda: sh.Stream.empty(3, sh.Attrib1f, backend="numpy", precision="f8"),
+        "wrap='tile' is not a wrap": lambda: sh.Texture2D(image, wrap="tile"),
+        "wrap=('clamp',) does not have 2 wraps": lambda: sh.Texture2D(image, wrap=("clamp",)),
+        "filter='cubic' is not a filter of a cube": lambda: sh.library.TextureCube(faces, filter="cubic"),
+    }
+    for said, call in refused.items():
+        with pytest.raises(sh.ShpyTypeError) as error:
+            call()
+        what, _, cure = str(error.value).partition("\n  write instead: ")
+        assert what.endswith(f": {said}")
+        assert "test_options.py:" in what
+        assert f"{said.split('=')[0].split()[-1]}=" in cure or "precision=" in cure

@@ -51,10 +51,11 @@ class Texture:
         checks = [(filter, self.FILTERS, "filter"), *((w, tuple(WRAPS), "wrap") for w in self.wraps)]
         for given, known, what in checks:
             if given not in known:
-                raise ShpyTypeError(f"{what}={given!r}", loc=here(), cure=" or ".join(f'{what}="{k}"' for k in known))
+                cure = " or ".join(f'{what}="{k}"' for k in known)
+                raise ShpyTypeError(f"{what}={given!r} is not a {what}", loc=here(), cure=cure)
         if len(self.wraps) != self.AXES:
             cure = f"wrap={('repeat', 'clamp', 'mirror')[: self.AXES]}, one for each coordinate"
-            raise ShpyTypeError(f"wrap={wrap!r}", loc=here(), cure=cure)
+            raise ShpyTypeError(f"wrap={wrap!r} does not have {self.AXES} wraps", loc=here(), cure=cure)
         self.name = name if name is not None else assigned_name()
         if hasattr(array, "_table_class"):
             self.table = _stream_pixels(array, self.name, self.AXES)
