@@ -71,6 +71,11 @@ class View:
         return self.process.returncode, said
 
 
+def end_by_signal() -> None:
+    """Let SIGTERM, as `timeout` sends it, unwind the stack, so that servers and browsers that were started end too."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+
+
 @contextmanager
 def viewed(path: str | Path, *options: str, **kinds: Any) -> Iterator[View]:
     """Serve a file until the block ends."""

@@ -30,7 +30,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pages import Browsed, View, browsed, viewed
+from benchmarks.pages import Browsed, View, browsed, end_by_signal, viewed
 from benchmarks.studies import Table, backend, spread
 
 FOLDER: Final = Path(__file__).parents[1] / "examples"
@@ -239,6 +239,7 @@ def growth(names: Sequence[str], count: int) -> Table:
 
 def main(names: Sequence[str], *, count: int, drawn: int | None, quick: bool) -> int:
     """Print what is measured, memory over `drawn` frames or else times; return 1 where a limit is missed."""
+    end_by_signal()
     if drawn is not None:
         print(growth(names, drawn).markdown())
         return 0

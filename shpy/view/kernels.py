@@ -1,7 +1,8 @@
 """The compiled forms of one program: the one that was asked for, and numpy's until it is there.
 
 Stage: view. Each form compiles in a thread. numpy's is quick, for no driver compiles it; OpenCL's driver takes a
-second, or more, and GLSL's puts most of its work off to the first frame.
+second, or more, and GLSL's puts most of its work off to the first frame. The wanted form begins to compile when numpy's
+first frame is done, so that both do not share the interpreter's lock.
 
     kernels = Kernels(program, wake)
     kernels.best(Form("opencl", "strict"))       # its kernel and form once it is compiled, numpy's before
@@ -22,6 +23,8 @@ from shpy.program import Program
 
 QUICK: Final = "numpy"
 """The backend that draws while the driver of another one compiles."""
+_HEAD_START: Final = 0.25
+"""Seconds that the quick form has for its first frame before the wanted one begins to compile all the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +47,22 @@ class Kernels:
         self._done = threading.Condition()
         self._found: dict[Form, Any] = {}
         self._begun: dict[Form, float] = {}
+        self._later: dict[Form, threading.Timer] = {}
 
     def best(self, wanted: Form) -> tuple[Any, Form]:
         """Return the wanted kernel, else the quick one; waits for the quick one, raises where both are refused."""
         there, quick = self._found.get(wanted), Form(QUICK, wanted.math)
         if there is None or isinstance(there, Exception):
             meanwhile = self._wait(quick)
-            self._begin(wanted)  # now that the processor is free of the quick one
             if not isinstance(meanwhile, Exception):
+                self._begin_later(wanted)
                 return meanwhile, quick
         return self.exactly(wanted), wanted
+
+    def wait_for_any(self, wanted: Form) -> None:
+        """Wait until the wanted form or the quick one is compiled, or is refused."""
+        if wanted not in self._found:
+            self._wait(Form(QUICK, wanted.math))
 
     def exactly(self, form: Form) -> Any:
         """Return the kernel of a form, compiled now where it is not there; raises where it is refused."""
@@ -70,16 +79,28 @@ class Kernels:
     def waiting(self, form: Form) -> float | None:
         """Return the seconds for which a form has been compiling; None where it is not."""
         begun = self._begun.get(form)
-        return None if begun is None or form in self._found else time.monotonic() - begun
+        if form in self._found or (begun is None and form not in self._later):
+            return None
+        return time.monotonic() - begun if begun is not None else 0.0
 
     def _wait(self, form: Form) -> Any:
         """Return the kernel of a form, or the error with which it is refused, once it is there."""
-        self._begin(form)
+        self.begin(form)
         with self._done:
             self._done.wait_for(lambda: form in self._found)
         return self._found[form]
 
-    def _begin(self, form: Form) -> None:
+    def _begin_later(self, form: Form) -> None:
+        """Begin to compile a form when it is wanted again, after a frame of the quick one, or `_HEAD_START` later."""
+        if form in self._later or form in self._begun:
+            self.begin(form)
+            return
+        timer = self._later[form] = threading.Timer(_HEAD_START, self.begin, (form,))
+        timer.daemon = True
+        timer.start()
+
+    def begin(self, form: Form) -> None:
+        """Begin to compile a form, if that has not begun."""
         with self._done:
             if form in self._begun:
                 return

@@ -9,6 +9,7 @@ Stage: view. `child` calls it from one thread; `wake` is called from others when
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 
 from shpy.passes.modes import MODES
 from shpy.screen import Moment, pixels
-from shpy.view import kernels, questions
+from shpy.view import questions
 from shpy.view.controls import Controls
-from shpy.view.kernels import Form
+from shpy.view.kernels import Form, available, preferred, warm as warm_backends
 from shpy.view.reading import files_read
 from shpy.view.searches import Searches
 from shpy.view.source import explain, open_file
@@ -35,6 +36,8 @@ _FIRST: Final = 96
 """Pixels along the longer side of the first picture, whose time is not known yet."""
 _LONGEST: Final = 0.25
 """Seconds by which time goes on from frame to frame at most: a long computation is no leap."""
+_REST: Final = 3.0
+"""Times of a quick frame that pass until the next one while the wanted kernel compiles, which needs the processor."""
 
 
 class Session:
@@ -49,10 +52,11 @@ class Session:
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
         self.subject = subject_of(value, self.opened, wake)
+        self._wake, self._rest = wake, 0.0
         self.controls = Controls(self.subject.params)
         self.recording = time.monotonic() - begun
         self.size = (512, 512)
-        self.form = Form(kernels.preferred(), "strict")
+        self.form = Form(preferred(), "strict")
         self.playing, self.encode, self.steps = True, False, 1
         self.time, self.frame = 0.0, 0
         self.mouse = (0.0, 0.0, 0.0, 0.0)
@@ -71,7 +75,7 @@ class Session:
             "mouse": self.subject.takes_mouse,
             "moves": self.subject.moves,
             "evolves": self.subject.evolves,
-            "backends": kernels.available(),
+            "backends": available(),
             "maths": list(MODES),
             "recording": self.recording,
             "form": [self.form.backend, self.form.math],
@@ -95,7 +99,7 @@ class Session:
             self.mouse = x, y, press_x, press_y
         self.playing = changes.get("playing", self.playing)
         self._clock = time.monotonic()
-        self._changed = True
+        self._changed, self._rest = True, 0.0  # whoever moves a slider waits for no rest
         return self.controls.assign(changes.get("params", {}))
 
     def reset(self) -> None:
@@ -110,6 +114,11 @@ class Session:
 
     def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
         """Return the header and the pixels (height, width, 4) of the next frame; None while there is nothing new."""
+        kernels = self.subject.kernels
+        if self._rests():
+            if kernels is not None:
+                kernels.begin(self.form)
+            return None
         goes_on = self.subject.moves and (self.playing or self._single)
         if goes_on:
             self._go_on()
@@ -117,6 +126,8 @@ class Session:
             return None
         size = self._coarse_size() if self._changed else self.size
         moment = self._moment(size)
+        if kernels is not None:
+            kernels.wait_for_any(self.form)  # which is no part of the frame's time
         begun = time.monotonic()
         output, form = self.subject.draw(moment, self.form)
         seconds = time.monotonic() - begun
@@ -124,6 +135,8 @@ class Session:
         self._changed, self._single = False, False
         self._refine = size != self.size
         self.output, self.moment = output, moment
+        if form != self.form and self.subject.waiting(self.form) is not None:
+            self._pause(_REST * seconds)
         header = {
             "width": size[0],
             "height": size[1],
@@ -140,8 +153,19 @@ class Session:
         return header, pixels(output, encode=self.encode)
 
     def woken(self) -> None:
-        """Take note that a kernel is ready: the picture is computed again by the wanted one."""
-        self._changed = True
+        """Take note that a kernel is ready, or that a rest is over: the wanted kernel computes the picture again."""
+        self._changed |= self.subject.waiting(self.form) is None
+
+    def _pause(self, seconds: float) -> None:
+        """Compute no frame for so long, or until the wanted kernel is ready."""
+        self._rest = time.monotonic() + seconds
+        timer = threading.Timer(seconds + 0.001, self._wake)  # behind the end of the rest: it wakes once
+        timer.daemon = True
+        timer.start()
+
+    def _rests(self) -> bool:
+        """Return whether a rest goes on; it ends early where the wanted kernel is ready."""
+        return time.monotonic() < self._rest and self.subject.waiting(self.form) is not None
 
     def _go_on(self) -> None:
         now = time.monotonic()
@@ -196,4 +220,4 @@ def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, 
 
 def warm() -> None:
     """Load what a session will need."""
-    kernels.warm()
+    warm_backends()

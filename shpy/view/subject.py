@@ -36,6 +36,10 @@ class Subject(Protocol):
     """It has an input that the mouse fills."""
     params: Mapping[str, Any]
 
+    @property
+    def kernels(self) -> Kernels | None:
+        """The kernels that make the colours; None where a stream's numbers are shown as they are."""
+
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
 
@@ -110,12 +114,12 @@ class Ongoing:
         self.chain = chain
         self.start = opened.start
         show = opened.names.get(SHOW)
-        self.show = Kernels(show, wake) if isinstance(show, Program) else None
+        self.kernels = Kernels(show, wake) if isinstance(show, Program) else None
         self.shown = list(chain.outputs)[-1]
         programs = [kernel.recorded for kernel in chain.kernels]
         self.takes_mouse = any("mouse" in recorded.inputs for recorded in programs)
         params = {name: p for recorded in programs for name, p in recorded.params.items()}
-        self.params = params | (self.show.program.params if self.show else {})
+        self.params = params | (self.kernels.program.params if self.kernels else {})
         self._wake = wake
         self._streams: dict[str, Any] | None = None
         self._size: tuple[int, int] | None = None
@@ -124,10 +128,10 @@ class Ongoing:
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
         """Return the colours of the present streams."""
         streams = self._present(moment)
-        if self.show is None:
+        if self.kernels is None:
             return np.asarray(streams[self.shown]), wanted
-        kernel, form = self.show.best(wanted)
-        given = values_of(self.show.program.inputs, moment, streams)
+        kernel, form = self.kernels.best(wanted)
+        given = values_of(self.kernels.program.inputs, moment, streams)
         if form.backend != wanted.backend:
             given = {n: v.numpy() if isinstance(v, Stream) else v for n, v in given.items()}
         return np.asarray(first_output(kernel(**given))), form
@@ -197,7 +201,7 @@ class Ongoing:
 
     def refused(self, wanted: Form) -> Exception | None:
         """Return the error with which a target refuses `show`; one of the chain's own kernels is raised."""
-        return self.show.refused(wanted) if self.show else None
+        return self.kernels.refused(wanted) if self.kernels else None
 
     def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
         """Return the last program of the chain and the steps of one pixel in it."""

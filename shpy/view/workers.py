@@ -76,8 +76,7 @@ class Worker:
             self._writer.close()
         else:
             self._socket.close()
-        self.process.kill()
-        self.process.wait()
+        self.process.kill()  # the pool waits for its end, for that of a large process takes a while
 
 
 class Pool:
@@ -120,3 +119,5 @@ class Pool:
             self._later.cancel()
         for worker in self._all:
             worker.kill()
+        for worker in self._all:
+            worker.process.wait()

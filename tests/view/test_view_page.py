@@ -238,6 +238,19 @@ def test_two_forms_are_compared(page, view):
     page.select_option("#other-math", "strict")
 
 
+def test_a_comparison_that_is_open_says_that_the_file_was_saved_since(page, view):
+    page.select_option("#other-backend", "numpy")
+    page.click("#compare")
+    page.wait_for_selector("#difference")
+    assert page.query_selector("#stale") is None
+    view.save(GOOD.format(gain=0.5))
+    page.wait_for_selector("#stale:has-text('of the version before')")
+    shows(page, (71, 36, 0))
+    page.click("#compare")
+    page.wait_for_selector("#stale", state="detached")
+    page.wait_for_selector("#difference")
+
+
 SLOW = (
     GOOD.replace("(0, 3)", "(0, 3000)")
     .replace("0.01", "1e-12")
@@ -337,4 +350,41 @@ def test_nothing_sticks_out_on_a_telephone(browser, view):
             !element.textContent && !element.getAttribute("aria-label") && !element.labels?.length).map((e) => e.id)"""
     )
     assert unnamed == []
+    page.close()
+
+
+def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, view):
+    view.save(GOOD.format(gain=1))
+    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page.goto(view.url)
+    page.wait_for_selector("body[data-form]")
+    page.click("#picture")
+    page.wait_for_selector("#panel table")
+    heights = page.evaluate(
+        """() => [...document.querySelectorAll("#panel td.value")].map((value) => [
+            value.getBoundingClientRect().height, parseFloat(getComputedStyle(value).lineHeight),
+            value.closest("#panel").scrollWidth - value.closest("#panel").clientWidth])"""
+    )
+    assert heights
+    assert all(height < 1.6 * line and beyond <= 0 for height, line, beyond in heights), heights
+    page.close()
+
+
+def test_a_lost_connection_is_seen_wherever_a_telephone_has_scrolled(browser, tmp_path):
+    path = tmp_path / "shader.py"
+    path.write_text(GOOD.format(gain=1))
+    page = browser.new_page(viewport={"width": 360, "height": 400})
+    with viewed(path, "--backend", "numpy", "--size", "48x32") as ended:
+        page.goto(ended.url)
+        page.wait_for_selector("body[data-form]")
+        page.evaluate("() => scrollTo(0, document.documentElement.scrollHeight)")
+    page.wait_for_selector("#problem:has-text('The server has ended')")
+    top, bottom = page.evaluate(
+        """() => {
+            const { top, bottom } = document.getElementById("problem").getBoundingClientRect();
+            return [top, bottom];
+        }"""
+    )
+    assert page.evaluate("() => scrollY") > 0
+    assert 0 <= top < bottom <= 400
     page.close()

@@ -38,6 +38,12 @@ export function openPanel(title, ...body) {
   at("panel").hidden = false;
 }
 
+// The file was saved: a trace or comparison that is open is not of the version that comes.
+export function markStale() {
+  if (at("panel").hidden || at("stale")) return;
+  at("panel-body").prepend(make("p", { id: "stale" }, "This is of the version before the last save."));
+}
+
 export function closePanel() {
   at("panel").hidden = true;
 }

@@ -5,7 +5,7 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { at, fill, fillSizes, make, onKeys } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, endSearch, openPanel, showBusy, showComparison, showLost, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, endSearch, markStale, openPanel, showBusy, showComparison, showLost, showPixel, showProblem, showTrace } from "./report.js";
 
 const state = { params: {} };
 let described = null;
@@ -45,6 +45,7 @@ function heard(header, bytes) {
     state: () => { merge(header.changes); showState(); },
     recording: () => {
       endSearch("The search ended: the file is recorded again.");
+      markStale();
       saved = { at: performance.now() - 1000 * header.age, worker: Number(document.body.dataset.worker) };
     },
     recorded: () => { described = header; showRecorded(); },
