@@ -17,6 +17,7 @@ import shpy as sh
 from shpy import SH_BREAK, SH_WHILE
 from shpy.backends.base import Array, Options
 from shpy.backends.device import probe
+from shpy.backends.glsl.device import context as contexts
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.opencl.device import driver as device, trial
 from shpy.backends.opencl.device.driver import machine_of
@@ -320,6 +321,18 @@ def test_what_is_hidden_from_a_driver_that_misreads_exits_changes_no_result(
     given = np.arange(11, dtype=np.int32)
     for found, wanted in zip(kernel(given), stepping.compile("numpy")(given), strict=True):
         assert np.array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("off", [None, "stores", "choices", "exits"])
+def test_what_a_shader_draws_tells_the_faults_of_opengl(off: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver that draws what it should has none of them, and one that draws something else has that one."""
+    drawn = {contexts._STORES: [0.0] * 8, contexts._CHOICES: [1.0] * 8, contexts._EXITS: [5.0] * 8}
+    drawn[contexts._STORES][3] = 5.0
+    if off is not None:
+        drawn[getattr(contexts, f"_{off.upper()}")][7] = 2.0
+    context = open_context(0)
+    monkeypatch.setattr(context, "_drawn", drawn.__getitem__)
+    assert context.call(context._faults) & {"stores", "choices", "exits"} == ({off} if off else set())
 
 
 def test_faults_of_opengl_are_kept_on_disk(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from raytracer import Intersector, LayeredCube, Mesh, Scene, SceneError, cli, render
+from raytracer import Intersector, LayeredCube, Mesh, Renderer, Scene, SceneError, cli, render
 from raytracer.kernels import queries
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import walk_with
@@ -216,6 +216,20 @@ def test_no_ray_leaves_a_closed_convex_mesh(name):
         assert Intersector(mesh, cube, "opencl").occluded(origins, directions).all(), resolution
 
 
+@pytest.mark.parametrize("hit", ["triangle", "sample", "plane"])
+def test_a_ray_that_misses_the_box_of_a_cube_hits_nothing(hit):
+    rng = np.random.default_rng(8)
+    origins, targets = rng.normal(size=(2, 4000, 3))
+    origins *= 3 / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = targets - origins
+    ends = (np.array([[-0.65], [0.65]])[:, None] - origins) / directions
+    missing = ends.min(axis=0).max(axis=1) > ends.max(axis=0).min(axis=1)
+    shoot = Intersector(box(), LayeredCube.of(box(), 16, backend="numpy", hit=hit), "numpy")
+    found = shoot.intersect(origins.astype(np.float32), directions.astype(np.float32)).triangle
+    assert (found[missing] == -1).all()
+    assert (found[~missing] >= 0).sum() > 500 < missing.sum()
+
+
 def test_rays_from_far_away_hit_what_they_hit_in_the_hierarchy():
     origins, directions = rays(KNOT, 2000)
     origins = origins - 1e4 * directions / np.linalg.norm(directions, axis=1)[:, None]
@@ -253,6 +267,13 @@ def test_pictures_and_the_command(tmp_path):
 
 def test_secondary_rays_of_path_tracing():
     check_secondary("cornell", "opencl", integrator="path", samples=2)
+
+
+def test_rays_in_a_cube_walk_alone_and_others_in_packets():
+    scene = Scene.builtin("cornell")
+    cube = LayeredCube.of(scene, 8, backend="numpy", hit="triangle")
+    renderers = [Renderer(scene, backend="opencl", secondary=secondary) for secondary in (None, cube)]
+    assert [renderer.kernel.options.lanes for renderer in renderers] == ["auto", 1]
 
 
 def check_secondary(name, backend, **options):

@@ -173,14 +173,14 @@ def twins(name):
     return sh.Stream.wrap(native), sh.Stream.wrap(native)
 
 
-def views(name):
-    """Return two streams over the elements 0 to 900 and 64 to 964 of the same memory."""
+def parts(name, *ranges):
+    """Return streams over ranges of elements of the same memory; each begins at a multiple of 64."""
     if name == "numpy":
         whole = numbers()
-        return sh.Stream.wrap(whole[:900]), sh.Stream.wrap(whole[64:964])
+        return [sh.Stream.wrap(whole[begin:end]) for begin, end in ranges]
     native = sh.Stream(numbers(), sh.Attrib1f, name).native()
-    parts = [native.base_data[begin : begin + 3600] for begin in (0, 256)]
-    return tuple(sh.Stream.wrap(pyopencl.array.Array(native.queue, 900, np.float32, data=part)) for part in parts)
+    held = [(native.base_data[4 * begin : 4 * end], end - begin) for begin, end in ranges]
+    return [sh.Stream.wrap(pyopencl.array.Array(native.queue, size, np.float32, data=part)) for part, size in held]
 
 
 @every
@@ -211,15 +211,27 @@ def test_an_input_may_be_the_memory_of_out(name):
 @pytest.mark.parametrize("name", ["numpy", "opencl"])
 @pytest.mark.parametrize("order", [0, 1])
 def test_an_input_may_overlap_out(name, order):
-    parts = views(name)
-    read, out = parts[order], parts[1 - order]
+    pair = parts(name, (0, 900), (64, 964))
+    read, out = pair[order], pair[1 - order]
     wanted = 2 * read.numpy()
     double.compile(name).run(read, out=out)
     assert np.array_equal(out.numpy(), wanted, equal_nan=True)
     with refused("two outputs have the same memory"):
-        both.compile(name).run(sh.Stream(wanted, sh.Attrib1f, name), out=parts)
+        both.compile(name).run(sh.Stream(wanted, sh.Attrib1f, name), out=pair)
     with refused("out is memory that the Table of reads"):
         third.compile(name).run(sh.Table(read, name="of"), out=out)
+
+
+@pytest.mark.parametrize("name", ["numpy", "opencl"])
+@pytest.mark.parametrize("apart", [0, 64])
+def test_parts_of_one_memory_that_do_not_overlap_are_memories_of_their_own(name, apart):
+    low, high, read = parts(name, (0, 256), (256 + apart, 512 + apart), (704, 960))
+    wanted = read.numpy()
+    both.compile(name).run(read, out=(low, high))
+    assert np.array_equal(low.numpy(), wanted + 1)
+    assert np.array_equal(high.numpy(), wanted + 2)
+    third.compile(name).run(sh.Table(low, name="of"), out=high)
+    assert (high.numpy() == wanted[3] + 1).all()
 
 
 @pytest.mark.parametrize("name", ["numpy"])
