@@ -435,7 +435,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
         cure = " or ".join(f'backend="{n}"' for n in NAMES)
         raise ShpyTypeError(f"backend={name!r} names no backend", loc=here(), cure=cure)
     if precision not in ("f16", "f32", "f64"):
-        raise ShpyTypeError(f"precision={precision!r} is no precision", loc=here(), cure='precision="f32", "f64" or "f16"')
+        raise ShpyTypeError(f"precision={precision!r} is unknown", loc=here(), cure='precision="f32", "f64" or "f16"')
     count = len(backend_named(name).devices())
     is_int = isinstance(device, int | np.integer) and not isinstance(device, bool)
     if device is not None and not (is_int and 0 <= device < count):

@@ -112,7 +112,7 @@ def test_an_option_that_is_not_one_is_named_with_the_choices():
         "backend=3 names no backend": lambda: grow.compile(3),
         "compile does not take math='quick'": lambda: grow.compile("numpy", math="quick"),
         "backend='gl' names no backend": lambda: sh.Stream.empty(3, sh.Attrib1f, backend="gl"),
-        "precision='f8' is no precision": lambda: sh.Stream.empty(3, sh.Attrib1f, backend="numpy", precision="f8"),
+        "precision='f8' is unknown": lambda: sh.Stream.empty(3, sh.Attrib1f, backend="numpy", precision="f8"),
         "wrap='tile' is not a wrap": lambda: sh.Texture2D(image, wrap="tile"),
         "wrap=('clamp',) does not have 2 wraps": lambda: sh.Texture2D(image, wrap=("clamp",)),
         "filter='cubic' is not a filter of a cube": lambda: sh.library.TextureCube(faces, filter="cubic"),
