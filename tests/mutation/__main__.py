@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 import tempfile
 import time
@@ -82,9 +83,11 @@ def main() -> int:
     results: dict[str, list[str]] = {}
     if given.results and given.results.exists():
         results = dict(json.loads(line) for line in given.results.read_text().splitlines())
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # so that the tests that run end, too
     with Copy() as copy:
         folder = given.reach or Path(tempfile.gettempdir()) / f"mutation-reach-{digest()}"
-        judge = Judge(copy, noted(folder, copy, given.jobs), given.most)
+        reach = Reach(folder) if given.tests else noted(folder, copy, given.jobs)
+        judge = Judge(copy, reach, given.most)
         for n, fault in numbered.items():
             if fault.shown() in results:
                 continue

@@ -212,7 +212,7 @@ class Judge:
 
     def among(self, tests: list[str], fault: Fault, path: Path, source: str) -> Found | None:
         """Run tests with the fault until one fails; it has to pass alone without it."""
-        usual = self.reach.seconds(tests)
+        usual = self.reach.seconds(tests) if self.reach.took else self.most
         ended = self.copy.pytest(tests, LEAST_SECONDS + SLOWER * usual, "-n0")
         self.tried += len(tests)
         if not ended.stopped and ended.status == 0:

@@ -104,7 +104,7 @@ def test_only_a_test_with_a_name_finds_a_fault(case, monkeypatch, tmp_path):
     with judge.Copy() as copy:
         (copy.folder / "part.py").write_text("FAULTY = 0\n")
         try:
-            found = judge.Judge(copy, map.Reach(tmp_path), 60).finding(fault, ["tests/test_part.py"], False)
+            found = judge.Judge(copy, map.Reach(tmp_path), 0).finding(fault, ["tests/test_part.py"], False)
             said = found and found.kind
         except judge.Unjudged as reason:
             said = expected if expected in str(reason) else str(reason)
