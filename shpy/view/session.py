@@ -61,6 +61,8 @@ class Session:
         self.time, self.frame = 0.0, 0
         self.mouse = (0.0, 0.0, 0.0, 0.0)
         self.output: Any = None
+        self._drawn: Form | None = None
+        """The form that computed the last frame."""
         self.moment = Moment(self.size)
         self._changed, self._refine, self._single = True, False, False
         self._clock = time.monotonic()
@@ -134,7 +136,7 @@ class Session:
         self._cost[form] = seconds / (size[0] * size[1])
         self._changed, self._single = False, False
         self._refine = size != self.size
-        self.output, self.moment = output, moment
+        self.output, self.moment, self._drawn = output, moment, form
         if form != self.form and self.subject.waiting(self.form) is not None:
             self._pause(_REST * seconds)
         header = {
@@ -153,8 +155,8 @@ class Session:
         return header, pixels(output, encode=self.encode)
 
     def woken(self) -> None:
-        """Take note that a kernel is ready, or that a rest is over: the wanted kernel computes the picture again."""
-        self._changed |= self.subject.waiting(self.form) is None
+        """Compute the picture again where the wanted kernel has become ready; the end of a rest changes nothing."""
+        self._changed |= self._drawn != self.form and self.subject.waiting(self.form) is None
 
     def _pause(self, seconds: float) -> None:
         """Compute no frame for so long, or until the wanted kernel is ready."""

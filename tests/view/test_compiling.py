@@ -9,6 +9,7 @@ import sys
 import threading
 
 import pytest
+from patience import HANGING
 
 import shpy as sh
 from benchmarks.pages import wait_until
@@ -43,7 +44,7 @@ def driver(monkeypatch):
     def compile(program, target, **options):
         Driver.asked.append(target)
         if target == WANTED.backend:
-            assert Driver.ready.wait(60)
+            assert Driver.ready.wait(HANGING)
         return compiled(program, "numpy", **options)
 
     monkeypatch.setattr(Program, "compile", compile)
@@ -68,7 +69,7 @@ def form_of(frame):
 
 def woken(view, wakes):
     """Take one wake, as the worker does."""
-    wakes.get(timeout=60)
+    wakes.get(timeout=HANGING)
     view.woken()
 
 
@@ -122,6 +123,20 @@ def test_a_rest_ends_by_itself_and_by_whoever_changes_something(monkeypatch, dri
     assert form_of(view.next()) == "numpy"
 
 
+def test_the_end_of_a_rest_computes_no_picture_again(monkeypatch, driver, opened):
+    monkeypatch.setattr(session, "_REST", 1.0)
+    view, _ = opened
+    view.set({"playing": False})
+    assert form_of(view.next()) == "numpy"
+    driver.ready.set()
+    wait_until(lambda: view.subject.waiting(WANTED) is None)
+    view.woken()
+    assert form_of(view.next()) == "opencl"
+    assert view.next() is None
+    view.woken()  # by the timer of the rest, which the kernel has ended
+    assert view.next() is None
+
+
 def test_a_replaced_worker_is_not_waited_for_until_the_pool_closes(monkeypatch):
     async def replace():
         pool = workers.Pool("shpy.view.session", lambda worker, message: None)
@@ -145,7 +160,7 @@ from benchmarks.pages import end_by_signal, viewed
 end_by_signal()
 with viewed(sys.argv[1], "--backend", "numpy") as view:
     print(view.process.pid, flush=True)
-    time.sleep(600)
+    time.sleep(3600)
 """
 
 
@@ -157,6 +172,6 @@ def test_a_benchmark_that_is_ended_ends_its_server(tmp_path):
         server = int(process.stdout.readline())
         os.kill(server, 0)
         process.terminate()
-        assert process.wait(60) == 128 + signal.SIGTERM
+        assert process.wait(HANGING) == 128 + signal.SIGTERM
     with pytest.raises(ProcessLookupError):
         os.kill(server, 0)
