@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 
+from benchmarks.pages import end_by_signal
 from tests.mutation.judge import Copy, Judge, Unjudged
 from tests.mutation.map import Reach, digest
 from tests.mutation.small_faults import DRAWN, PARTS, Fault, chosen
@@ -83,10 +83,10 @@ def main() -> int:
     results: dict[str, list[str]] = {}
     if given.results and given.results.exists():
         results = dict(json.loads(line) for line in given.results.read_text().splitlines())
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # so that the tests that run end, too
+    end_by_signal()
     with Copy() as copy:
         folder = given.reach or Path(tempfile.gettempdir()) / f"mutation-reach-{digest()}"
-        reach = Reach(folder) if given.tests else noted(folder, copy, given.jobs)
+        reach = Reach() if given.tests else noted(folder, copy, given.jobs)
         judge = Judge(copy, reach, given.most)
         for n, fault in numbered.items():
             if fault.shown() in results:

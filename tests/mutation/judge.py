@@ -1,7 +1,7 @@
 """Find the test that finds a fault: tests run in a copy of the repository, with the fault and without.
 
     with Copy() as copy:
-        found = Judge(copy, reach).finding(fault)
+        found = Judge(copy, reach, 600).finding(fault, [], whole=False)
     found.kind, found.test        # ("behaviour", "tests/passes/test_known.py::test_bounds")
 
 A find is a test that has a name and fails with the fault, and passes alone without it. The same holds for a test that

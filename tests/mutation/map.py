@@ -12,7 +12,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 
 from tests.mutation.small_faults import PARTS, ROOT, Fault
@@ -38,12 +38,12 @@ def words(path: str) -> set[str]:
 class Reach:
     """The tests that pass without a fault, with their seconds and the functions that each enters."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path | None = None) -> None:
         self.took: dict[str, float] = {}
         self.failed: list[str] = []
         self.entering: dict[str, set[str]] = defaultdict(set)
         """The tests by function ("path:line") and by file ("path")."""
-        for file in sorted(folder.glob("*.jsonl")):
+        for file in sorted(folder.glob("*.jsonl")) if folder else ():
             self._read(file)
 
     def _read(self, file: Path) -> None:
@@ -65,25 +65,27 @@ class Reach:
                     self.entering[name.partition(":")[0]].add(told["test"])
 
     def seconds(self, tests: Sequence[str]) -> float:
-        """Return what tests take without a fault, those that are unknown left out."""
-        return sum(self.took.get(test, 0) for test in tests)
+        """Return the time of tests without a fault, of all where there are none; unknown tests count nothing."""
+        return sum(self.took.get(test, 0) for test in tests or self.took)
 
     def tests(self, fault: Fault) -> list[str]:
-        """Return the tests that may find a fault: short ones of fitting files first, by turns of every file."""
+        """Return the tests that enter a fault's function, then those that enter its file; see `_ordered`."""
         in_file = self.entering[fault.path]
         in_function = self.entering[f"{fault.path}:{fault.function}"] if fault.function else in_file
         return self._ordered(in_function, fault.path) + self._ordered(in_file - in_function, fault.path)
 
     def _ordered(self, tests: set[str], path: str) -> list[str]:
+        """Return tests in rounds: each takes the shortest tests that are left of every file, fitting files first."""
         files: dict[str, list[str]] = defaultdict(list)
         for test in sorted(tests, key=lambda test: (self.took[test], test)):
             files[test.partition("::")[0]].append(test)
         fitting = sorted(files, key=lambda file: (-len(words(file) & words(path)), file))
-        turns = []
+        taken = []
         for file in fitting:
             size = EACH_ROUND if words(file) & words(path) else 1
-            turns.append([files[file][n : n + size] for n in range(0, len(files[file]), size)])
-        return list(chain.from_iterable(turn for turns in zip_longest(*turns, fillvalue=[]) for turn in turns))
+            taken.append([files[file][n : n + size] for n in range(0, len(files[file]), size)])
+        rounds = zip_longest(*taken, fillvalue=[])
+        return [test for parts in rounds for part in parts for test in part]
 
     def split(self, tests: list[str], seconds: Sequence[float]) -> list[list[str]]:
         """Return tests as several runs that take about these seconds; what takes longer than all is left out."""

@@ -104,7 +104,7 @@ def test_only_a_test_with_a_name_finds_a_fault(case, monkeypatch, tmp_path):
     with judge.Copy() as copy:
         (copy.folder / "part.py").write_text("FAULTY = 0\n")
         try:
-            found = judge.Judge(copy, map.Reach(tmp_path), 0).finding(fault, ["tests/test_part.py"], False)
+            found = judge.Judge(copy, map.Reach(), 0).finding(fault, ["tests/test_part.py"], False)
             said = found and found.kind
         except judge.Unjudged as reason:
             said = expected if expected in str(reason) else str(reason)
@@ -131,4 +131,5 @@ def test_tests_of_a_fault_begin_with_fitting_files_and_end_where_time_does(tmp_p
     ordered = reach.tests(faults.Fault("passes", "shpy/passes/known.py", 7, 0, 1, ""))
     assert [test[-1] for test in ordered] == ["y", "z", "x", "w"]
     assert [[test[-1] for test in run] for run in reach.split(ordered, (3, 3))] == [["y"], ["z"]]
+    assert (reach.seconds(ordered[:2]), reach.seconds([])) == (11, 13)  # no tests: the whole run
     assert reach.failed == ["tests/ir/test_c.py::v"]
