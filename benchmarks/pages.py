@@ -26,7 +26,10 @@ from websockets.sync.client import connect
 
 from shpy.errors import ShpyError
 
-_PAUSE: Final = 0.02
+_PATIENCE: Final = 100.0
+"""Seconds until a server or a browser counts as hanging."""
+_PAUSE: Final = 0.005
+"""Seconds between two checks of a condition."""
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
@@ -67,7 +70,7 @@ class View:
     def end(self) -> tuple[int, str]:
         """End it as Ctrl-C does; return its exit status and its standard error."""
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=100)
+        _, said = self.process.communicate(timeout=_PATIENCE)
         return self.process.returncode, said
 
 
@@ -102,8 +105,7 @@ class Browsed:
         opened = profile / "DevToolsActivePort"
         wait_until(lambda: opened.is_file() and len(opened.read_text().splitlines()) == 2)
         port = opened.read_text().splitlines()[0]
-        found: list[Any] = []
-        wait_until(lambda: found.extend(_pages(port, url)) or found)
+        found = wait_until(lambda: _pages(port, url))
         self._line = connect(found[0]["webSocketDebuggerUrl"], max_size=None)
         self._count = 0
 
@@ -132,22 +134,22 @@ class Browsed:
         """End the browser."""
         self._line.close()
         self.process.terminate()
-        self.process.wait(100)
+        self.process.wait(_PATIENCE)
 
 
 def _pages(port: str, url: str) -> list[Any]:
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=100) as answer:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
         return [one for one in json.load(answer) if one["url"] == url]
 
 
-def wait_until(held: Callable[[], Any], seconds: float = 100.0) -> None:
-    """Wait until something holds; raises TimeoutError where it does not after pauses of `seconds` in all.
+def wait_until(held: Callable[[], Any], seconds: float = _PATIENCE) -> Any:
+    """Call a function until it returns something true, and return that; raise TimeoutError after `seconds` of pauses.
 
-    Pauses count, not the clock, which goes on while a virtual machine is paused.
+    The pauses count, not the clock, which goes on while a virtual machine is paused.
     """
     for _ in range(round(seconds / _PAUSE)):
-        if held():
-            return
+        if found := held():
+            return found
         time.sleep(_PAUSE)
     raise TimeoutError(f"it does not hold after pauses of {seconds} s")
 

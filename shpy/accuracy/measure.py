@@ -59,7 +59,7 @@ def variants(
     Raises ShpyTypeError for an unknown precision.
     """
     for unknown in set(_several(precision, ())) - set(_PRECISIONS):
-        raise ShpyTypeError(f"precision={unknown!r} is not a precision", cure=" or ".join(map(repr, _PRECISIONS)))
+        raise ShpyTypeError(f"precision={unknown!r} is unknown", cure=" or ".join(map(repr, _PRECISIONS)))
     modes: list[str | None] = list(_several(math, MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]

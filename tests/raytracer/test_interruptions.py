@@ -7,8 +7,9 @@ import sys
 
 import numpy as np
 import pytest
-from patience import HANGING, polls
+from patience import HANGING
 
+from benchmarks.pages import wait_until
 from raytracer import Image, Renderer, Scene, cli
 from raytracer.integrators import progressive
 
@@ -27,10 +28,9 @@ def started(path, samples=100_000):
     """A process that renders for a long time and writes after each pass, once the first one is written."""
     words = [sys.executable, "-c", ENDLESS, *LINE, "--samples", str(samples), "-o", str(path)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-    for _ in polls():
-        if path.exists():
-            return process
-        assert process.poll() is None, process.stderr.read()
+    wait_until(lambda: path.exists() or process.poll() is not None)
+    assert process.poll() is None, process.stderr.read()
+    return process
 
 
 def goes_on(path, capsys):

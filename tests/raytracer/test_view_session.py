@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import File
-from patience import polls
 from PIL import Image as pillow
 
 import raytracer as rt
+from benchmarks.pages import wait_until
 from raytracer import viewing
 from raytracer.cli import _parser
 from raytracer.view import asking
@@ -39,13 +39,16 @@ def opened(*words):
 
 def pictures(session):
     """Yield the frames until the picture is finished."""
-    for _ in polls():
+
+    def drawn():
         session.woken()
-        found = session.next()
-        if found is not None:
-            yield found
-            if found[0]["finished"]:
-                return
+        return session.next()
+
+    finished = False
+    while not finished:
+        found = wait_until(drawn)
+        yield found
+        finished = found[0]["finished"]
 
 
 def last(session):

@@ -355,7 +355,7 @@ def test_nothing_sticks_out_on_a_telephone(browser, view):
 
 def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, view):
     view.save(GOOD.format(gain=1))
-    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page = views.new_page(browser, viewport={"width": 360, "height": 740})
     page.goto(view.url)
     page.wait_for_selector("body[data-form]")
     page.click("#picture")
@@ -373,7 +373,7 @@ def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, v
 def test_a_lost_connection_is_seen_wherever_a_telephone_has_scrolled(browser, tmp_path):
     path = tmp_path / "shader.py"
     path.write_text(GOOD.format(gain=1))
-    page = browser.new_page(viewport={"width": 360, "height": 400})
+    page = views.new_page(browser, viewport={"width": 360, "height": 400})
     with viewed(path, "--backend", "numpy", "--size", "48x32") as ended:
         page.goto(ended.url)
         page.wait_for_selector("body[data-form]")
