@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import threading
 import time
 import warnings
 from dataclasses import replace
@@ -10,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import File
+from patience import HANGING
 from PIL import Image as pillow
 
 import raytracer as rt
 from benchmarks.pages import wait_until
 from raytracer import viewing
 from raytracer.cli import _parser
-from raytracer.view import asking
+from raytracer.integrators.renderer import Renderer
+from raytracer.view import asking, renderers
 from raytracer.view.command import file_of, options_of, request_of
 from raytracer.view.refining import Pace, Refinement
 from raytracer.view.session import Session, explain_opening
@@ -257,15 +260,20 @@ def test_materials_are_named_by_their_meshes(session):
     assert (form["material.box.color"], form["material.box.ior"]) == ("color", "number")
 
 
-def test_another_integrator_takes_the_place_of_the_one_before(session):
+def test_another_integrator_takes_the_place_of_the_one_before(session, monkeypatch):
+    made = threading.Event()
+
+    def make(*given, **options):
+        assert made.wait(HANGING)
+        return Renderer(*given, **options)
+
+    monkeypatch.setattr(renderers, "Renderer", make)
     session.set({"scene": {"integrator": "path"}})
-    forms = [(header["form"], header["waiting"]) for header, _ in pictures(session)]
-    while forms[-1][0] != "Path on numpy":
-        assert forms[-1] == ("Whitted on numpy", "Path on numpy")
-        session.woken()
-        found = session.next()
-        forms += [(found[0]["form"], found[0]["waiting"])] if found else []
-    assert forms[-1] == ("Path on numpy", None)
+    before = [header for header, _ in pictures(session)]
+    assert {(header["form"], header["waiting"]) for header in before} == {("Whitted on numpy", "Path on numpy")}
+    made.set()
+    after = [header for header, _ in pictures(session)]
+    assert {(header["form"], header["waiting"]) for header in after} == {("Path on numpy", None)}
     assert session.set({"scene": {"integrator": "magic"}}) == ["the integrator is one of whitted, path, not 'magic'"]
     assert session.set({"scene": {"integrator": "whitted"}}) == []
 

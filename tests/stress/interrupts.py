@@ -14,13 +14,13 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from benchmarks.pages import wait_until
 from shpy.backends.glsl.device.context import Context
 
 SHPY = Path(sys.modules["shpy"].__file__ or "").parent
@@ -83,9 +83,7 @@ def in_a_draw(after: int) -> Iterator[None]:
         if left == 0 and threading.current_thread() is not threading.main_thread():
             wanted = context._wanted
             os.kill(os.getpid(), signal.SIGINT)
-            until = time.monotonic() + 10
-            while wanted.is_set() and time.monotonic() < until:
-                time.sleep(0.001)
+            wait_until(lambda: not wanted.is_set())
         real(context)
 
     before = signal.signal(signal.SIGINT, _raise)

@@ -15,8 +15,16 @@ import ctypes
 import os
 from collections.abc import Callable
 from functools import cache
+from typing import Final
 
 from shpy.errors import BackendUnavailable
+
+HEARD: Final = 0.1
+"""Seconds after which a wait of the caller wakes up, so that Ctrl-C is heard.
+
+CPython handles no signal that arrives between its last check and the wait: that one would go on to its end. A machine
+whose processors are all busy gives the driver's thread its turn just there.
+"""
 
 
 class Driver:

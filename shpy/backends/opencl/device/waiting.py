@@ -17,6 +17,8 @@ import threading
 from queue import SimpleQueue
 from typing import Any, Final
 
+from shpy.backends.device.processes import HEARD
+
 _GRACE: Final = 1.0
 """Seconds that the end of an interrupted process waits for the device: most dispatches take less."""
 
@@ -56,7 +58,8 @@ class Waiter:
             return
         job = _Job(event)
         self._jobs.put(job)
-        job.done.acquire()
+        while not job.done.acquire(timeout=HEARD):
+            pass
         if self._ending and threading.current_thread().daemon:
             self._parked.set()
             threading.Event().wait()  # for ever: nobody waits for this thread, and the process ends
