@@ -2,6 +2,7 @@ import gc
 import os
 import sys
 import zlib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -26,8 +27,17 @@ def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the golden texts anew (never in CI)")
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items):
-    """Run the longest tests first, so that no worker is left alone with one at the end."""
+    """Mark most cases of sampled tests as slow. The longest tests run first: no worker is left alone with one."""
+    found = Counter()
+    for item in items:
+        sampled = item.get_closest_marker("sampled")
+        if sampled is not None:
+            test = item.nodeid.partition("[")[0]
+            if found[test] % sampled.args[0]:
+                item.add_marker(pytest.mark.slow)
+            found[test] += 1
     items.sort(key=lambda item: "test_generated" not in item.nodeid)
 
 

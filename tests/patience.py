@@ -7,6 +7,6 @@ Clocks go on while a virtual machine is paused, for half an hour at times. So a 
 from typing import Final
 
 HANGING: Final = 900.0
-"""Seconds after which a process hangs. A test that takes twice as long is ended: `faulthandler_timeout` of pyproject."""
+"""Seconds after which a process hangs; `faulthandler_timeout` of pyproject ends a test that takes twice as long."""
 PAGE: Final = 120_000
 """Milliseconds that a test waits for a change of a page."""

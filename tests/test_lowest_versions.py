@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from patience import HANGING
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -67,6 +68,7 @@ print(np.__version__)
 """
 
 
+@pytest.mark.slow
 def test_the_lowest_versions_work_together(tmp_path):
     subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
     python = tmp_path / "bin/python"

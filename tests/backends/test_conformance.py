@@ -21,6 +21,7 @@ from shpy.testing.conformance.catalogue import all_cases
 
 CASES = all_cases()
 NAMES = [case.name for case in CASES]
+STRUCTURED = [case for case in CASES if case not in operations.ROWS]
 
 
 def each(cases: list[Case]) -> pytest.MarkDecorator:
@@ -45,8 +46,23 @@ def test_every_operation_is_in_the_list() -> None:
 
 
 @each(CASES)
-@pytest.mark.parametrize("target", BACKENDS)
+@pytest.mark.parametrize("target", [name for name in BACKENDS if name != "opencl"])
 def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
+    agree(case, target)
+
+
+@each(STRUCTURED)
+def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
+    agree(case, "opencl")
+
+
+@pytest.mark.sampled(3)  # its driver compiles each for half a second; `test_packets.py` has all of them in few kernels
+@each(operations.ROWS)
+def test_an_operation_by_itself_agrees_on_opencl(case: Case) -> None:
+    agree(case, "opencl")
+
+
+def agree(case: Case, target: str) -> None:
     if target in case.refused:
         with pytest.raises(sh.CompileError, match=case.refused[target]):
             case.run(target)
@@ -57,15 +73,13 @@ def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
             case.check(case.run(target), target)
 
 
-STRUCTURED = [case for case in CASES if case not in operations.ROWS]
-
-
 @each(STRUCTURED)
 def test_how_many_are_in_a_tile_does_not_matter(case: Case) -> None:
     for width in TILES:
         case.check(case.run(width), width)
 
 
+@pytest.mark.sampled(2)
 @each([case for case in STRUCTURED if drawn(case) % 2])
 def test_how_many_are_in_a_packet_does_not_matter(case: Case) -> None:
     """Half of the cases, each at one of the widths."""
@@ -100,6 +114,7 @@ def wide() -> list[str]:
     return [name for name, lanes in WIDE.items() if lanes in machine_of(None).widths]
 
 
+@pytest.mark.sampled(2)
 @each(STRUCTURED[::16])
 def test_packets_wider_than_vectors_of_opencl_agree(case: Case) -> None:
     """Each case takes one of the widths that the driver has."""

@@ -86,6 +86,7 @@ def check_bound(found: Array, name: str, precision: str, bound: float) -> None:
         assert off <= bound, f"{name} of {float(given).hex()} is {float(result).hex()}: {off} ULP off"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("name", NAMES)
 def test_strict_keeps_its_bound_at_every_angle_with_the_same_bits(name: str, precision: Any) -> None:

@@ -233,6 +233,7 @@ def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
     same(found, (expected[..., 0] if rank == 1 else expected).astype(np.int32))
 
 
+@pytest.mark.sampled(5)
 @each_width
 @pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
 def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
@@ -265,6 +266,7 @@ def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
             same(next(found), np.broadcast_to(element, (50, *element.shape)))
 
 
+@pytest.mark.sampled(5)
 @each_width
 @pytest.mark.parametrize("kind", [sh.Attrib1f, sh.Attrib2i, sh.Attrib1b, sh.Attrib1d])
 def test_arrays_of_a_lane_of_its_own(lanes: int, kind: Any) -> None:
@@ -350,6 +352,7 @@ def test_only_active_lanes_are_asked(lanes: int) -> None:
 # Every operation, and programs at random
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lanes", [8, 16])
 @pytest.mark.parametrize("base", "fdiub")
 def test_every_operation(lanes: int, base: str) -> None:
@@ -379,6 +382,7 @@ def test_every_operation(lanes: int, base: str) -> None:
         same(found, expected, name)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(24))
 def test_random_programs(seed: int) -> None:
     lanes, count = WIDTHS[seed % 3], SIZES[seed % 4]

@@ -29,6 +29,7 @@ def refused(lanes: int) -> bool:
     return True
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("lanes", [32])
 @pytest.mark.parametrize("base", "iub")
 def test_every_operation_on_ints_and_bools(lanes: int, base: str) -> None:
@@ -81,6 +82,7 @@ def test_tails_of_lists_and_rows(lanes: int) -> None:
             same(found, expected, shape)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lanes", [32])
 @pytest.mark.parametrize("options", [{"math": "relaxed"}, {"math": "fast"}, {"precision": "f16"}, {"precision": "f64"}])
 def test_functions_of_every_mode_and_precision_have_halves(lanes: int, options: dict[str, str]) -> None:

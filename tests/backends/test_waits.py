@@ -1,4 +1,4 @@
-"""Ctrl-C ends a wait for a device also where its signal comes just before the wait, which it then does not interrupt."""
+"""Ctrl-C ends a wait for a device also where its signal comes just before the wait, and does not interrupt it."""
 
 import signal
 import threading

@@ -21,13 +21,19 @@ AROUND = [n + k for n in (1024, 3072, 2**16, 2**17) for k in (-1, 0, 1)] + [2, 9
 """Sizes around the blocks and parts of `opencl.trees`, and primes."""
 
 
-@pytest.fixture(params=["numpy", *TREES, "glsl"])
+def each(targets):
+    """Return the parameters of a test: OpenCL's widths but for 1 and 8 are slow."""
+    rare = {"opencl-4", "opencl-16", "opencl-trees-4", "opencl-trees-16"}
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name in rare)) for name in targets]
+
+
+@pytest.fixture(params=each(["numpy", *TREES, "glsl"]))
 def trees(request, monkeypatch):
     """A backend that takes large streams in a few runs."""
     yield from _at_widths(request.param, monkeypatch)
 
 
-@pytest.fixture(params=TARGETS)
+@pytest.fixture(params=each(TARGETS))
 def target(request, monkeypatch):
     """A backend, and the lanes of its packets: where streams lie, programs are compiled with these.
 

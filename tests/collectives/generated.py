@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from backends.running import LANES
+from collectives.definition import each
 
 import shpy as sh
 from shpy.backends.base import Collectives
@@ -88,7 +89,7 @@ def by_programs(request, monkeypatch):
     return request.param
 
 
-@pytest.fixture(params=COMPUTED)
+@pytest.fixture(params=each(COMPUTED))
 def computed(request, monkeypatch):
     """The backend of a target of what runs programs."""
     with running(request.param, monkeypatch) as backend:

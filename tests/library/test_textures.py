@@ -28,6 +28,7 @@ def read(texture, type=sh.TexCoord2f, *more):
     return sh.program(sampled)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("filter", ["nearest", "linear", "cubic"])
 @pytest.mark.parametrize("wrap", ["mirror", ("repeat", "clamp"), ("clamp", "mirror"), "repeat", "clamp"])
 def test_all_backends_give_the_same_bits(filter, wrap):

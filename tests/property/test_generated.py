@@ -1,9 +1,9 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-360 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next. 5,400
-others run on all of these: `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or f16, where
-the interpreter is the reference. A failure prints the program as text that a person can run, the element and both
-answers.
+About 140 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
+340 more, and 5,400 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
+f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
+both answers.
 """
 
 from __future__ import annotations
@@ -63,11 +63,13 @@ def rotated(shard: int) -> tuple[str, ...]:
     return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], glsl)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int) -> None:
     agree(shard, rotated(shard))
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("shard", range(6))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, rotated(shard), endless=True)
@@ -89,6 +91,7 @@ def agree_specialized(shard: int, backends: tuple[str, ...]) -> None:
         seed(f"specialized {shard}.{part}")(run)()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shard", range(6))
 def test_specialized_programs_agree(shard: int) -> None:
     agree_specialized(shard, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)))

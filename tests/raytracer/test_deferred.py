@@ -46,6 +46,7 @@ def difference(one, other):
     return 255 * float(np.sqrt(np.mean((one.pixels - other.pixels) ** 2)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 @pytest.mark.parametrize(
     "options", [{"bounces": 2}, {"integrator": "path", "samples": 2, "bounces": 3}], ids=["whitted", "path"]
@@ -75,6 +76,7 @@ def test_weights_are_those_of_texels_centres(backend):
     np.testing.assert_allclose(along, cube.images.depths, atol=1e-4 * np.ptp(corners))
 
 
+@pytest.mark.sampled(2)
 @every
 @pytest.mark.parametrize("hit", ["plane", "triangle"])
 def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):

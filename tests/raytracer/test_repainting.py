@@ -71,6 +71,7 @@ def refused(*_, **__):
     raise AssertionError("something was compiled or built")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("way", WAYS)
 def test_other_numbers_of_materials_are_shown_and_nothing_is_compiled_or_built(way, backend, monkeypatch):

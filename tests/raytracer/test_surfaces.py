@@ -424,6 +424,7 @@ SHADERS = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("kind", "shader"), SHADERS, ids=[shader.__name__ for _, shader in SHADERS])
 def test_the_ready_made_ones_agree_on_every_backend(kind, shader):
     ball = sphere(1, Material((0.7, 0.5, 0.3), **{kind: shader}), rings=8, segments=12)

@@ -235,9 +235,9 @@ def machine(kind, examples, steps):
     return case
 
 
-TestOnNumpy = machine(OnNumpy, 30, 25)
-TestOnOpenCL = machine(OnOpenCL, 20, 25)
-TestOnGlsl = machine(OnGlsl, 12, 25)
+TestOnNumpy = machine(OnNumpy, 12, 25)
+TestOnOpenCL = machine(OnOpenCL, 8, 25)
+TestOnGlsl = machine(OnGlsl, 8, 25)
 
 
 @pytest.mark.slow

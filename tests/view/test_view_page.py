@@ -96,6 +96,7 @@ def test_a_saved_file_is_recorded_again_and_its_picture_measured(page, view):
     assert "first picture after" in page.inner_text("#status")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("wrong", "said", "line"),
     [
