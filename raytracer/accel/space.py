@@ -8,8 +8,10 @@ True
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import copy_columns, normals_of, parts
 from raytracer.errors import SceneError
@@ -64,6 +66,21 @@ def scale_of(corners: NDArray[np.float64], precision: str) -> float:
     _, exponent = np.frexp(largest)
     wanted = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
     return float(2.0 ** min(wanted - exponent, STEEPEST))
+
+
+def placed(what: str, position: ArrayLike, origin: Rows, scale: float, dtype: np.dtype[Any]) -> Rows:
+    """Return a position (3,) in the kernel's coordinates.
+
+    Raises SceneError, which names `what` stands there, where `dtype` does not hold them.
+    """
+    found = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
+    if not (np.abs(found) <= np.finfo(dtype).max).all():
+        place = ", ".join(f"{x:.6g}" for x in np.ravel(position))
+        raise SceneError(
+            f"{what} at ({place}) is too far away for a scene of this size, in floats of {8 * dtype.itemsize} bits: "
+            f"scale the scene, or move {what} nearer"
+        )
+    return found
 
 
 def to_kernel(corners: Rows, precision: str) -> tuple[Rows, Rows, float]:

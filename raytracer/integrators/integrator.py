@@ -11,7 +11,7 @@ Path(bounces=8, samples=16, accel=None, grid=None, precision='f32', math='strict
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isqrt
 from typing import Any, ClassVar, Final, TypedDict
 
@@ -189,6 +189,10 @@ def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
         _check_threshold(given.pop("threshold", THRESHOLD))
     if kind is not Path:
         _check_seed(given.pop("seed", 0))
+    known = [field.name for field in fields(kind)]
+    for name in given:
+        if name not in known:
+            raise TypeError(f"{kind.__name__} has no option {name!r}: its options are {', '.join(known)}")
     return kind(**given)
 
 

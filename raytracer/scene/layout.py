@@ -23,7 +23,7 @@ from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
 from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
-from raytracer.accel.space import WORKING, Rows, rounded, to_kernel, triangle_rows
+from raytracer.accel.space import WORKING, Rows, placed, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
@@ -118,7 +118,7 @@ class Layout:
             material_rows=_material_rows(materials),
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=object_of,
-            lights=light_rows(scene.placed_lights, origin, scale),
+            lights=light_rows(scene.placed_lights, origin, scale, dtype),
             materials=materials,
             without_uv=_without_uv(meshes, index, len(materials)),
             uvs=_uvs(meshes) if any(m.textures or m.surface for m in materials) else None,
@@ -207,7 +207,7 @@ class Layout:
         before = self.material_of[[first for first, _ in ranges]]
         if not np.array_equal(index, before) or not all(map(_differ_in_numbers, materials, self.materials)):
             return None
-        lights = light_rows(scene.placed_lights, self.origin, self.scale)
+        lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
         if kinds_of(lights) != kinds_of(self.lights):
             return None
         found = replace(self, lights=lights, materials=materials, material_rows=_material_rows(materials))
@@ -236,15 +236,16 @@ class Layout:
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float) -> Rows:
+def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float, dtype: np.dtype[Any]) -> Rows:
     """Return (2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then colour.
 
-    The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not.
+    The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not. Raises
+    SceneError for a position that `dtype` does not hold.
     """
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
         if isinstance(light, PointLight):
-            rows[2 * k] = *((light.position - origin) * scale), 1
+            rows[2 * k] = *placed("the light", light.position, origin, scale, dtype), 1
             rows[2 * k + 1, 3] = light.falloff == "square"
         else:
             rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)

@@ -9,7 +9,7 @@ import pytest
 from oracle import closest
 
 import shpy as sh
-from raytracer import Intersector, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer import Camera, Intersector, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
@@ -243,6 +243,17 @@ def test_a_mesh_near_the_end_of_f64_is_met(size):
     shoot = Intersector(Mesh(cube.vertices * size, cube.faces), backend="numpy")
     hits = shoot.intersect(np.array([[0.1, 0.2, 3]]) * size, [[0, 0, -size]])
     np.testing.assert_allclose(hits.t, 2.5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("light", "camera", "said"), [(5, 4e-29, r"light at \(0, 0, 5\)"), (5e-29, 4, r"camera at \(0, 0, 4\)")]
+)
+def test_what_stands_too_far_away_for_f32_is_named(light, camera, said):
+    cube = box()
+    lights, seen_from = [PointLight((0, 0, light))], Camera((0, 0, camera), (0, 0, 0))
+    tiny = Scene([Mesh(cube.vertices * 1e-29, cube.faces)], lights, seen_from)
+    with pytest.raises(SceneError, match=f"the {said} is too far away for a scene of this size, in floats of 32 bits"):
+        render(tiny, (4, 4), backend="numpy")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -93,3 +93,8 @@ def test_a_cube_belongs_to_integrators_with_secondary_rays():
         chosen("whitted", {"tracer": "staged", "secondary": cube})
     with pytest.raises(TypeError, match="secondary"):
         Staged(secondary=cube)
+
+
+def test_an_unknown_option_is_said_with_those_that_there_are():
+    with pytest.raises(TypeError, match=r"^Whitted has no option 'foo': its options are bounces, samples, accel, "):
+        chosen("whitted", {"foo": 1})
