@@ -1,7 +1,7 @@
-"""Calls of one large function that follow each other become iterations of a loop, so that its code is there once.
+"""Turn consecutive calls of one large function into iterations of a loop, so that the code of the function exists once.
 
-Stage: improve, before `exits`, for targets whose compilers copy every function to each of its calls: there the time to
-compile a hundred unrolled calls is that of a hundred functions.
+Stage: improve, before `exits`, for targets whose compilers inline every call: there a hundred unrolled calls take as
+long to compile as a hundred functions.
 
     %1 = call noise(%p)       |   store $k = 0
     store $y = %1             |   loop turns 3 {
@@ -13,8 +13,8 @@ compile a hundred unrolled calls is that of a hundred functions.
                               |     continuing: store $k = $k + 1
                               |   }
 
-The statements between two calls run in the iteration of the second call. Where several functions alternate, an
-iteration has a call of each. A value that is used beyond the part that makes it goes there in a variable.
+The statements between two calls run in the iteration of the second call; they are called a part. Where several
+functions alternate, an iteration calls each of them. A value that another part uses is passed there in a variable.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ from shpy.passes.rewriter import Rewriter
 from shpy.passes.size import callee_of, inlined_sizes
 
 WORTH_SHARING = 20_000
-"""Statements of a whole program, all calls inlined, from which on calls share code."""
+"""The least number of statements of a program, with all calls inlined, at which calls share code."""
 _LARGE = 60
-"""A function of fewer statements is copied."""
+"""The least number of statements of a function whose calls share code; smaller functions are copied."""
 _FEWEST_ITERATIONS = 10
-"""A loop of fewer iterations saves too little code."""
+"""The limit of iterations for a program barely WORTH_SHARING; a lower limit would save too little code."""
 _MOST_ITERATIONS = 32
-"""Each iteration compares its number once for every part of its loop: with more, that takes longer than the calls."""
+"""The most iterations of any loop. Each compares its number with that of every part, which takes time as well."""
 _MOST_CALLS = 8
-"""Calls of an iteration, at most."""
+"""The most calls in one iteration."""
 
 _INDEX = vec(Base.I)
 
 
 def share_calls(module: Module) -> Module:
-    """Return the module, whose calls are in loops where the whole would be large with every call inlined."""
+    """Return the module with its calls in loops, if it would be large with every call inlined."""
     sizes = inlined_sizes(module)
     depths = {module.entry.name: 0}
     stopped = may_be_stopped(module)
@@ -82,7 +82,7 @@ def share_calls(module: Module) -> Module:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Calls of a region that become iterations: their places, `period` of them in each."""
+    """Calls of a region that become a loop: their indices in the region, and how many calls an iteration has."""
 
     calls: tuple[int, ...]
     period: int
@@ -93,7 +93,7 @@ class _Run:
 
 
 class _Sharing(Rewriter):
-    """Rewrites one function; notes in `depths` how many loops stand around each call."""
+    """Rewrites one function; records in `depths` the largest loop depth at which each function is called."""
 
     def __init__(
         self, function: Function, module: Module, sizes: dict[str, int], depths: dict[str, int], iterations: int
@@ -137,7 +137,7 @@ class _Sharing(Rewriter):
         super().statement(statement)
 
     def _runs(self, region: Region) -> Iterator[_Run]:
-        """Find the longest periodic runs of calls, first to last, in parts that fit a loop."""
+        """Yield the longest periodic runs of calls in program order, split where one loop has its most iterations."""
         places: list[int] = []
         for at, s in enumerate(region):
             if places and _leaves(s):
@@ -176,13 +176,13 @@ class _Sharing(Rewriter):
             first += best
 
     def _key(self, s: Stmt) -> tuple[object, ...]:
-        """Return the key that calls of one loop share: the function, and the variables passed by reference."""
+        """Return the key by which calls are grouped into a loop: the function and the variables passed by reference."""
         if isinstance(s, Call):
             ports = self.functions[s.function].inputs
             return s.function, *(a for a, p in zip(s.args, ports, strict=True) if isinstance(p, Variable))
         return (callee_of(s),)
 
-    # How they are shared
+    # The loop
 
     def _share(self, region: Region, run: _Run) -> None:
         self.shared = True
@@ -212,13 +212,13 @@ class _Sharing(Rewriter):
         return self.next_slot - 1
 
     def slot_of(self, key: tuple[object, ...], type: Type, name: str | None) -> int:
-        """Return the variable of this key, which consecutive loops share."""
+        """Return the variable with this key; several loops of a function share it."""
         if key not in self.known:
             self.known[key] = self.slot(type, name)
         return self.known[key]
 
     def load(self, variable: int, value: Value) -> int:
-        """Load what stands for a value."""
+        """Emit a load of the variable that holds a value; return its id."""
         return self.make("load", type=value.type, attr=variable)
 
 
@@ -236,7 +236,7 @@ class _Iterations:
         self.inside = made
         self.later = {v for v in made if work.used[v] > inside[v]}
         self.users = self._users()
-        self.kept: dict[int, int] = {}  # the variable of a value that is used beyond its part
+        self.kept: dict[int, int] = {}  # the variable that holds a value which other parts use
         self.types: dict[int, Value] = {}
         self._keep()
         first = self.calls[: run.period]
@@ -253,7 +253,7 @@ class _Iterations:
         return made if n == 0 else results(self.calls[n - 1]) + made
 
     def _keep(self) -> None:
-        """Give variables to the values that go beyond their part; one whose value is not used any more is free."""
+        """Assign a variable to each value that other parts use; reuse a variable after the last use of its value."""
         free = self.work.free
         ends: dict[int, list[Value]] = {}
         for n in range(len(self.calls)):
@@ -271,7 +271,7 @@ class _Iterations:
             free.setdefault(value.type, []).append(self.kept[value.id])
 
     def _users(self) -> dict[int, set[int]]:
-        """Return the parts that use a value; a call's arguments are used in the part before it."""
+        """Return the parts that use each value; the arguments of a call belong to the part before it."""
         users: dict[int, set[int]] = {}
         for n, (part, call) in enumerate(zip(self.between, self.calls, strict=True)):
             for s in (*walk(part), call):
@@ -280,7 +280,7 @@ class _Iterations:
         return users
 
     def part(self, number: int, iteration: int) -> None:
-        """Emit the statements before this place's call, one branch for each iteration, and the call."""
+        """Emit the parts before call `number` of an iteration, one branch for each iteration, and then the call."""
         work = self.work
         for n in range(number, len(self.calls), self.run.period):
             here = work.make("eq", iteration, work.const(_INDEX, n // self.run.period), type=vec(Base.B))
@@ -292,7 +292,7 @@ class _Iterations:
     def _one(self, n: int) -> None:
         work = self.work
         made = {v.id: v for v in self._made(n)}
-        for own in made:  # a part that comes later was here before
+        for own in made:  # a later part may have left an alias
             work.alias.pop(own, None)
         for used in sorted(v for v in self.kept if v not in made and n in self.users.get(v, ())):
             work.alias[used] = work.load(self.kept[used], self.types[used])
@@ -314,7 +314,7 @@ class _Iterations:
                 work.emit(Store(slots[place], work.alias.get(argument, argument)))
 
     def _values(self, call: Stmt) -> Iterator[tuple[int, int]]:
-        """Yield the arguments by value, with their places."""
+        """Yield the index and the id of each argument that is passed by value."""
         ports = self.work.functions[str(callee_of(call))].inputs
         args = call.args if isinstance(call, (Let, Call)) else ()
         for place, (argument, port) in enumerate(zip(args, ports, strict=True)):
@@ -322,7 +322,7 @@ class _Iterations:
                 yield place, argument
 
     def _differs(self, number: int, place: int) -> bool:
-        """Return whether an argument is not one value, made before the loop, in all iterations."""
+        """Return whether an argument differs between iterations or is computed inside the loop."""
         given = {dict(self._values(call))[place] for call in self.calls[number :: self.run.period]}
         return len(given) > 1 or bool(given & self.inside)
 
@@ -345,7 +345,7 @@ class _Iterations:
             work.emit(Store(slot, value.id))
 
     def after(self) -> None:
-        """Load what is used after the loop."""
+        """Emit loads of the values that are used after the loop."""
         work = self.work
         last = len(self.calls) - 1
         for value, slot in zip(results(self.calls[last]), self.results[last % self.run.period], strict=True):

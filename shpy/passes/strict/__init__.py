@@ -1,8 +1,8 @@
 """The functions that strict mode expands, so that they give the same bits on every target.
 
 Stage: improve. `FUNCTIONS["sin"]` writes sine as a formula of operations that are rounded correctly everywhere: no
-fused multiply-add, no binary64 for a binary32. `lower` makes functions `sin_strict` of them. Imported when the first
-one is needed.
+fused multiply-add, no binary64 for a binary32. `lower` makes functions such as `sin_strict` from these formulas. It
+imports this package when a module first needs one.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Operations of binary32 rounded correctly, for devices that round them wrong or have none: computed in integers.
+"""Correctly rounded operations of binary32, in integers, for devices that round them wrong or lack them.
 
-Stage: improve. Division and square root start from an estimate: a quotient of mantissas is wanted to 25 bits; the
-device's own gives it to within 64 units in the last place (a root 16), and the remainder, exact modulo 2**32, tells how
-far off it is. Zeros, infinities, denormals and NaN are the device's affair. `fma` computes with integers alone
-where all is finite, so that denormals are exact whatever the device makes of them.
+Stage: improve. Division and square root start from the device's own result, which may be off by 64 units in the last
+place (a root by 16). The formulas need 25 bits of it: the remainder, exact modulo 2**32, gives the correction. Zeros,
+infinities, denormals and NaN are left to the device. `fma` computes with integers alone where all operands are finite,
+so that denormals are exact even on a device that flushes them to zero.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from shpy.passes.terms import Term, where
 
 
 def _mantissa(bits: Term) -> Term:
-    """Return the mantissa with its hidden bit: 2**23 up to 2**24."""
+    """Return the mantissa with its hidden bit, in [2**23, 2**24)."""
     return (bits & 0x7FFFFF) | 0x800000
 
 
@@ -26,13 +26,13 @@ def _exponent(bits: Term) -> Term:
 
 
 def _step(rest: Term, by: Term) -> Term:
-    """Estimate by how much the quotient must grow: the remainder divided by the divisor."""
+    """Return the estimated correction of a quotient: the remainder divided by the divisor, rounded down."""
     estimate = rest.based(Base.F) / by.based(Base.F)
     return estimate.op("floor").based(Base.I).named("off")
 
 
 def _rounded(q: Term, exact: Term, n: Term) -> Term:
-    """Round q from 25 to 24 bits, half to even, times 2**(n - 23); where `exact`, no bits follow those of q."""
+    """Return q / 2 * 2**(n - 23), rounded from 25 to 24 bits, half to even; `exact`: no bits of the result follow q."""
     sticky = where(exact, q.constant(0), 1)
     up = q & 1 & (sticky | (q >> 1))
     mantissa = ((q >> 1) + up).based(Base.F) * 2.0**-23
@@ -77,7 +77,7 @@ def sqrt(x: Term) -> Term:
         rest = (rest - off * (whole + whole + off)).named("rest")
         q = (q + off.based(Base.U)).named("q")
     for _ in range(2):
-        # The root is the greatest number whose square is no greater: one up or down may be left.
+        # The root is the greatest integer whose square is not above the mantissa; each step corrects q by one.
         whole = q.based(Base.I)
         off = where(rest < 0, rest.constant(-1), where(rest > whole + whole, rest.constant(1), 0)).named("off")
         rest = (rest - off * (whole + whole + off)).named("rest")
@@ -87,8 +87,8 @@ def sqrt(x: Term) -> Term:
 
 
 def _leading(x: Term) -> Term:
-    """Return the place of the highest bit of a uint that is not 0, as an int: from the exponent of a float."""
-    # Without the bit below the highest one, no conversion rounds up to the next power of two.
+    """Return the position of the highest bit of a uint other than 0, as an int, read from the exponent of a float."""
+    # The bit below the highest one is cleared, so that the conversion cannot round up to the next power of two.
     return _exponent((x & ~(x >> 1)).based(Base.F).op("bits_from_float")) - 127
 
 
@@ -116,10 +116,10 @@ _Wide = tuple[Term, Term]
 
 
 def _shifted(x: _Wide, n: Term) -> _Wide:
-    """X shifted right by 0 to 63 bits; the lowest bit is set in addition if any that is lost was."""
+    """Return x shifted right by 0 to 63 bits; its lowest bit is also set if any bit that was shifted out was set."""
     high, low = x
     by = (n & 31).named("by")
-    # Two shifts: one by 32 would be one by 0.
+    # Two shifts, since a single shift by 32 would be a shift by 0.
     out_of_high, out_of_low = ((half << 1).op("shl", 31 - by) for half in x)
     near = high.op("shr", by), low.op("shr", by) | out_of_high
     far = (n >= 32).named("far")
@@ -145,7 +145,7 @@ def _product(a: Term, b: Term) -> _Wide:
 
 
 def fma(a: Term, b: Term, c: Term) -> Term:
-    """Return a * b + c, rounded once: a sum of 64 bits whose lowest bit tells of all that was shifted out."""
+    """Return a * b + c, rounded once, from a sum of 64 bits whose lowest bit is set if bits were shifted out."""
     bits = [x.op("bits_from_float").named(f"{name}_bits") for x, name in ((a, "a"), (b, "b"), (c, "c"))]
     (a_m, a_e), (b_m, b_e), (c_m, c_e) = map(_normalised, bits)
     product, term = _product(a_m, b_m), (c_m << 6, c_m.constant(0))  # times 2**14 and 2**38
@@ -162,7 +162,7 @@ def fma(a: Term, b: Term, c: Term) -> Term:
     below = (sum_high >= 0x80000000).named("below")
     high, low = _negated((sum_high, sum_low), below)
     sign = where(c_first, c_sign, product_sign) ^ where(below, c_sign.constant(0x80000000), 0)
-    # The highest bit goes to the top of one half.
+    # Shift the highest bit to the top of its half.
     short, nothing = high.equals(0).named("short"), (high | low).equals(0).named("nothing")
     top, rest = where(short, low, high), where(short, low.constant(0), low)
     up = (31 - _leading(top | 1)).named("up")

@@ -1,8 +1,8 @@
 """Sine, cosine, tangent and their inverses, from operations that every target rounds alike.
 
-Stage: improve. Angles are reduced to within an eighth of a turn with pi / 2 in three parts (Cody and Waite 1980), and
-the reduced angle is kept in two, so that what cancels beside a multiple of pi / 2 costs nothing. Past 2**20, which is
-rare, the function of `payne_hanek` reduces them.
+Stage: improve. Angles are reduced to at most pi / 4 in size with pi / 2 in three parts (Cody and Waite 1980). The
+reduced angle is the sum of two parts, so that cancellation near a multiple of pi / 2 loses no digits. Angles beyond
+2**20, which are rare, are reduced by `payne_hanek`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _times_part(k: Term, part: float) -> Pair:
 
 
 def _reduced(x: Term) -> Triple:
-    """(high, low, k): x is k * pi / 2 + high + low but for whole turns, and high at most pi / 4."""
+    """Return (high, low, k): x is k * pi / 2 + high + low plus a multiple of 2 * pi; |high| is at most pi / 4."""
 
     def far() -> list[Term]:
         found = [x[n].op("payne_hanek", type=x.type.sized(3)) for n in range(x.type.size)]
@@ -60,7 +60,7 @@ def _reduced(x: Term) -> Triple:
 
 
 def _near_reduced(x: Term) -> Triple:
-    """Reduce an x of at most FAR in size; the result for others is arbitrary."""
+    """Return (high, low, k) for |x| up to FAR; the result for larger x is arbitrary."""
     first, second, third, *fourth = constants(x, HALF_PI)
     k = whole_and_shifted(x * constants(x, TWO_BY_PI)[0])[0].named("near_k")
     product, rest = _times_part(k, first)
@@ -87,12 +87,12 @@ def quadrant(k: Term) -> Pair:
 
 
 def _sine_rest(high: Term, low: Term, z: Term) -> Term:
-    """Return the sine of high + low, less high."""
+    """Return sin(high + low) - high."""
     return (high * (z * polynomial(z, SIN)) + low).named("sine_rest")
 
 
 def _cosine(high: Term, low: Term, z: Term) -> Pair:
-    """Return the cosine of high + low, in two parts that overlap."""
+    """Return the cosine of high + low as the sum of two parts whose bits may overlap."""
     by_2 = (z * 0.5).named("z_by_2")
     whole = (1 - by_2).named("whole")
     rest = (z * z * polynomial(z, COS) - high * low).named("rest")
@@ -100,7 +100,7 @@ def _cosine(high: Term, low: Term, z: Term) -> Pair:
 
 
 def sin(x: Term) -> Term:
-    """Sine."""
+    """Return the sine of x."""
     high, low, k = _reduced(x)
     odd, opposite = quadrant(k)
     z = (high * high).named("z")
@@ -110,7 +110,7 @@ def sin(x: Term) -> Term:
 
 
 def cos(x: Term) -> Term:
-    """Cosine."""
+    """Return the cosine of x."""
     high, low, k = _reduced(x)
     odd, opposite = quadrant(k)
     z = (high * high).named("z")
@@ -120,7 +120,7 @@ def cos(x: Term) -> Term:
 
 
 def tan(x: Term) -> Term:
-    """Tangent: the quotient of both in two parts, and what the division left over."""
+    """Return the tangent of x: sine and cosine, each in two parts, divided with a correction from the remainder."""
     high, low, k = _reduced(x)
     odd, _ = quadrant(k)
     z = (high * high).named("z")
@@ -134,7 +134,7 @@ def tan(x: Term) -> Term:
 
 
 def _asin_rest(a: Term) -> Term:
-    """(asin(a) - a) / a for 0 <= a <= 1/2."""
+    """Return (asin(a) - a) / a for 0 <= a <= 1/2."""
     z = (a * a).named("z")
     return z * polynomial(z, ASIN)
 
@@ -148,7 +148,7 @@ def _far_root(a: Term) -> Pair:
 
 
 def asin(x: Term) -> Term:
-    """Arc sine: past 1/2 two arcs of sqrt((1 - x) / 2), taken from pi/2."""
+    """Return the arc sine of x; from 1/2 on it is pi/2 - 2 asin(sqrt((1 - x) / 2))."""
     a = abs(x).named("a")
     near = (a < 0.5).named("near")
     root, root_low = _far_root(a)
@@ -156,7 +156,7 @@ def asin(x: Term) -> Term:
     half_pi, half_pi_low = constants(x, HALF_PI)[0], constants(x, PI)[1] * 0.5
     if x.type.base is Base.D:
         half_pi = constants(x, PI)[0] * 0.5
-    # pi/2 - 2 t - 2 rest: the first difference is taken in two parts.
+    # pi/2 - 2 root - 2 rest: the first difference is computed in two parts.
     twice = root + root
     first, lost = fast_two_sum(x.constant(half_pi), -twice)
     far = (first + (lost - (2 * (rest + root_low) - half_pi_low))).named("far")
@@ -164,7 +164,7 @@ def asin(x: Term) -> Term:
 
 
 def acos(x: Term) -> Term:
-    """Arc cosine."""
+    """Return the arc cosine of x."""
     a = abs(x).named("a")
     near = (a < 0.5).named("near")
     root, root_low = _far_root(a)
@@ -201,11 +201,11 @@ def _atan_of_quotient(smaller: Term, larger: Term) -> Pair:
 
 
 def atan(x: Term) -> Term:
-    """Return the arc tangent; above 1 it is pi/2 minus that of 1 / x."""
+    """Return the arc tangent of x; above 1 it is pi/2 minus the arc tangent of 1 / x."""
     a = abs(x).named("a")
     far = (a > 1).named("far")
     one = x.constant(1)
-    # Past 2**25 (2**55) the quotient no longer counts: and 1 / x would be denormal at last.
+    # Past 2**25 (2**55) the quotient no longer changes the result. Without the bound, 1 / x would become denormal.
     most = {Base.F: 2.0**26, Base.D: 2.0**56}[x.type.base]
     bounded = where(a > most, most, a).named("bounded")
     high, low = _atan_of_quotient(where(far, one, bounded), where(far, bounded, one))
@@ -216,7 +216,7 @@ def atan(x: Term) -> Term:
 
 
 def atan2(y: Term, x: Term) -> Term:
-    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 have it."""
+    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 define it."""
     base = x.type.base
     ax, ay = abs(x).named("ax"), abs(y).named("ay")
     steep = (ay > ax).named("steep")
@@ -226,7 +226,7 @@ def atan2(y: Term, x: Term) -> Term:
     endless, none = larger.equals(INFINITY), larger.equals(0)
     n = where(endless, where(smaller.equals(INFINITY), x.constant(1), 0.0), smaller * scale).named("n")
     d = where(endless | none, x.constant(1), larger * scale).named("d")
-    # A quotient so small is its own arc tangent, and its parts could be denormal.
+    # Such a small quotient equals its arc tangent to the last bit, and its two parts could be denormal.
     thin = (n < d * {Base.F: 2.0**-26, Base.D: 2.0**-55}[base]).named("thin")
     high, low = _atan_of_quotient(where(thin, x.constant(0), n), d)
     pi, pi_low = constants(x, PI)

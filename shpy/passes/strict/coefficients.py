@@ -1,6 +1,7 @@
 """Coefficients of the functions of strict mode, lowest power first; constants in parts, largest first.
 
-Stage: improve. Printed by `scripts/coefficients strict`, which says what each is fitted to; not to be edited.
+Stage: improve. `scripts/coefficients strict` printed this file and names the function that each is fitted to: do not
+edit it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Exponentials and hyperbolic functions, from operations that every target rounds alike.
 
-Stage: improve. e to the x is 2**k times e to the r with |r| at most half of ln 2, and that is 1 + r and a small rest,
-kept apart until the last addition (Tang 1989 has the scheme, with a table where this has a longer polynomial).
+Stage: improve. e to the x is 2**k times e to the r with |r| at most half of ln 2. e to the r is 1 + r + a small rest,
+which are added last. The scheme is Tang's (1989), with a longer polynomial in place of his table.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from shpy.passes.strict.parts import (
 )
 from shpy.passes.terms import Term, where
 
-# Beyond these e to the x, or 2 to the x, is 0 or infinite.
+# Outside these ends e to the x, or 2 to the x, is 0 or infinite.
 _EXP_ENDS: Final = {Base.F: (-105.0, 90.0), Base.D: (-747.0, 711.0)}
 _EXP2_ENDS: Final = {Base.F: (-152.0, 130.0), Base.D: (-1077.0, 1026.0)}
 _TANH_END: Final = {Base.F: 32.0, Base.D: 64.0}
 
 
 def _between(x: Term, ends: tuple[float, float]) -> Term:
-    """Return the number between two ends that is nearest to x; NaN stays."""
+    """Return x clamped to the two ends; NaN stays."""
     low, high = ends
     return where(x > high, high, where(x < low, low, x))
 
 
 def _exp_parts(x: Term) -> tuple[Term, Term, Term, Term]:
-    """(high, low, k, shifted): e to the x is (high + low) * 2**k, and shifted is k + MAGIC."""
+    """Return (high, low, k, shifted): e to the x is (high + low) * 2**k, and shifted is k + MAGIC."""
     ln2, ln2_low = constants(x, LN2)
     k, shifted = whole_and_shifted(x * constants(x, INVERSE_LN2)[0])
     above, below = x - k.named("k") * ln2, k * ln2_low
@@ -48,20 +48,20 @@ def _exp_parts(x: Term) -> tuple[Term, Term, Term, Term]:
 
 
 def exp(x: Term) -> Term:
-    """E to the x."""
+    """Return e to the x."""
     high, low, _, shifted = _exp_parts(_between(x, _EXP_ENDS[x.type.base]).named("near"))
     return scaled_by(high + low, shifted)
 
 
 def exp2(x: Term) -> Term:
-    """2 to the x."""
+    """Return 2 to the x."""
     near = _between(x, _EXP2_ENDS[x.type.base]).named("near")
     k, shifted = whole_and_shifted(near)
     return scaled_by(two_to_the((near - k).named("r"), None), shifted.named("shifted"))
 
 
 def two_to_the(r: Term, low: Term | None) -> Term:
-    """Return 2 to the r + low; |r| at most 1/2 and low far smaller.
+    """Return 2 to the r + low, for |r| up to 1/2 and a `low` that is far smaller.
 
     In binary32 the rounding of r * ln 2 costs a quarter of a unit in the last place. A power needs that quarter for the
     roundings of its logarithm, so the product is in two parts where `low` is given.
@@ -81,9 +81,9 @@ def two_to_the(r: Term, low: Term | None) -> Term:
 
 
 def _halves(x: Term) -> tuple[Term, Term, Term, Term]:
-    """(high, low, inverse, shifted): half of e to the |x| is (high + low) * 2**k, half of e to the -|x| inverse * 2**k.
+    """Return (high, low, inverse, shifted), from which hyperbolic functions of x are computed.
 
-    `shifted` is k + MAGIC.
+    exp(|x|) / 2 is (high + low) * 2**k, exp(-|x|) / 2 is inverse * 2**k, and `shifted` is k + MAGIC.
     """
     a = _between(abs(x), _EXP_ENDS[x.type.base]).named("a")
     high, low, k, shifted = _exp_parts(a)
@@ -94,7 +94,7 @@ def _halves(x: Term) -> tuple[Term, Term, Term, Term]:
 
 
 def sinh(x: Term) -> Term:
-    """Hyperbolic sine."""
+    """Return the hyperbolic sine of x."""
     z = (x * x).named("z")
     high, low, inverse, shifted = _halves(x)
     total, lost = two_sum(high, -inverse)
@@ -104,14 +104,14 @@ def sinh(x: Term) -> Term:
 
 
 def cosh(x: Term) -> Term:
-    """Hyperbolic cosine."""
+    """Return the hyperbolic cosine of x."""
     high, low, inverse, shifted = _halves(x)
     total, lost = two_sum(high, inverse)
     return scaled_by(total + (lost + low), shifted)
 
 
 def tanh(x: Term) -> Term:
-    """Hyperbolic tangent."""
+    """Return the hyperbolic tangent of x."""
     a = _between(abs(x), (0.0, _TANH_END[x.type.base])).named("a")
     z = (x * x).named("z")
     high, low, _, shifted = _exp_parts(a + a)
@@ -121,5 +121,5 @@ def tanh(x: Term) -> Term:
 
 
 def rsqrt(x: Term) -> Term:
-    """1 / sqrt(x), rounded twice."""
+    """Return 1 / sqrt(x), rounded twice: after the root and after the division."""
     return 1 / x.op("sqrt")

@@ -48,21 +48,21 @@ EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
         (29856.0, 7.91015625),
     ),
 }
-"""Inputs, and the exact values rounded to binary16; of odd and even functions positive inputs only."""
+"""Inputs, and the exact values rounded to binary16. Odd and even functions list positive inputs only."""
 
 CORRECTED: Final = frozenset({*EXCEPTIONS, "hypot"})
-"""Functions whose results need more than one rounding: `correction` has it."""
+"""Functions whose results in binary32 need more than a rounding to binary16: `correction` returns the formula."""
 
 
 def _hypot(x: Term, y: Term, result: Term) -> Term:
-    """Round sqrt(x * x + y * y) to binary16: the result in binary32 to odd first, by what its square lacks."""
+    """Return sqrt(x * x + y * y) in binary16; the binary32 result is first rounded to odd, from its square's error."""
     total, rest = two_sum((x * x).named("square"), y * y)
     product, lost = two_product(result, result)
     return to_odd(result, ((total - product) - lost) + rest).op("half", type=x.type)
 
 
 def correction(name: str) -> Callable[..., Term]:
-    """Return the function of an input x and the result in binary32 that gives the exact value rounded to binary16."""
+    """Return a function that rounds to binary16 without a double rounding: (inputs, result in binary32) -> result."""
     if name == "hypot":
         return _hypot
 

@@ -51,11 +51,11 @@ _ROOT_HALF: Final = 0x3F3504F3
 """The bits of the root of 1/2."""
 
 _LARGE: Final = {Base.F: 2.0**13, Base.D: 2.0**28}
-"""From here on asinh x and acosh x are log(2 x)."""
+"""The bound above which asinh x and acosh x are log(2 x)."""
 
 
 def parted(x: Term) -> Pair:
-    """(f, k): x is 2**k * (1 + f), for positive finite x, denormal ones too."""
+    """Return (f, k) with x = 2**k * (1 + f), for a positive finite x, which may be denormal."""
     if x.type.base is Base.D:
         return _parted_double(x)
     mantissa, k = mantissa_and_exponent(x)
@@ -63,7 +63,7 @@ def parted(x: Term) -> Pair:
 
 
 def mantissa_and_exponent(x: Term) -> Pair:
-    """(m, k): x is 2**k * m with m between the roots of 1/2 and 2, for a positive finite binary32, denormal too."""
+    """Return (m, k) with x = 2**k * m and m in [sqrt(1/2), sqrt(2)], for positive finite binary32, denormals too."""
     tiny = (x < 2.0**-126).named("tiny")
     moved = (where(tiny, x * 2.0**23, x).op("bits_from_float") + (0x3F800000 - _ROOT_HALF)).named("moved")
     mantissa = ((moved & 0x7FFFFF) + _ROOT_HALF).op("float_from_bits")
@@ -71,7 +71,7 @@ def mantissa_and_exponent(x: Term) -> Pair:
 
 
 def _parted_double(x: Term) -> Pair:
-    """Part a binary64 number: powers of two bring it near 1, until binary32 can tell the exponent."""
+    """Return (f, k) for a binary64; powers of two first scale x until a binary32 can hold its exponent."""
     k = x.constant(0)
     for step in (512, 512, 256, 128):
         small, large = x < 2.0 ** (-step // 2), x > 2.0 ** (step // 2)
@@ -83,13 +83,13 @@ def _parted_double(x: Term) -> Pair:
 
 
 def edges(x: Term, inside: Term) -> Term:
-    """Return a logarithm of x: `inside` for positive finite x, else -inf for 0, NaN below 0, and x itself."""
+    """Return a logarithm of x: `inside` for positive finite x, -inf for 0, NaN below 0, and x for infinity and NaN."""
     outside = where(x.equals(0), x.constant(-INFINITY), where(x < 0, x.constant(NAN), x))
     return where((x > 0) & (x < INFINITY), inside.named("inside"), outside.named("outside"))
 
 
 def _series(f: Term) -> tuple[Term, Term]:
-    """(half, rest): the logarithm of 1 + f is f - (half - rest)."""
+    """Return (half, rest) with log(1 + f) = f - (half - rest)."""
     half = (0.5 * f * f).named("square")
     s = (f / (2 + f)).named("s")
     z = (s * s).named("z")
@@ -97,7 +97,7 @@ def _series(f: Term) -> tuple[Term, Term]:
 
 
 def _log_of(u: Term, low: Term | None = None) -> Term:
-    """Return the logarithm of u + low, for positive finite u and a low far smaller."""
+    """Return the logarithm of u + low, for a positive finite u and a `low` that is far smaller."""
     f, k = parted(u)
     half, rest = _series(f)
     ln2, ln2_low = constants(u, LN2)
@@ -106,12 +106,12 @@ def _log_of(u: Term, low: Term | None = None) -> Term:
 
 
 def log(x: Term) -> Term:
-    """Natural logarithm."""
+    """Return the natural logarithm of x."""
     return edges(x, _log_of(x))
 
 
 def log2(x: Term) -> Term:
-    """Binary logarithm."""
+    """Return the binary logarithm of x."""
     f, k = parted(x)
     product, rest = _mantissa_log(f, INVERSE_LN2)
     high, low = two_sum(k, product)
@@ -119,7 +119,7 @@ def log2(x: Term) -> Term:
 
 
 def log10(x: Term) -> Term:
-    """Decimal logarithm; powers of ten give whole numbers."""
+    """Return the decimal logarithm of x; it is a whole number for powers of ten."""
     f, k = parted(x)
     product, rest = _mantissa_log(f, INVERSE_LN10)
     step, step_low = constants(x, LOG10_2)
@@ -128,7 +128,7 @@ def log10(x: Term) -> Term:
 
 
 def _mantissa_log(f: Term, inverse_ln: Numbers) -> Pair:
-    """Return the logarithm of 1 + f to the base whose inverse natural logarithm is given in two parts, in two parts."""
+    """Return log(1 + f) * inverse_ln, in two parts; `inverse_ln` is 1 / ln of the base, also in two parts."""
     half, rest = _series(f)
     inverse, inverse_low = constants(f, inverse_ln)
     main, lost = fast_two_sum(f, -half)
@@ -137,7 +137,7 @@ def _mantissa_log(f: Term, inverse_ln: Numbers) -> Pair:
 
 
 def asinh(x: Term) -> Term:
-    """Inverse hyperbolic sine: log(a + sqrt(a * a + 1)), each term in two parts."""
+    """Return the inverse hyperbolic sine of x: log(a + sqrt(a * a + 1)) with a = |x|, each term in two parts."""
     a = abs(x).named("a")
     large = (a > _LARGE[x.type.base]).named("large")
     b = where(large, x.constant(1), a).named("b")
@@ -152,7 +152,7 @@ def asinh(x: Term) -> Term:
 
 
 def acosh(x: Term) -> Term:
-    """Inverse hyperbolic cosine: log(1 + t + sqrt(2 t + t * t)) with t = x - 1."""
+    """Return the inverse hyperbolic cosine of x: log(1 + t + sqrt(2 t + t * t)) with t = x - 1."""
     large = (x > _LARGE[x.type.base]).named("large")
     t = (where(large, x.constant(2), x) - 1).named("t")
     square, square_low = two_product(t, t)
@@ -164,7 +164,7 @@ def acosh(x: Term) -> Term:
 
 
 def _log_sum(large: Term, x: Term, u: Term, low: Term) -> Term:
-    """Return the logarithm of u + low, or of 2 x where x is large."""
+    """Return the logarithm of u + low, or of 2 x in the lanes where `large` holds."""
     whole, part = where(large, x, u).named("u"), where(large, x.constant(0), low)
     ln2 = where(large, x.constant(0.6931471805599453), 0.0).named("ln2")
     inside = (_log_of(whole, part) + ln2).named("inside")
@@ -172,7 +172,7 @@ def _log_sum(large: Term, x: Term, u: Term, low: Term) -> Term:
 
 
 def atanh(x: Term) -> Term:
-    """Inverse hyperbolic tangent; past 1/2 it is half of log(1 + 2 a / (1 - a))."""
+    """Return the inverse hyperbolic tangent of x; from a = |x| = 1/2 on it is log(1 + 2 a / (1 - a)) / 2."""
     a = abs(x).named("a")
     t = (a + a) / (1 - a)
     u, low = two_sum(x.constant(1), t.named("t"))
@@ -190,17 +190,17 @@ _CENTRES: Final[dict[Base, tuple[tuple[_Centre, ...], tuple[_Centre, ...]]]] = {
     ),
     Base.D: (((0.890625, 0.796875, LOG2_BELOW),), ((1.125, 1.25, LOG2_ABOVE),)),
 }
-"""The edges below and above which a mantissa is compared with a number other than 1, and that number's logarithm.
+"""(edge, centre, log2 of the centre): a mantissa below (first row) or above (second) an edge is divided by that centre.
 
-In binary32 s has to be below 1/30 where the logarithm is small: its cube is rounded once.
+In binary32 the s of `log2_in_two` has to be below 1/30 where the logarithm is small, since its cube is rounded once.
 """
 
 
 def log2_in_two(f: Term, k: Term) -> Pair:
-    """Return the binary logarithm of 2**k * (1 + f), as `parted` has it, in two parts.
+    """Return the binary logarithm of 2**k * (1 + f), for the (f, k) of `parted`, in two parts.
 
-    The mantissa m is compared with the nearest c of `_CENTRES`: 2 / ln 2 times atanh(s), with s = (m - c) / (m + c) in
-    two parts and so small that what follows it need not be.
+    The mantissa is m = 1 + f and c is 1 or a centre of `_CENTRES`: log2(m / c) is 2 / ln 2 times atanh(s) with
+    s = (m - c) / (m + c). s has two parts; it is so small that the higher powers of its series need only one.
     """
     m = (f + 1).named("m")
     c, whole, fraction = m.constant(1.0), k.constant(0.0), k.constant(0.0)
@@ -228,10 +228,10 @@ def log2_in_two(f: Term, k: Term) -> Pair:
 
 
 def _log2_of_double(whole: Term, fraction: Term, s: Term, s_low: Term) -> Pair:
-    """whole + fraction + 2 / ln 2 times atanh(s + s_low), in two parts.
+    """Return whole + fraction + 2 / ln 2 times atanh(s + s_low), in two parts.
 
     A power multiplies it by up to 1100 / log2(x), so its relative error has to be below 2**-64. Near x = 1 the cube of
-    s makes up a thousandth of it, too much for one rounding: the cube has two parts as well, all after it one.
+    s makes up a thousandth of it, too much for one rounding. So the cube has two parts too; higher powers have one.
     """
     (scale, scale_low), (third, third_low) = constants(s, TWO_BY_LN2), constants(s, TWO_BY_3_LN2)
     z, z_low = two_product(s, s)
@@ -262,7 +262,7 @@ def pow_(x: Term, y: Term) -> Term:
 
 
 def power_edges(x: Term, y: Term, a: Term, size: Term) -> Term:
-    """Return |x| to the power of y for zeros and infinities, with its sign."""
+    """Return x to the power of y, from the `size` of the finite case: special cases are replaced, the sign is set."""
     end = (a.equals(0) | a.equals(INFINITY)).named("end")
     size = where(end, where((y > 0).equals(a > 1), x.constant(INFINITY), 0.0), size).named("size")
     whole = y.op("floor").equals(y).named("whole")

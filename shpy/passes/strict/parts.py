@@ -1,7 +1,7 @@
-"""Numbers in two parts, polynomials and powers of two: what the strict functions are built from.
+"""Numbers in two parts, polynomials and powers of two, from which the strict functions are built.
 
-Stage: improve. A number that one float cannot hold exactly enough is the sum of two, the second far smaller. No
-operation here needs a fused multiply-add.
+Stage: improve. A number that needs more digits than one float holds is the sum of two floats, the second far smaller.
+No operation here needs a fused multiply-add.
 
     high, low = two_product(a, b)           # high + low is exactly a * b
     polynomial(z, SIN)                      # with the coefficients of z's base
@@ -22,29 +22,29 @@ Pair = tuple[Term, Term]
 Numbers = Mapping[Base, tuple[float, ...]]
 
 MAGIC: Final = {Base.F: 1.5 * 2.0**23, Base.D: 1.5 * 2.0**52}
-"""Adding this number rounds to a whole number, which stands in the lowest bits of the sum."""
+"""The number that, added to a float, rounds it to a whole number and leaves that in the lowest bits of the sum."""
 
 TINY: Final = {Base.F: 2.0**-13, Base.D: 2.0**-28}
-"""Up to here an odd function with a slope of 1 is x; its sum with a product would lose the sign of -0."""
+"""The bound below which an odd function with slope 1 at 0 returns x itself: its formula would lose the sign of -0."""
 
 _SPLITTER: Final = {Base.F: 2.0**12 + 1, Base.D: 2.0**27 + 1}
 
 
 def constants(like: Term, numbers: Numbers) -> tuple[float, ...]:
-    """Return the numbers of the term's base, exactly as it holds them."""
+    """Return the numbers for the base of `like`, rounded to that base."""
     base = like.type.base
     return tuple(float(DTYPES[base](number)) for number in numbers[base])
 
 
 def halves_of(number: float) -> tuple[float, float]:
-    """Return a binary32 as two numbers of twelve bits."""
+    """Return a binary32 as the sum of two numbers of twelve bits each."""
     spread = np.float32(number) * np.float32(_SPLITTER[Base.F])
     high = float(spread - (spread - np.float32(number)))
     return high, number - high
 
 
 def polynomial(z: Term, coefficients: Numbers) -> Term:
-    """c[0] + z * (c[1] + z * (c[2] + ...))."""
+    """Return c[0] + z * (c[1] + z * (c[2] + ...)), with the coefficients c for the base of z."""
     *others, last = coefficients[z.type.base]
     total = z * last
     for c in others[:0:-1]:
@@ -58,27 +58,27 @@ def plus(x: Term, number: float) -> Term:
 
 
 def two_sum(a: Term, b: Term) -> Pair:
-    """Return the rounded sum and what rounding lost (Knuth 1969)."""
+    """Return the rounded sum and its rounding error (Knuth 1969)."""
     total = (a + b).named("sum")
     back = (total - a).named("back")
     return total, ((a - (total - back)) + (b - back)).named("sum_low")
 
 
 def fast_two_sum(a: Term | float, b: Term) -> Pair:
-    """Return the rounded sum and its error for |a| >= |b| (Dekker 1971)."""
+    """Return the rounded sum and its rounding error, for |a| >= |b| (Dekker 1971)."""
     total = (a + b).named("sum")
     return total, (b - (total - a)).named("sum_low")
 
 
 def split(a: Term) -> Pair:
-    """Two parts with half the bits each (Veltkamp 1968)."""
+    """Return a as the sum of two parts with half the bits each (Veltkamp 1968)."""
     spread = a * _SPLITTER[a.type.base]
     high = (spread - (spread - a)).named("upper")
     return high, (a - high).named("lower")
 
 
 def two_product(a: Term, b: Term) -> Pair:
-    """Return the rounded product and what rounding lost (Dekker 1971); neither factor near the ends of the range."""
+    """Return the rounded product and its rounding error (Dekker 1971), for factors far from the ends of the range."""
     product = (a * b).named("product")
     (a_high, a_low), (b_high, b_low) = split(a), split(b)
     rest = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
@@ -86,7 +86,7 @@ def two_product(a: Term, b: Term) -> Pair:
 
 
 def exact_quotient_rest(n: Term, d: Term, q: Term) -> Term:
-    """n - q * d, where q is n / d rounded: exact."""
+    """Return n - q * d exactly, where q is n / d rounded."""
     product, rest = two_product(q, d)
     return (n - product) - rest
 
@@ -106,12 +106,12 @@ def whole_and_shifted(x: Term) -> Pair:
 
 
 def scaled_by(x: Term, shifted: Term) -> Term:
-    """x * 2**n, rounded once, for n plus MAGIC: by two powers of two, both of which are there."""
+    """Return x * 2**n, rounded once, for shifted = n + MAGIC; 2**n is split into two factors that do not overflow."""
     if x.type.base is Base.D:
         return x.op("ldexp", (shifted - MAGIC[Base.D]).based(Base.I))
     bits = shifted.op("bits_from_float").named("bits")
     first = (bits >> 1).named("first")
-    # The bits of MAGIC leave on the left.
+    # `_power_of_two` shifts the bits of MAGIC out at the left.
     return (x * _power_of_two(first)) * _power_of_two(bits - first)
 
 

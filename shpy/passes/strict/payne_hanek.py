@@ -1,11 +1,11 @@
-"""Angles of any size, less the multiples of pi / 2 in them (Payne and Hanek 1983).
+"""Reduce angles of any size by multiples of pi / 2 (Payne and Hanek 1983).
 
-Stage: improve. x * 2 / pi is wanted but for multiples of 4, and so only some of the digits of 2 / pi matter: those
-whose products with the digits of x are neither multiples of 4 nor too small. Digits are balanced, whole numbers of at
-most half of the radix in size, so that a column of products and its carry are exact in the float itself. GLSL has the
-same as a loop over the columns (`edges.glsl`), for a driver whose branches skip nothing.
+Stage: improve. The reduction needs x * 2 / pi modulo 4 only. So it uses only those digits of 2 / pi whose products with
+the digits of x are neither multiples of 4 nor too small. Digits are balanced: whole numbers of at most half of the
+radix in size, so that a column of products and its carry are exact in the float itself. GLSL has the same algorithm as
+a loop over the columns (`edges.glsl`), for drivers that execute both sides of a branch.
 
-    [high, low, k] = payne_hanek(x)    # x is k * pi / 2 + high + low, and some turns; high is at most pi / 4
+    [high, low, k] = payne_hanek(x)    # x is k * pi / 2 + high + low plus a multiple of 2 * pi; |high| <= pi / 4
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from shpy.passes.strict.parts import constants, fast_two_sum, two_product, whole
 from shpy.passes.terms import Term, joined, replaced, where
 
 FAR: Final = 2.0**20
-"""From here on x may be; it is scaled to less than FAR times the radix."""
+"""The least |x| that is reduced here; `_window` scales x to less than FAR times the radix."""
 
 _RADIX_BITS: Final = {Base.F: 12, Base.D: 26}
-"""Three digits hold a float that is from 1 up to the radix: its 24 or 53 bits, wherever the first of them is."""
+"""Bits of a digit. Three digits hold the 24 or 53 bits of a float in [1, radix), wherever its first bit is."""
 
 _SHIFTS: Final = {Base.F: (8, 4, 2, 1), Base.D: (32, 16, 8, 4, 2, 1)}
-"""By how many digits x is scaled down, all in all up to 2**128 or 2**1024."""
+"""The numbers of digits by which x is scaled down in turn; together they suffice for x up to 2**128 or 2**1024."""
 
 _COLUMNS: Final = 7
-"""Digits of x * 2 / pi: one of multiples of 4 and of k, and six of the rest. Of these two or less may vanish."""
+"""The digits of x * 2 / pi that are computed: one for k, and six for the fraction, of which the first two may be 0."""
 
 
 def _window(x: Term, digits: Sequence[float], columns: int) -> tuple[Term, list[Term]]:
-    """x / FAR from 1 up to the radix, scaled by a power of the radix, and the digits that meet it then."""
+    """Return x / FAR, scaled by a power of the radix into [1, radix), and the digits of 2 / pi for that scale."""
     base = x.type.base
     bits = _RADIX_BITS[base]
     window = [x.constant(digit) for digit in digits]
@@ -45,9 +45,9 @@ def _window(x: Term, digits: Sequence[float], columns: int) -> tuple[Term, list[
 
 
 def quarters(x: Term, digits: Sequence[float], columns: int) -> tuple[list[Term], Term]:
-    """Return x * 2 / pi, but for multiples of 4, as numbers of two digits each, 1/2 at most in all, and a whole number.
+    """Return x * 2 / pi modulo 4: a fraction of at most 1/2 in size, as numbers of two digits each, and a whole number.
 
-    The numbers have `columns` - 1 digits, the first two or less of which may vanish. `digits` are those of 2 / pi.
+    The fraction has `columns` - 1 digits, of which the first two may be 0. `digits` are those of 2 / pi.
     """
     mantissa, window = _window(x, digits, columns)
     radix = 2.0 ** _RADIX_BITS[x.type.base]
@@ -64,14 +64,14 @@ def quarters(x: Term, digits: Sequence[float], columns: int) -> tuple[list[Term]
         carry = whole_and_shifted(total * (1 / radix))[0].named("carry")
         found.append((total - carry * radix).named("place"))
         total = (sums.pop() + carry).named("total")
-    # Two places stand in one float.
+    # One float holds two digits.
     places = enumerate(zip(found[::-2], found[-2::-2], strict=True), 1)
     pairs = [((upper * radix + lower) * radix ** (-2 * n)).named("pair") for n, (upper, lower) in places]
     return pairs, total.named("k")
 
 
 def payne_hanek(x: Term) -> Term:
-    """Return [high, low, k]: x, of FAR or more in size, is k * pi / 2 + high + low plus a multiple of 2 * pi."""
+    """Return [high, low, k] for |x| >= FAR: x is k * pi / 2 + high + low plus a multiple of 2 * pi."""
     (a, b, c), k = quarters(x, constants(x, TWO_BY_PI_DIGITS), _COLUMNS)
     part, part_low = fast_two_sum(a, b)
     part_low = (part_low + c).named("low")
@@ -90,4 +90,4 @@ def _bounded(name: str) -> Callable[[Term], Term]:
 
 
 BOUNDED: Final = {name: _bounded(name) for name in ("sin", "cos", "tan")}
-"""The target's own functions, and the strict ones for angles that are far."""
+"""Functions that use the target's own function for angles up to FAR, and the strict one for larger angles."""

@@ -1,6 +1,6 @@
 """The hypotenuse, from operations that every target rounds alike.
 
-Stage: improve. A power of two brings the longer side to where no part of a square is denormal or infinite.
+Stage: improve. A power of two scales the sides, so that no part of a square is denormal or infinite.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from shpy.passes.strict.parts import square_root, two_product, two_sum
 from shpy.passes.terms import Term, where
 
 _NEAR: Final = {Base.F: (2.0**-28, 2.0**62), Base.D: (2.0**-400, 2.0**500)}
-"""The longer sides that are taken as they are."""
+"""The range of the longer side in which the sides are not scaled."""
 _UP: Final = {Base.F: 2.0**90, Base.D: 2.0**600}
 _DOWN: Final = {Base.F: 2.0**-66, Base.D: 2.0**-600}
-"""The factors of what is smaller, and of what is larger."""
+"""The scale for sides below that range is _UP, for sides above it _DOWN."""
 _SHARE: Final = {Base.F: 2.0**-12, Base.D: 2.0**-27}
-"""A shorter side below this share of the longer one does not move the result by half of its last place."""
+"""A shorter side below this fraction of the longer one changes the result by less than half of its last place."""
 
 
 def hypot(x: Term, y: Term) -> Term:
-    """sqrt(x * x + y * y), as the root in two parts of a sum in two parts."""
+    """Return sqrt(x * x + y * y): the root, in two parts, of a sum in two parts."""
     base = x.type.base
     low, high = _NEAR[base]
     a, b = abs(x).named("a"), abs(y).named("b")
