@@ -1,6 +1,6 @@
 """Hold arrays of bools as ints, for targets whose compilers cannot index arrays of bools.
 
-Stage: improve, after `prepare`. Mesa's zink ends the process for a local array of bools at an index that varies.
+Stage: improve, after `prepare`. Mesa's zink aborts the process if a varying index reads a local array of bools.
 
     $seen: b[4]                   ->  $seen: i[4]
     %x = load $seen[%i] : b       ->  %t = load $seen[%i] : i;  %x = convert %t : b

@@ -1,7 +1,7 @@
-"""Subroutines get and give values: what came by reference goes in as a value and comes back as a result.
+"""Replace parameters by reference: each becomes an input by value, an output, or both.
 
-Stage: improve, for `vectorize`, where a variable may live in several slots. A function that takes an array cannot do
-that: `inline` has put such functions where they are called.
+Stage: improve, for `vectorize`, where a variable may live in several slots. A function that takes an array cannot be
+converted, so `inline` has to come first, which copies such functions to their calls.
 
     function advance($p, %v)           |    function advance(%p, %v) -> $p
         %1 = load $p                   |        store $p = %p
@@ -12,8 +12,8 @@ that: `inline` has put such functions where they are called.
                                        |    %4 = call advance(%3, %v)
                                        |    store $x = %4
 
-What is stored before it is read comes back only, what is never stored goes in only. What comes back follows the other
-results.
+A parameter that is stored before it is read becomes an output only; one that is never stored becomes an input only. The
+new outputs follow the function's own.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from shpy.passes.returns import returns_outside_loops
 
 
 def takes_array(function: Function) -> bool:
-    """Return whether an array comes by reference."""
+    """Return whether the function takes an array, by reference."""
     return any(isinstance(port, Variable) and port.length is not None for port in function.inputs)
 
 
@@ -45,7 +45,7 @@ def pass_by_value(module: Module) -> Module:
 
 @dataclass(frozen=True, slots=True)
 class _Converted:
-    """A function as it was and as it is. `goes_in`: the inputs by reference whose value is now an input."""
+    """A function before and after conversion. `goes_in`: the inputs by reference whose value is now an input."""
 
     before: Function
     after: Function
@@ -53,12 +53,12 @@ class _Converted:
 
     @property
     def comes_back(self) -> tuple[int, ...]:
-        """The inputs by reference that are now outputs, in the order of these."""
+        """The inputs by reference that are now outputs, in the order of the outputs."""
         return tuple(output.id for output in self.after.outputs[len(self.before.outputs) :])
 
 
 def _convert(before: Function, function: Function) -> _Converted:
-    """Replace the parameters by reference of a function whose calls are by value already.
+    """Replace the parameters by reference of a function whose own calls pass values already.
 
     A parameter that is read becomes an input, one that is stored becomes an output.
     """

@@ -1,11 +1,11 @@
 """Vectorise subroutines: make a copy of a function for each combination of uniform and varying arguments.
 
-Stage: improve. Part of `vectorize`. A copy is made for the arguments that vary from lane to
-lane, and for whether all lanes are active. If not, it gets their mask as one more argument, unless it never reads it:
+Stage: improve. Part of `vectorize`. There is a copy for each set of varying arguments, and another for calls at which
+only some lanes are active. The latter takes the mask of active lanes as its last argument, unless it never reads it:
 
     %r = call tone(%n, %k)       ->      %r = call tone(%n, %k, %active)      # n varies, k and r do not
 
-A result is uniform where the copy's output is, whatever the arguments are.
+A result is uniform if the copy's output is uniform, even where arguments vary.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from shpy.passes.returns import returns_outside_loops
 class LaneFacts:
     """The varying values of a function that many lanes run at once.
 
-    `varying` are the ids of its values, `slots` of its variables, that hold one number for every lane; `live` are those
-    of the slots that hold which lanes are still in a loop.
+    `varying` are the ids of the values, and `slots` those of the variables, that hold a separate number for each lane.
+    `live` are the slots among them that hold the mask of lanes still in a loop.
     """
 
     varying: frozenset[int]
@@ -39,7 +39,7 @@ class LaneFacts:
 
 @dataclass(frozen=True, slots=True)
 class LaneFunction:
-    """A function for many lanes, `of` its name before. `masked`: its last input is the mask of the active lanes."""
+    """A function for many lanes, copied from the function named `of`. `masked`: its last input is the active mask."""
 
     function: Function
     of: str
@@ -48,14 +48,14 @@ class LaneFunction:
 
 
 Make = Callable[[Function, frozenset[int], Value | None, "Callees"], tuple[Function, LaneFacts]]
-"""Vectorises a function whose Returns are outside of loops: with the inputs that vary, and the one that is the mask."""
+"""Vectorises a function whose Returns are outside loops, given its varying inputs and the input that is the mask."""
 
 
 class Callees:
-    """Makes the copies when they are first asked for, by `make`."""
+    """The copies of functions; `make` vectorises each at its first use."""
 
     def __init__(self, module: Module, make: Make, *, alone: bool = False) -> None:
-        """With `alone`, functions that are marked so stay as they are, and get the mask of the lanes that run them."""
+        """With `alone`, functions marked as alone are not vectorised: they get the active mask as one more input."""
         self.module = module
         self.make = make
         self.functions = {f.name: f for f in module.functions}
@@ -71,7 +71,7 @@ class Callees:
         return self._made(entry, entry.name, frozenset(port.id for port in entry.inputs), None)
 
     def called(self, name: str, varying: tuple[bool, ...], *, masked: bool) -> LaneFunction:
-        """Return the copy for arguments of which these vary, and for some lanes only if it is `masked`."""
+        """Return the copy for these varying arguments; `masked`: it is called where only some lanes are active."""
         key = name, varying, masked
         if key in self.made:
             return self.made[key]
@@ -101,7 +101,7 @@ class Callees:
         )
 
     def named(self, entry: LaneFunction) -> dict[str, LaneFunction]:
-        """Return the entry and the copies that it needs, callees first: the first of each function has its name."""
+        """Return the entry and the copies it needs, callees first; the first copy of a function keeps its name."""
         needed = {entry.function.name}
         for copy in (entry, *reversed(self.made.values())):
             if copy.function.name in needed:
@@ -119,9 +119,10 @@ class Callees:
 
 
 def _statuses(module: Module) -> dict[str, int]:
-    """Return the status variable of each function, found from how its callers use the last result of a call.
+    """Return the id of the status output of each function that has one, by the function's name.
 
-    The entry has one more output than the module if it has a status.
+    The entry has a status if it has more outputs than the module. A callee has one if its caller stores the last result
+    of the call into its own status.
     """
     entry = module.entry
     found = {entry.name: entry.outputs[-1].id} if len(entry.outputs) > len(module.outputs) else {}
@@ -135,7 +136,7 @@ def _statuses(module: Module) -> dict[str, int]:
 
 
 def _with_mask(function: Function) -> Function:
-    """Return a function that each lane runs alone, with one more input: whether it does. It asks no other lane."""
+    """Return a function that lanes run alone, with the active mask as one more input and without lane operations."""
 
     def change(s: Stmt) -> Stmt:
         return replace(s, op="and", args=s.args * 2) if isinstance(s, Let) and s.op in LANE_OPS else s
@@ -152,14 +153,14 @@ def _renamed(function: Function, names: Mapping[str, str]) -> Function:
 
 
 class CallBuilder(ExitBuilder):
-    """An ExitBuilder that knows calls."""
+    """An ExitBuilder that also translates calls."""
 
     def __init__(self, function: Function, given: frozenset[int], callees: Callees) -> None:
         super().__init__(function, given)
         self.callees = callees
 
     def call(self, s: Call, here: Here) -> None:
-        """Rewrite a Call as a call of the copy that fits."""
+        """Append a call of the copy for these arguments and this mask in place of a Call."""
         args = tuple(self.same.get(a, a) for a in s.args)
         if s.function in self.callees.alone:
             mask = here.mask if here.mask is not None else self.b.const(BOOL, [True]).id

@@ -1,4 +1,4 @@
-"""Take vectors apart: a value of three components becomes three values, a slot three slots.
+"""Split vectors into scalars: a value of three components becomes three values, a variable three variables.
 
 Stage: improve, after `lower` and `by_value`, for targets whose registers hold one number for each of many elements.
 Takes a module without composite operations, whose functions take values only; gives one that computes with scalars:
@@ -10,11 +10,10 @@ Takes a module without composite operations, whose functions take values only; g
     %2: f2 = mul %1, %c                %5: f = mul %3, %c_x
     store $z = %2                      ...
 
-What comes as a vector from elsewhere (an input, a param, an element of a table, the result of a function) stays one,
-and is followed by a swizzle for each component; what is handed on as a vector (an index, an argument) is put together
-again. The entry's outputs become one for each component, and so do the module's, and the inputs and outputs of
-functions. A pure function keeps its own, as it is called in an expression, unless it is to be taken apart `throughout`:
-then it gets components, and one that gives a vector is called by a statement.
+A vector from outside (an input, a param, an element of a table, the result of a function) stays a vector, and a swizzle
+for each component follows it. An operand that has to be a vector (an index, an argument) is constructed again. Each
+output of the module and each port of a function becomes one port per component. A pure function keeps its ports, since
+expressions call it. With `throughout` its ports are split too, and a statement calls a function that returns a vector.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise)
 
 
 def take_apart(module: Module, *, throughout: bool = False) -> Module:
-    """Return the module with every function on scalars; TypeError for what should have been lowered."""
+    """Return the module with every function on scalars; TypeError for an operation that `lower` should have removed."""
     *others, entry = module.functions
     expressions = _expressions(others) if throughout else {f.name for f in others if f.pure}
     functions = [
@@ -57,7 +56,7 @@ def take_apart(module: Module, *, throughout: bool = False) -> Module:
 
 
 def _expressions(functions: Sequence[Function]) -> set[str]:
-    """Return the functions that stay pure on scalars: neither they nor their callees return a vector."""
+    """Return the names of the functions that can stay pure: neither they nor their callees return a vector."""
     found: set[str] = set()
     for f in functions:
         called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
@@ -67,7 +66,7 @@ def _expressions(functions: Sequence[Function]) -> set[str]:
 
 
 def _with_scalar_ports(function: Function) -> Function:
-    """Return a function that works on vectors, which takes and gives their components."""
+    """Return a function that still computes with vectors, but takes and returns their components."""
     b = Builder(function=function)
     b.inputs, b.outputs = [], []
     given: list[Stmt] = []
@@ -95,7 +94,7 @@ def _with_scalar_ports(function: Function) -> Function:
 
 
 def _fresh(b: Builder, statements: Sequence[Stmt]) -> tuple[Stmt, ...]:
-    """Copy Lets and Stores with values of their own."""
+    """Return a copy of Lets and Stores with new values."""
     same: dict[int, int] = {}
     made: list[Stmt] = []
     for s in statements:
@@ -115,7 +114,7 @@ def _named(name: str | None, size: int, component: int) -> str | None:
 class _Apart:
     """Copies one function. `parts` are the components of each value, `slots` the scalar slots of each variable.
 
-    `expressions` are the functions called in expressions, which take vectors unless these are apart `throughout`.
+    `expressions` are the functions called in expressions; these take vectors unless vectors are split `throughout`.
     """
 
     def __init__(self, function: Function, expressions: set[str], throughout: bool, *, is_entry: bool = False) -> None:
@@ -148,7 +147,7 @@ class _Apart:
         return b.finish()
 
     def inputs(self) -> None:
-        """Keep the entry's inputs whole, as those of some functions: they are vectors in memory."""
+        """Keep the inputs of the entry, and of pure functions unless `throughout`, as vectors; split all others."""
         ports = [port for port in self.function.inputs if isinstance(port, Value)]
         if self.is_entry or (self.function.pure and not self.throughout):
             for port in ports:
@@ -169,7 +168,7 @@ class _Apart:
         return tuple(made)
 
     def gather_outputs(self) -> None:
-        """Store the output of a pure function at its end as one vector."""
+        """Construct the vector outputs of a pure function from their scalar slots, at its end."""
         for output in self.function.outputs:
             if output.type.size > 1:
                 loads = [self.b.load(part) for part in self.slots[output.id]]
@@ -178,7 +177,7 @@ class _Apart:
     # Values
 
     def keep(self, value: Value) -> None:
-        """Keep a value whole, and pick its components."""
+        """Keep a value as a vector, and append a swizzle for each component."""
         self.wholes[value.id] = value.id
         size = value.type.size
         if size == 1:
@@ -187,7 +186,7 @@ class _Apart:
         self.parts[value.id] = tuple(self.b.swizzle(value, (k,), loc=value.loc).id for k in range(size))
 
     def whole(self, value: int) -> int:
-        """Return the value as a vector again."""
+        """Return the id of a value as a vector, constructed from its components if need be."""
         parts = self.parts[value]
         if len(parts) == 1:
             return parts[0]
@@ -229,7 +228,7 @@ class _Apart:
                 self.componentwise(let)
 
     def values(self, value: Value) -> list[Value]:
-        """Return a scalar value for each component of a value; itself if it has but one."""
+        """Return a new scalar value for each component of a value; the value itself if it is a scalar."""
         size = value.type.size
         if size == 1:
             made = [value]
@@ -250,7 +249,7 @@ class _Apart:
             self.b.append(Let(value, "load", args, slot.id))
 
     def component(self, let: Let) -> None:
-        """Choose one of the components by its number, which is clamped."""
+        """Select a component by its index, clamped to the vector's size, with a chain of `cond`."""
         vector, index = let.args
         *parts, found = self.parts[vector]
         at, number = self.parts[index][0], self.b.type_of(index)

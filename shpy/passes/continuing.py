@@ -1,6 +1,6 @@
-"""A loop's `continuing` part, in which no exit may stand, moved into its body, where one may.
+"""Move a loop's `continuing` part, which may not contain exits, into the loop's body, which may.
 
-Stage: improve; for `exits` and `inline`, when an element may end in what continues.
+Stage: improve; for `exits` and `inline`, when an element may end in the `continuing` part.
 
     loop {                              loop {
       if %c { continue }                  store $left = false
@@ -13,7 +13,7 @@ Stage: improve; for `exits` and `inline`, when an element may end in what contin
                                           A
                                         } until %e
 
-Without a Continue there is nothing to it: A follows the body.
+In a loop without a Continue, A simply follows the body.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from shpy.passes.rewriter import falls_through
 
 
 def without_continuing(b: Builder, loop: Loop) -> Loop:
-    """Return a loop of the function that `b` builds without its continuing part; inner Loops stay the same objects."""
+    """Return the loop with an empty `continuing`; `b` builds its function, and inner Loops stay the same objects."""
     if not continues(loop):
         if not falls_through(loop.body):
             return Loop(loop.body, (), None, loop.turns, loop.loc)

@@ -1,6 +1,6 @@
-"""Compute what is computed twice only once.
+"""Eliminate common subexpressions: compute equal values only once.
 
-Stage: improve. A value that an enclosing region already has is used again:
+Stage: improve. A value equal to an earlier one in the same or an enclosing region is replaced by it:
 
     %2 = mul %0, %1              %2 = mul %0, %1
     if %c {                ->    if %c {
@@ -8,8 +8,8 @@ Stage: improve. A value that an enclosing region already has is used again:
       store $y = %3                store $y = %2
     }                            }
 
-Loads are left to `promote`. `any_lane` and `all_lanes` depend on where they stand, and stay. A value computed inside
-a region is not seen outside it; nothing moves.
+Loads are left to `promote`. `any_lane` and `all_lanes` stay, since they depend on the active lanes at their place. A
+value computed inside a region is not visible outside it, and no statement moves.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Merge(Rewriter):
         self._scopes: list[list[_Key]] = []
 
     def region(self, region: Region) -> Region:
-        """Return the region; what it computes is forgotten after it."""
+        """Return the rewritten region; values computed in it are no longer visible after it."""
         self._scopes.append([])
         made = super().region(region)
         for key in self._scopes.pop():

@@ -1,15 +1,15 @@
-"""Remove what has no effect: values nobody uses, variables nobody reads, and control flow around nothing.
+"""Remove dead code: values without uses, variables that are never read, and empty control flow.
 
 Stage: improve. Effects are stores to outputs and to inputs by reference, calls of functions that are not pure, exits,
-and loops without a known bound, which may run out of iterations. Everything that an effect needs is marked from there
-on; the rest goes:
+and loops without a known bound, which may reach the loop limit. The pass marks all that effects depend on, starting at
+the effects, and removes the rest:
 
     %1 = mul %0, %0          |
     store $y = %1            |   (nothing: $y is never loaded)
     if %c { store $y = %0 }  |
 
-A variable that only feeds itself (`n = n + 1` that nobody reads) goes as well. Ports, params, tables and functions
-stay declared: they are the user's. `remove_unused_functions` is for a module that is about to be printed.
+A variable that only feeds itself (`n = n + 1` that nothing else reads) is removed as well. Ports, params, tables and
+functions stay declared, since the user named them. `remove_unused_functions` is for a module about to be printed.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def remove_unused_functions(module: Module) -> Module:
 
 
 class _Marker:
-    """Marks what is needed: values, variables, and Ifs and Loops (by identity), with `_todo` still to be followed."""
+    """Marks needed values, variables, and Ifs and Loops (by identity); `_todo` holds marks not yet followed."""
 
     def __init__(self, function: Function, functions: Functions) -> None:
         self.function = function
@@ -75,7 +75,7 @@ class _Marker:
         self._effects: list[tuple[Stmt, If | Loop | None]] = []
 
     def swept(self) -> Function:
-        """Return the function with what is needed."""
+        """Return the function with marked statements and variables only."""
         f = self.function
         self._index(f.body, None, None)
         for variable in (*f.outputs, *(i for i in f.inputs if isinstance(i, Variable))):
@@ -96,7 +96,7 @@ class _Marker:
     # Marking
 
     def _index(self, region: Region, control: If | Loop | None, loop: Loop | None) -> None:
-        """Note where everything stands: inside which If or Loop, and in which loop."""
+        """Record for each statement the enclosing If or Loop, and the innermost loop."""
         for s in region:
             if isinstance(s, Let):
                 self._lets[s.value.id] = s

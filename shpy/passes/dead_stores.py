@@ -1,6 +1,6 @@
 """Remove stores whose value is overwritten or forgotten before anyone reads it.
 
-Stage: improve; part of `promote`. One walk against program order keeps which components of which variables are live:
+Stage: improve; part of `promote`. A walk against program order tracks which components of which variables are live:
 
     store $x = %0           |
     store $x.y = %1         |
@@ -8,9 +8,9 @@ Stage: improve; part of `promote`. One walk against program order keeps which co
     %3 = load $x            |    %3 = load $x
     store $x = %4           |
 
-At the end of the function and at a Return, outputs and inputs by reference are live; at a Discard nothing is. At a
-loop's head everything counts as live that the loop may read before it stores it, and what is live after the loop.
-Sets of components are the bits of an int, four for each variable.
+At the end of the function and at a Return, outputs and inputs by reference are live; at a Discard nothing is live. At a
+loop's head, components are live that the loop may read before it stores them, or that are live after the loop.
+A set of components is an int with four bits for each variable.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from shpy.passes.rewriter import Functions, each_function
 
 
 def remove_dead_stores(module: Module) -> Module:
-    """Return the module without stores that nobody reads; values that fed them stay for `remove_dead`."""
+    """Return the module without dead stores; the values that they stored are left to `remove_dead`."""
     return each_function(module, without_dead_stores)
 
 
 def without_dead_stores(function: Function, functions: Functions) -> Function:
-    """Return the function without them; `functions` are those it may call."""
+    """Return the function without dead stores; `functions` are those it may call."""
     return _Liveness(function, functions).run()
 
 
@@ -78,9 +78,9 @@ class _Liveness:
         return replace(f, body=body)
 
     def _walk(self, region: Region, live: int, after: _After, *, removing: bool) -> tuple[Region, int]:
-        """Return the region without dead stores, and what is live before it when `live` is after it.
+        """Return the region without dead stores, and the components live before it, given those `live` after it.
 
-        The first time, with nothing live after it and nothing removed, it finds what each loop reads first.
+        The first walk starts with nothing live and removes nothing: it finds what each loop reads before it stores it.
         """
         kept: list[Stmt] = []
         for s in reversed(region):
@@ -115,7 +115,7 @@ class _Liveness:
         return tuple(reversed(kept)), live
 
     def _store(self, store: Store, live: int) -> tuple[bool, int]:
-        """Return whether the store is dead, and what is live before it."""
+        """Return whether the store is dead, and the components that are live before it."""
         whole = self._whole[store.variable]
         if store.index is not None:
             return not live & whole, live

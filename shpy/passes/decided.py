@@ -1,7 +1,7 @@
-"""Remove selects that a branch has decided, for a target that runs each element by itself.
+"""Remove selects whose condition an enclosing branch implies, for a target that runs each element by itself.
 
-Stage: improve, last. There `any_lane` of a condition is the condition itself. So inside a branch on `any_lane`, a
-select by the same condition takes its first value:
+Stage: improve, last. On such a target `any_lane` of a condition is the condition itself. So inside a branch on
+`any_lane`, a select by the same condition takes its first value:
 
     %3 = any_lane %2                        ->   %3 = any_lane %2
     if %3 { $y = cond %2, %5, %4 }          ->   if %3 { $y = %5 }
@@ -19,7 +19,7 @@ def remove_decided_selects(module: Module) -> Module:
 
 
 class _Decided(Rewriter):
-    """`holding` are the conditions of the branches around a statement."""
+    """Rewrites one function; `holding` are the conditions that are true at the current statement."""
 
     def __init__(self, function: Function, functions: Functions) -> None:
         super().__init__(function, functions)

@@ -1,6 +1,6 @@
-"""Make the ways in which an element ends explicit: limits of loops, discards, and the status that tells of them.
+"""Make the ends of an element explicit: loop limits and discards become Returns with a status.
 
-Stage: improve, once subroutines are where they will stay. Afterwards there is no Discard: a backend sees only Return.
+Stage: improve, after inlining. Afterwards there is no Discard: a backend sees only Return.
 
     loop {                         |   store $iterations = 0
       ...                          |   loop {
@@ -13,10 +13,10 @@ Stage: improve, once subroutines are where they will stay. Afterwards there is n
     call f(%x)                     |   call f(%x, $status)
                                    |   if ne $status, 1 { return }
 
-The entry gets one more output, `status`, the last; a function that may end the element takes it by reference, or, with
-`by_value`, gives one of its own as its last result. Where nothing can end an element early there is no status at all.
-With `loop_flags`, for devices that stop loops of their own accord, every loop that finishes stores so in `$ended`;
-without that the status is DEVICE_STOPPED.
+The entry gets a last output, `status`. A function that may end the element takes the status by reference, or, with
+`by_value`, returns a status as its last result. A module in which nothing ends an element early gets no status. With
+`loop_flags`, for devices that stop long loops on their own, each loop sets `$ended` when it finishes; where the flag is
+not set after the loop, the status becomes DEVICE_STOPPED.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from shpy.passes.continuing import without_continuing
 from shpy.passes.size import callee_of
 
 DEVICE_TURNS = 65_535
-"""Iterations in all after which Mesa's llvmpipe stops the loops of an invocation, without a word."""
+"""The total of iterations after which Mesa's llvmpipe silently stops the loops of an invocation."""
 
 LOOPED = {"payne_hanek": 10}
-"""Iterations of the parts of strict functions that a printer may write as loops, those in which these end included."""
+"""Iterations of operations that a printer may write as loops, including the last one, in which the loop ends."""
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
@@ -61,9 +61,9 @@ class Ending:
     """A module whose exits are explicit.
 
     With `status` its entry's last output says how an element ended. `loops` are the lines of the limited loops:
-    FIRST_LOOP + k is the k-th. Where no loop is limited, they are those of all loops if the device may stop one.
-    With `flagged` each loop tells whether it finished, and a printer has to keep the target's compiler from concluding
-    that it always does.
+    status FIRST_LOOP + k stands for the k-th. If none is limited, they are the lines of all loops if the device may
+    stop one. With `flagged` each loop sets a flag when it finishes, and a printer has to keep the target's compiler
+    from concluding that the flag is always set.
     """
 
     module: Module
@@ -96,16 +96,16 @@ def few_turns(module: Module) -> bool:
 def may_be_stopped(module: Module) -> bool:
     """Return whether a device that stops loops after DEVICE_TURNS iterations in all may stop one of these.
 
-    Beside the module's own loops it counts those that the GLSL printer may add: one of one iteration around the body
-    of a function, one over the elements of an array that is declared or stored into, and those of operations.
+    The count includes the loops that the GLSL printer may add: one of one iteration around the body of a function, one
+    over the elements of an array at its declaration and at each store, and those of the operations in LOOPED.
     """
     return _most_iterations(module, printed=True) >= DEVICE_TURNS
 
 
 def _most_iterations(module: Module, *, printed: bool) -> float:
-    """Return the iterations of an element at most, infinity if there is no known bound.
+    """Return the largest number of iterations of an element, infinity if there is no known bound.
 
-    Both branches of an If count: elements that run together take the iterations of both where they diverge.
+    Both branches of an If count, since elements that run together and diverge take the iterations of both.
     """
     totals: dict[str, float] = {}
 
@@ -116,7 +116,7 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
                 iterations += total(s.then, lengths) + total(s.orelse, lengths)
             elif isinstance(s, Loop):
                 inside = 1 + total(s.body, lengths) + total(s.continuing, lengths)
-                # The device also counts the iteration in which a loop ends, and all loops in it begin once more.
+                # The device also counts the iteration in which a loop ends, and the inner loops in it.
                 iterations += float("inf") if s.turns is None else (s.turns + printed) * inside
             elif isinstance(s, Store):
                 iterations += lengths.get(s.variable, 0)
@@ -135,7 +135,7 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
 
 
 class _Plan:
-    """The facts that the functions of a module share. `ending`: the names of those that may end the element."""
+    """Facts about a module. `ending`: the names of the functions that may end the element."""
 
     def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool, by_value: bool) -> None:
         self.entry = module.entry
@@ -252,17 +252,17 @@ class _Ending:
             if number is None:
                 self._set_status(Status.DEVICE_STOPPED)
             else:
-                # Not "if it is WRITTEN": what was stored in a loop that was stopped may be lost.
+                # Do not test for WRITTEN: a store in a loop that the device stopped may be lost.
                 with b.when(b.let("ne", b.load(self.status), self._number(Status.FIRST_LOOP + number))):
                     self._set_status(Status.DEVICE_STOPPED)
             b.exit(Return)
 
     def _budget(self, iterations: Variable, status: int, *, flagged: bool) -> Region:
-        """Count an iteration; the first one past the limit ends the element.
+        """Return statements that count an iteration and end the element at the first one past the limit.
 
-        A loop that has a flag is left without setting it. That is cheaper than a return on the devices with flags, and
-        an end of the loop that their compilers see: they must not conclude that the statements after the loop are
-        reached through `ended = true` alone.
+        A loop with a flag is left by a Break that does not set the flag. On devices with flags that is cheaper than a
+        Return. It also shows their compilers that the statements after the loop are not reached through
+        `ended = true` alone.
         """
         b = self.b
         b.push()

@@ -1,7 +1,7 @@
-"""Compute what is constant, and drop what an operation leaves as it is.
+"""Fold constants, and remove operations that leave an operand unchanged.
 
-Stage: improve, once the working precision is fixed. Constants are computed by the op table itself, so that a folded
-value has the bits that running it would give:
+Stage: improve, once the working precision is fixed. The op table computes the constants, so that a folded value has
+the bits that the running program would compute:
 
     %2 = add %0, %1            ->   %2 = const 3.0        (%0 = 1.0, %1 = 2.0)
     %4 = mul %3, %one          ->   %3
@@ -9,8 +9,8 @@ value has the bits that running it would give:
     loop { ...; until %true }  ->   ...                   (when nothing in it breaks or continues)
     store $array[%9] = %x      ->                         (nothing: %9 is beyond the array; a load takes the nearest)
 
-A loop of no iterations goes, and so do the statements behind a branch that always leaves. The rules for operations
-are in `identities` and `vectors`.
+A loop of no iterations is removed, and so are the statements behind a branch that always leaves. The rules for
+operations are in `identities` and `vectors`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from shpy.passes.vectors import rearrange
 def fold(module: Module, *, fixed: bool = True) -> Module:
     """Return the module with its constants computed.
 
-    `fixed` says that the working precision is: without it, no arithmetic on base f is done.
+    `fixed`: the working precision is fixed. Without it, arithmetic on base f is not folded.
     """
     sizes = {t.name: t.size for t in module.tables if t.size is not None}
     return each_function(module, lambda f, functions: _Fold(f, functions, sizes, fixed).run())
 
 
 class _Fold(Rewriter):
-    """Every value that is emitted has been simplified already, so one walk is enough."""
+    """Folds one function; every emitted value has been simplified already, so one walk is enough."""
 
     def __init__(
         self, function: Function, functions: Functions, sizes: dict[str, tuple[int, ...]], fixed: bool
@@ -49,7 +49,7 @@ class _Fold(Rewriter):
         self.sizes = sizes
         self.fixed = fixed
 
-    # What is constant
+    # Constants
 
     def constant(self, value: int) -> tuple[int, ...] | None:
         """Return the components of a constant, or of the splat of one."""
@@ -65,7 +65,7 @@ class _Fold(Rewriter):
         return None
 
     def _computed(self, let: Let) -> tuple[int, ...] | None:
-        """Return the components of the result where it is constant."""
+        """Return the components of the result if it is constant, else None."""
         if let.op == "table_size":
             return self.sizes.get(str(let.attr))
         if not let.args or (let.op not in OPS and let.op not in _STRUCTURAL):
@@ -109,7 +109,7 @@ class _Fold(Rewriter):
             self.emit(let)
 
     def _in_range(self, load: Let) -> Let:
-        """Return a load whose index, where it is constant, is that of the nearest element."""
+        """Return the load of an array with a constant index clamped to the array's length."""
         index = self.constant(load.args[0])
         nearest = None if index is None else min(max(index[0], 0), self._length(load.attr) - 1)
         if index is None or nearest is None or nearest == index[0]:
@@ -154,7 +154,7 @@ class _Fold(Rewriter):
             self.emit(Loop(body, continuing, None if never else until, loop.turns, loop.loc))
 
     def _leaving(self, loop: Loop, body: Region) -> None:
-        """Emit a loop of one iteration, whose body leaves at its end: `continuing` is never reached."""
+        """Emit a loop whose body always leaves it at its end: there is one iteration, and no `continuing`."""
         inside = body[:-1] if isinstance(body[-1], Break) else body
         if _targets(inside, Break):
             self.emit(Loop(body, (), None, loop.turns, loop.loc))
@@ -180,7 +180,7 @@ def _leaves(region: Region) -> bool:
 
 
 def _targets(region: Region, *kinds: type[Stmt]) -> bool:
-    """Return whether an exit of one of these kinds, in this body of a loop, is that loop's."""
+    """Return whether this body of a loop contains an exit of one of these kinds outside inner loops."""
     pending = list(region)
     while pending:
         s = pending.pop()

@@ -1,13 +1,13 @@
-"""Forget the values of params and the shapes of tables, so that programs that differ in nothing else are one kernel.
+"""Remove the values of params and the shapes of tables, so that programs that differ only in these share a kernel.
 
-Stage: improve, before a kernel is compiled. A run brings the values and shapes along:
+Stage: improve, before a kernel is compiled. A run passes the values and shapes:
 
     param sky: Color f3 = (0.2, 0.4, 1.0)   ->   param sky: Color f3 = (0.0, 0.0, 0.0)
     table heights: f[64, 64]                ->   table heights: f[?, ?]
     table steps: f[40]                      ->   table steps: f[8]              (read at `%i & 7`: at least 8)
 
-A shape that the program asks for stays: `fold` writes it into the text. Of a table of one axis that is read where an
-index is known to be in range, the least size is kept for which it is, so that printers can leave out the clamp.
+A shape that the program reads by `table_size` stays, since `fold` makes it a constant. If an index of a table with one
+axis is known to be in range, the least size for which it is in range stays, so that printers can omit the clamp.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from shpy.passes.known import Known
 
 
 def forget_data(module: Module) -> Module:
-    """Return the module with as much of its tables' shapes as its text depends on.
+    """Return the module with only those shapes of tables that the kernel's text depends on.
 
-    Params keep neither value nor metadata.
+    Params lose their values and metadata.
     """
     sizes = {table.name: table.size for table in module.tables}
     kept: dict[str, tuple[int, ...]] = {}

@@ -1,14 +1,14 @@
 """Do the arithmetic of binary16 in binary32, rounded after every operation.
 
-Stage: improve, after the precision is fixed. No target is asked for base h: each h becomes an f that holds a binary16.
+Stage: improve, after the precision is fixed. Targets need no base h: each h becomes an f that holds a binary16.
 
     %y = mul %a, %b : h       ->   %p = mul %a, %b : f
                                    %y = half %p : f
     %z = convert %x : h       ->   %z = half %x : f          (%x : f)
     %m = max %a, %b : h       ->   %m = max %a, %b : f       (one of its operands: nothing to round)
 
-That is the table's meaning: + - * / and sqrt of binary16 are exact this way, since 24 >= 2 * 11 + 2 (Figueroa 1995);
-composites are rounded once at their end. In strict mode transcendentals are the exact value rounded once:
+The op table defines binary16 so. + - * / and sqrt are correctly rounded this way, since 24 >= 2 * 11 + 2 (Figueroa
+1995). Composites are rounded once at their end. In strict mode transcendentals are the exact value rounded once:
 
     %y = sin %x : h           ->   %s = call sin_portable(%x) : f    (or sin, where the target does it exactly)
                                    %y = call sin_half(%x, %s) : f    (rounds, but for a few inputs: `strict/halves.py`)
@@ -33,13 +33,13 @@ from shpy.passes.rewriter import each_function
 _EXACT = frozenset("const load swizzle construct splat component param table call half".split()) | {
     name for name, op in OPS.items() if op.exact
 }
-"""Operations whose result is a binary16 whenever their operands are."""
+"""Operations whose result needs no rounding if their operands are binary16."""
 
 
 def lower_half(module: Module, formulas: Formulas = "portable", exact: frozenset[str] = frozenset()) -> Module:
-    """Return the module without base h; the same object if it has none.
+    """Return the module without base h; the same object if it does not use base h.
 
-    `formulas` are those of the mode at f32, and `exact` the functions that the target does exactly.
+    `formulas` are those of the mode at f32. `exact` are the functions that the target rounds correctly itself.
     """
     if Base.H not in bases_of(module):
         return module

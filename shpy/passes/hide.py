@@ -1,8 +1,8 @@
-"""Hide from a driver's compiler the floats that it could derive, so that it cannot take `0 * x` for 0 or `x + 0` for x.
+"""Hide derivable floats from a driver's compiler, so that it cannot replace `0 * x` by 0 or `x + 0` by x.
 
 Stage: improve, last; for targets whose compilers fold arithmetic with zero although x may be infinite, NaN or -0.0.
-Such a target prints a float zero as a number that its compiler does not know. The pass adds that zero to each float
-that could become known when the driver unrolls loops and merges branches:
+The printer of such a target writes a float zero as a value that the compiler does not know. The pass adds that zero to
+each float whose value the driver could find by unrolling loops and merging branches:
 
     %f = convert %i : f                  ->  %t = convert %i : f;  %f = add %t, 0.0       (each int that becomes one)
     store $x = 1.0                       ->  %t = add 1.0, 0.0;    store $x = %t          (if $x is read)
@@ -45,7 +45,7 @@ class _Hide(Rewriter):
         handed = set() if entry else {o.id for o in function.outputs}
         handed |= {i.id for i in function.inputs if not isinstance(i, Value)}
         self.read = read | passed | handed
-        """The variables whose values go into operations, here or where the function is called."""
+        """The variables that are loaded here, or whose values callers or callees may read."""
 
     def let(self, let: Let) -> None:
         op, args = let.op, let.args
@@ -54,7 +54,7 @@ class _Hide(Rewriter):
                 self.derivable.add(let.value.id)
         elif op == "const":
             assert isinstance(let.attr, tuple)
-            if any(bits & ~_MINUS_ZERO for bits in let.attr):  # zeros are unknown as they are
+            if any(bits & ~_MINUS_ZERO for bits in let.attr):  # printers write zeros as unknown values
                 self.derivable.add(let.value.id)
         elif op == "convert" and not self.types[args[0]].is_float:
             made = self.value(let.value.type)
@@ -86,7 +86,7 @@ class _Hide(Rewriter):
         return Let(let.value, let.op, (*let.args[:at], self._hide(constant), *let.args[at + 1 :]), let.attr)
 
     def _hide(self, value: int) -> int:
-        """Return a value that is the same number, to the bit, and unknown to the driver."""
+        """Emit a value with the same bits that the driver cannot derive; return its id."""
         made = self.value(self.types[value])
         constant = self.made.get(value)
         plus = constant is not None and isinstance(constant.attr, tuple) and _MINUS_ZERO not in constant.attr
@@ -94,7 +94,7 @@ class _Hide(Rewriter):
         return made.id
 
     def _emit_sum(self, op: str, value: Value, number: int) -> None:
-        """Emit `number + 0.0`; `number - 0.0` where -0.0 is to stay what it is."""
+        """Emit `number + 0.0`, or `number - 0.0`, which keeps -0.0, as `op` says."""
         zero = self.const(value.type, 0.0)
         self.emit(Let(value, op, (number, zero)))
 
