@@ -1,7 +1,7 @@
-"""Operations that leave an operand as it is, or that another does as well: to the bit, in IEEE arithmetic.
+"""Algebraic identities that hold bit for bit in IEEE arithmetic.
 
-Stage: improve; the scalar rules of `fold`. Only what holds for every value, infinite, NaN and -0.0 included (but for
-the sign and payload of a NaN), is here. So `x * 0.0`, `x + 0.0` and `x - x` stay as they are:
+Stage: improve; the scalar rules of `fold`. Each identity holds for every value, including infinity, NaN and -0.0 (but
+for the sign and payload of a NaN). So `x * 0.0`, `x + 0.0` and `x - x` stay as they are:
 
     x * 1, 1 * x, x / 1       -> x          -(-x), ~~x, abs(abs(x))   -> x, x, abs(x)
     x - 0.0, x + -0.0         -> x          min(x, x), cond(c, x, x)  -> x
@@ -34,7 +34,7 @@ class Known(Protocol):
 
 
 Found = int | Let | None
-"""A value that serves instead, an operation that does the same, or None."""
+"""The id of an equal value, an equivalent operation, or None."""
 
 _INVERSE = {"eq": "ne", "ne": "eq"}
 _INVERSE_INT = {"lt": "ge", "ge": "lt", "gt": "le", "le": "gt"}
@@ -53,10 +53,10 @@ _RIGHT_NEUTRAL: dict[str, tuple[float | None, int | None]] = {
     "pow": (1.0, None),
     "ldexp": (None, 0),
 }
-"""The right operand that leaves the left one unchanged: as a float, as an int."""
+"""The neutral right operand of an operation, which leaves the left one unchanged: as a float, as an int."""
 
 _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
-"""The int or bool that makes the result itself, whatever the other operand."""
+"""The absorbing int or bool of an operation: if one operand is this, so is the result."""
 
 
 def simplify(known: Known, let: Let) -> Found:
@@ -88,7 +88,7 @@ def _unary(known: Known, let: Let, x: int) -> Found:
             return inner.args[0]
         case ("abs", "abs") | ("half", "half"):
             return x
-        case "abs", "neg" if let.value.type.base is not Base.U:  # an unsigned -x is no -x of the integers
+        case "abs", "neg" if let.value.type.base is not Base.U:  # of uints -x is 2**32 - x
             return Let(let.value, "abs", inner.args)
         case "not", "eq" | "ne":
             return Let(let.value, _INVERSE[inner.op], inner.args)

@@ -1,7 +1,7 @@
-"""A pure function whose result does not depend on its arguments is put where it is called.
+"""Inline pure functions whose result does not depend on their arguments.
 
-Stage: improve, once functions are simple. Takes and gives a module. What folds to a constant in a function is then one
-outside as well; and no pass or printer has to ask whether the result of a call with varying arguments varies.
+Stage: improve, once functions are simple. Takes and gives a module. A result that folds to a constant inside a function
+becomes a constant outside too. Passes and printers can assume that a call with varying arguments has a varying result.
 
     pure function f(%a.0: f) -> ($0: f) {
       %1: f = const 0x1p+0                           |
@@ -20,7 +20,7 @@ from shpy.ir.traverse import rewrite, walk
 
 
 def inline_independent(module: Module) -> Module:
-    """Return the module without calls of such functions; the same object if there is none."""
+    """Return the module without calls of such functions; the same object if it has no such function."""
     found: dict[str, tuple[Let, ...]] = {}
     functions = []
     for function in module.functions:
@@ -34,7 +34,7 @@ def inline_independent(module: Module) -> Module:
 
 
 def _independent(function: Function) -> tuple[Let, ...]:
-    """Return the Lets that make the result, in order, if no input takes part in it; else none."""
+    """Return the Lets that compute the result, in order, if it depends on no input; else an empty tuple."""
     lets = {s.value.id: s for s in function.body if isinstance(s, Let)}
     stores = [s for s in walk(function.body) if isinstance(s, Store)]
     if not function.pure or len(stores) != 1 or len(lets) + 1 != len(function.body) or stores[0].components:

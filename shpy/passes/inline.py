@@ -1,14 +1,14 @@
-"""Put the bodies of subroutines where they are called.
+"""Inline subroutines: replace calls by the bodies of the functions.
 
-Stage: improve, before `vectorize`, for functions that take arrays: those cannot be handed over by value.
+Stage: improve, before `vectorize`, for functions that take arrays, since arrays cannot be passed by value.
 
     function f(%x, $y) { if %x { return }; store $y = 1.0 }
     ...                                                        ->   ...
     call f(%c, $v)                                                  if %c { } else { store $v = 1.0 }
 
-A Return in a branch puts the statements behind it into the other branch; where that is not possible, the body stands in
-a loop of one iteration that Break leaves. Variables of the callee become the caller's; inside a loop they are set to
-zero first, as they are whenever a function starts.
+If a branch returns, the statements after it move into the other branch. Where that is not possible, the body becomes a
+loop of one iteration, and Break replaces Return. Variables of the callee become variables of the caller. Inside a loop
+they are set to zero first, as at each start of a function.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from shpy.passes.rewriter import falls_through
 from shpy.passes.size import check_growth
 
 _MOST_STATEMENTS = 50_000
-"""A function that would become larger is refused: text and compile time would grow without bound."""
+"""The largest size of a function after inlining; larger ones are refused, as text and compile time could explode."""
 _DEEPEST_GUARD = 8
 """The limit of consecutive Returns, each of which nests the rest of the body one region deeper."""
 
 
 def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda function: True) -> Module:
-    """Return the module without the functions that are `chosen`; CompileError where that nests too deep.
+    """Return the module with the `chosen` functions inlined; raise CompileError if regions then nest too deep.
 
-    Pure functions and the entry stay in any case.
+    Pure functions and the entry are never inlined.
     """
     inlined: dict[str, Function] = {}
     gone: set[str] = set()
@@ -81,7 +81,7 @@ def _check_depth(function: Function, region: Region, regions: int, loops: int) -
 
 
 class _Inliner:
-    """Copies a function with the bodies of those that are to be `gone`, where it calls them."""
+    """Copies a function and inlines its calls of the functions named in `gone`."""
 
     def __init__(self, function: Function, inlined: dict[str, Function], gone: set[str]) -> None:
         self.function = function
@@ -90,7 +90,7 @@ class _Inliner:
         self.b = Builder(function=function)
 
     def run(self) -> Function:
-        """Return the function without these calls."""
+        """Return the function with these calls inlined."""
         self.b.extend(self._region(self.function.body, in_loop=False))
         return self.b.finish()
 
@@ -147,7 +147,7 @@ class _Inliner:
 
 
 class _Copy:
-    """Copies statements with fresh values and other variables: `values` and `slots` say which is which."""
+    """Copies statements; `values` maps ids of values to those of the copies, `slots` does so for variables."""
 
     def __init__(self, b: Builder, functions: Mapping[str, Function]) -> None:
         self.b = b
@@ -194,9 +194,9 @@ def _returns(region: Region) -> bool:
 
 
 def _without_returns(region: Region, guards: int) -> Region | None:
-    """Return the region without Returns, its early exits as branches of Ifs; None if that is not possible.
+    """Return the region with its Returns replaced by nested Ifs; None if that is not possible.
 
-    `guards`: how many levels of Ifs may take the statements after them into a branch.
+    `guards`: the number of nested Ifs into whose branches the statements after them may move.
     """
     for n, s in enumerate(region):
         if isinstance(s, Return):
@@ -219,7 +219,7 @@ def _without_returns(region: Region, guards: int) -> Region | None:
 
 
 def _breaking(region: Region, *, last: bool) -> Region:
-    """Return the body of a loop of one iteration: Return leaves the loop, and so does the end of the body."""
+    """Return the region as the body of a loop of one iteration, with a Break for each Return and at the end."""
     made: list[Stmt] = []
     for s in region:
         if isinstance(s, Return):

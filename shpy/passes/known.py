@@ -1,9 +1,9 @@
-"""Ranges of values, known before anything runs: between which numbers an int lies.
+"""Range analysis: find bounds of ints at compile time.
 
-Stage: improve; it changes nothing. A printer asks, and leaves out the clamp of an index that is in range anyway. What
-is not known to be so may be anything.
+Stage: improve; it changes nothing. A printer uses the bounds to omit the clamp of an index that is always in range. A
+value without known bounds gets the range of its type.
 
-    %3: i = min %2, %n        of which %2 is at least 0 and %n is 9
+    %3: i = min %2, %n        (%2 is at least 0 and %n is 9)
     %5: i = and %4, 7
     %6: i = add %3, %5        span(%6) == (0, 16)
 """
@@ -22,11 +22,11 @@ Span = tuple[int, int]
 _SPANS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1), Base.B: (0, 1)}
 _SAME = frozenset({"splat", "construct", "swizzle"})
 _DEEPEST = 50
-"""Operations that an answer is sought behind."""
+"""The largest depth of operands that are followed; deeper ones get the range of their type."""
 
 
 class Known:
-    """The ranges of a function's values, wherever in it they are computed."""
+    """The ranges of the values of a function."""
 
     def __init__(self, function: Function) -> None:
         self._lets: dict[int, Let] = {}
@@ -45,26 +45,26 @@ class Known:
                 case Store():
                     self._stored[s.variable].append(s.value)
                 case Call():
-                    self._hidden |= set(s.args)  # what is handed on by reference may be changed
+                    self._hidden |= set(s.args)  # the callee may store into arguments by reference
 
     def within(self, value: int, low: int, high: int) -> bool:
-        """Return whether no component of an int, uint or bool can be outside of these."""
+        """Return whether all components of an int, uint or bool lie between `low` and `high`, inclusive."""
         least, greatest = self.span(value)
         return low <= least and greatest <= high
 
     def span(self, value: int) -> Span:
-        """Return the least and the greatest number that any component of an int, uint or bool can be."""
+        """Return the least and the greatest possible value of the components of an int, uint or bool."""
         anything = _SPANS[self._types[value].base]
         let = self._lets.get(value)
         if let is None or self._depth > _DEEPEST:
             return anything
         key = "value", value
         if key not in self._spans:
-            self._spans[key] = anything  # for what depends on itself, in a loop
+            self._spans[key] = anything  # for a value that depends on itself through a loop
             self._depth += 1
             low, high = self._span(let)
             self._depth -= 1
-            fits = anything[0] <= low and high <= anything[1]  # else it wraps
+            fits = anything[0] <= low and high <= anything[1]  # else the value may wrap
             self._spans[key] = (low, high) if fits else anything
         return self._spans[key]
 
@@ -82,7 +82,7 @@ class Known:
         return _SPANNED[let.op]([self.span(a) for a in args], anything)
 
     def _slot(self, variable: int, anything: Span) -> Span:
-        """Return the span of the stored values and of the zero that the variable begins with."""
+        """Return the span of a variable: of its initial zero and of all stored values."""
         if variable in self._hidden:
             return anything
         key = "slot", variable
@@ -103,7 +103,7 @@ def _products(spans: list[Span], _: Span) -> Span:
 
 
 def _bits_of_both(spans: list[Span], anything: Span) -> Span:
-    """Return the span of `a & b`: at most either operand that is not negative."""
+    """Return the span of `a & b`, which is at most as large as an operand that is not negative."""
     limits = [high for low, high in spans if low >= 0]
     return (0, min(limits)) if limits else anything
 
@@ -130,4 +130,4 @@ _SPANNED: dict[str, Callable[[list[Span], Span], Span]] = {
     "shr": _shifted_right,
     "convert": lambda spans, _: spans[0],
 } | dict.fromkeys(["cond", *_SAME], lambda spans, _: _hull(spans))
-"""From the spans of the operands that of the result before it wraps; the second is that of its type."""
+"""Functions from the spans of the operands, and the span of the type, to the span of the result before it wraps."""

@@ -1,6 +1,6 @@
-"""Builds code for many lanes: which values vary, where variables live, what masks are made of.
+"""Build code for many lanes: track varying values, choose slots of variables, and compute masks.
 
-Stage: improve. Part of `vectorize`, which is a `LaneBuilder` that knows statements.
+Stage: improve. Part of `vectorize`, whose class extends `LaneBuilder` by the translation of statements.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ BOOL = vec(Base.B)
 
 @dataclass(slots=True)
 class Here:
-    """The region at hand.
+    """The state of the current region.
 
-    `mask`: the lanes that are active (None: all); `whole`: they are all that are left in the iteration; `kept`: the
-    variables that lanes masked off by an If still need; `thinned`: lanes have left since the region began.
+    `mask`: the active lanes (None: all). `whole`: they are all the lanes left in the iteration. `kept`: the variables
+    that lanes masked off by an If still need. `thinned`: lanes have left since the region began.
     """
 
     mask: int | None
@@ -35,11 +35,11 @@ class Here:
 
 @dataclass(slots=True)
 class Scope:
-    """The loop, or the function (without a note), at hand.
+    """The state of the current loop, or of the function, which has no note.
 
-    `live`, `iterating`: slots with the mask of the lanes still in the loop, and of those still in this iteration;
-    `inner`: variables that have a slot of their own in it; `kept`: the variables that lanes which skip the rest of the
-    iteration still need; `continued`: some lanes may be skipping it.
+    `live`, `iterating`: slots with the masks of the lanes still in the loop and still in this iteration.
+    `inner`: the variables that have a slot of their own in the loop. `kept`: the variables needed by lanes that skip
+    the rest of the iteration. `continued`: some lanes may be skipping it.
     """
 
     facts: LoopFacts
@@ -53,7 +53,7 @@ class Scope:
 
 
 def of_all_lanes(function: Function) -> Function:
-    """Return a pure function as it is; its `any_lane` asks of every lane, for it knows of none that is off."""
+    """Return a pure function with `lane_any` for `any_lane`: it has no mask, so all lanes count as active."""
 
     def change(s: Stmt) -> Stmt:
         return replace(s, op="lane_any") if isinstance(s, Let) and s.op == "any_lane" else s
@@ -63,9 +63,9 @@ def of_all_lanes(function: Function) -> Function:
 
 
 class LaneBuilder:
-    """The operations that `vectorize` needs most, as methods.
+    """Builds lane operations, loads and stores for `vectorize`.
 
-    `given` are the inputs that vary, `state` the variables that do at this point.
+    `given` are the varying inputs; `state` are the variables that vary at the current point.
     """
 
     def __init__(self, function: Function, given: frozenset[int]) -> None:
@@ -81,7 +81,7 @@ class LaneBuilder:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what one walk makes."""
+        """Reset the state of a walk over the function."""
         self.b = Builder(function=self.function)
         self.varying = set(self.given)
         self.same: dict[int, int] = {}
@@ -90,14 +90,14 @@ class LaneBuilder:
         self.scope = Scope(self.facts, running, running)
 
     def let(self, op: str, *args: int, type: Type | None = None, attr: Attr = None, name: str | None = None) -> int:
-        """Append an operation of our own."""
+        """Append an operation that the source does not have; return its id."""
         made = self.b.let(op, *args, type=type, attr=attr, name=name).id
         if varies(op, (a in self.varying for a in args)):
             self.varying.add(made)
         return made
 
     def load(self, slot: Variable, index: int | None = None) -> int:
-        """Append a load of a slot of our own."""
+        """Append a load of a slot; return its id."""
         made = self.b.load(slot, index).id
         if slot.id in self.slots.varying or index in self.varying:
             self.varying.add(made)
@@ -112,7 +112,7 @@ class LaneBuilder:
         return self.let("not", self.let("lane_any", mask, type=BOOL))
 
     def lanes(self, variable: int, scope: Scope | None = None) -> Variable:
-        """Return the lanes slot of a variable at this point, or in an outer scope."""
+        """Return the lanes slot of a variable in the current scope, or in the given one."""
         scope = scope or self.scope
         while scope.outer is not None and variable not in scope.inner:
             scope = scope.outer
@@ -137,7 +137,7 @@ class LaneBuilder:
         return frozenset() if here.mask is None else here.kept | self.scope.kept
 
     def meet(self, facts: set[int], stored: frozenset[int], live: frozenset[int]) -> None:
-        """Join the control flow at a point at which `facts` vary."""
+        """Join control flow: add the variables that vary here to `facts`, and spread the others in `facts`."""
         facts |= self.state & stored & live
         for variable in sorted(facts - self.state):
             self.spread(variable)

@@ -1,7 +1,7 @@
-"""Translate Break, Continue, Return and Discard where only some of the lanes leave.
+"""Translate Break, Continue, Return and Discard that only some lanes may take.
 
-Stage: improve. Part of `vectorize`. Where all lanes of an iteration leave together an exit stays as it is. Otherwise
-the lanes are taken out of a mask, and a real exit follows for the case that no lane is left:
+Stage: improve. Part of `vectorize`. An exit that all lanes of an iteration take together stays as it is. Otherwise the
+leaving lanes are removed from a mask, and the real exit follows if no lane is left:
 
     if %c {            |   if lane_any(%leaving) {
       break            |     $n_out = cond(%leaving, $n, $n_out)      (what is needed after the loop)
@@ -20,20 +20,20 @@ from shpy.passes.liveness import Note
 
 
 class ExitBuilder(LaneBuilder):
-    """A LaneBuilder that knows exits; each method tells whether nothing comes after it in its region."""
+    """A LaneBuilder that translates exits; the methods return whether the region ends with the exit."""
 
     def __init__(self, function: Function, given: frozenset[int]) -> None:
         super().__init__(function, given)
         self.outputs = tuple(v.id for v in function.outputs)
 
     def remove(self, slot: Variable, mask: int) -> None:
-        """Take the lanes of `mask` out of the mask in `slot`."""
+        """Remove the lanes of `mask` from the mask in `slot`."""
         self.b.store(slot, self.let("and", self.load(slot), self.let("not", mask)))
 
     def put_aside(self, changed: frozenset[int], needed: frozenset[int], mask: int) -> None:
-        """Copy what leaving lanes changed in a loop, and what is needed after it, to the slots outside.
+        """Copy the variables that leaving lanes changed in a loop, and that are needed after it, to the outer slots.
 
-        What they need and have not changed is outside already; lanes that stay must not change it there.
+        A needed variable that they did not change is in its outer slot already; other lanes must not change it there.
         """
         scope = self.scope
         assert scope.note is not None
@@ -45,7 +45,7 @@ class ExitBuilder(LaneBuilder):
                 self.b.store(outside, kept)
 
     def leave_loop(self, s: Break, note: Note, here: Here, needed: Iterable[int] | None = None) -> bool:
-        """Return a Break, or a Discard, after which only the status is needed."""
+        """Translate a Break, or a Discard, after which only the variables `needed` (the status) are needed."""
         scope = self.scope
         assert scope.note is not None
         live = scope.note.after if needed is None else frozenset(needed)
@@ -77,7 +77,7 @@ class ExitBuilder(LaneBuilder):
         return self.leave_iteration(self.mask(here), here, s)
 
     def leave_iteration(self, mask: int, here: Here, s: Break | Continue) -> bool:
-        """Take lanes out of this iteration, where that is not the same as taking them out of the loop."""
+        """Remove lanes from this iteration, unless removing them from the loop did so already."""
         scope = self.scope
         if scope.iterating is scope.live and not here.whole:
             return False
@@ -92,7 +92,7 @@ class ExitBuilder(LaneBuilder):
         return False
 
     def jump(self, s: Break | Continue) -> None:
-        """Go to the loop's `continuing`, with all lanes of the iteration."""
+        """Append a Continue for all lanes of the iteration."""
         note = self.scope.note
         assert note is not None
         self.scope.facts.jumps = True
@@ -100,7 +100,7 @@ class ExitBuilder(LaneBuilder):
         self.b.append(Continue(s.loc))
 
     def leave_function(self, s: Return | Discard, here: Here) -> bool:
-        """Return a Return; or, outside of loops, a Discard."""
+        """Translate a Return, or a Discard outside loops."""
         scope = self.scope
         if here.whole:
             self.meet(scope.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
@@ -112,7 +112,7 @@ class ExitBuilder(LaneBuilder):
         return False
 
     def return_if_none(self, mask: int) -> None:
-        """Return when no lane of `mask` is left."""
+        """Append a Return that is taken if no lane of `mask` is left."""
         none = self.none(mask)
         self.b.push()
         self.meet(self.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
@@ -120,5 +120,5 @@ class ExitBuilder(LaneBuilder):
         self.b.append(If(none, self.b.pop()))
 
     def mask(self, here: Here) -> int:
-        """Return the active lanes, as a mask."""
+        """Return the id of the mask of active lanes, also where it is not stored because all lanes are active."""
         return self.let("lane_mask", type=BOOL) if here.mask is None else here.mask

@@ -44,13 +44,13 @@ _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_
 """The functions that `lower_half` calls."""
 
 PARTS = frozenset({"payne_hanek", "far_reduced", "sin_strict", "cos_strict", "tan_strict"})
-"""Operations that only definitions have: functions that these share."""
+"""Operations that occur only in definitions: functions that several definitions call."""
 
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
-"""Replacements of functions that a target has within the bounds for near angles only."""
+"""Replacements of functions that a target computes within the error bounds for small angles only."""
 
 HALVES = {f"{name}_half": name for name in TRANSCENDENTALS}
-"""Functions that round a result in binary32 to binary16, by the names of its function."""
+"""For each function that rounds a result in binary32 to binary16, the function whose result it rounds."""
 
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 """Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
@@ -66,7 +66,7 @@ def is_exact(name: str, type: Type, formulas: Formulas) -> bool:
 
 @cache
 def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles") -> Function:
-    """Return the pure function that does `name` for arguments of these types: `dot3`, `sin_strict`, `sin_strict_d2`.
+    """Return the pure function for operation `name` on these types, such as `dot3`, `sin_strict`, `sin_strict_d2`.
 
     `formulas` are those of transcendentals.
     """
@@ -104,7 +104,7 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
 
 
 def _part(name: str, types: tuple[Type, ...]) -> Function:
-    """Return a function that only definitions and `lower` ask for."""
+    """Return a function of PARTS or BOUNDED, which only definitions and `lower` use."""
     from shpy.passes.strict import payne_hanek
 
     if name == "far_reduced":
@@ -133,7 +133,7 @@ class Library:
     def use(
         self, name: str, types: tuple[Type, ...], prepare: Callable[[Function], Function] | None = None
     ) -> Function:
-        """Return the function that does `name` for these types; `prepare` is applied to it once, and may use others."""
+        """Return the function for operation `name` on these types; `prepare` rewrites it once, and may call `use`."""
         original = definition(name, types, self.formulas)
         if original not in self.functions:
             function = prepare(original) if prepare else original
@@ -141,5 +141,5 @@ class Library:
         return self.functions[original]
 
     def added(self, module: Module) -> Module:
-        """Return the module with what was used in front of its own functions, callees first."""
+        """Return the module with the used definitions in front of its own functions, callees first."""
         return replace(module, functions=(*self.functions.values(), *module.functions))

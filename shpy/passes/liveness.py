@@ -4,9 +4,9 @@ Stage: improve. Takes a function in which no `Return` stands inside a loop (see 
 that runs in step with its statements. The statements themselves stay as they are. After a `Discard` only the status,
 the last output, is needed.
 
-A variable is live at a point if some way from there loads it before it is stored as a whole. It is dirty at a point
-of a loop if some way from the loop's entry to that point stores it. Both are about one element on its own, whatever
-runs beside it: that is why `vectorize` can ask them about lanes that have left.
+A variable is live at a point if some path from there loads it before a store of the whole variable. It is dirty at a
+point of a loop if some path from the loop's entry to that point stores it. Both describe a single element, whatever
+other lanes do, so that `vectorize` can use them for lanes that have left.
 
     n = n + 1            before {n, z}   after {n, z}     dirty {n, z}  (z: stored an iteration before)
     if n > 9: break      before {n, z}   after {n, z}
@@ -28,7 +28,7 @@ from shpy.passes.uniformity import LoopFacts
 
 Set = frozenset[int]
 Bits = int
-"""A set of variables, the bit 1 << id for each: statements are many, and so may be the variables that are live."""
+"""A set of variables: bit 1 << id for each. Each statement has such sets, so they have to be small."""
 
 
 def _members(bits: Bits) -> Set:
@@ -43,10 +43,9 @@ class Note:
     """The facts about one statement.
 
     `live` are the variables live before and after it, `dirt` those dirty before it. `regions` holds the notes of the
-    regions directly inside it: then and orelse, or body and continuing; `entries` what is live where each of them
-    begins. `stored` are the variables that it stores anywhere inside, `exits`
-    whether it leaves a region around it, `ends` whether an If always does. For a loop, `dirt_at_until` is what is
-    dirty when `until` is tested.
+    regions directly inside it: then and orelse, or body and continuing. `entries` are the variables live where each of
+    these begins, and `stored` those stored anywhere inside. `exits`: the statement may leave an enclosing region.
+    `ends`: an If always does. For a loop, `dirt_at_until` are the variables dirty when `until` is tested.
     """
 
     live: tuple[Bits, Bits]
@@ -71,7 +70,7 @@ class Note:
 
     @property
     def inner(self) -> tuple[Set, ...]:
-        """The variables live where each region inside begins."""
+        """The variables live at the start of each region inside."""
         return tuple(map(_members, self.entries))
 
     @property
@@ -87,7 +86,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class _Targets:
-    """The variables that are live where exits lead to."""
+    """The variables that are live at the targets of Break, Continue, Return and Discard."""
 
     leave: Bits
     again: Bits
@@ -114,7 +113,7 @@ def _before(statement: Stmt, after: Bits, targets: _Targets) -> Bits:
         case If(_, then, orelse):
             return _live(then, after, targets) | _live(orelse, after, targets)
         case Loop():
-            # Liveness is G | (X & P) in what is live at the head X: its least fixed point is its value at nothing.
+            # With X live at the head, liveness is G | (X & P). Its least fixed point is G, its value for empty X.
             return _loop_heads(statement, after, targets, 0)[0]
         case Break():
             return targets.leave
@@ -134,7 +133,7 @@ def _live(region: Region, after: Bits, targets: _Targets) -> Bits:
 
 
 def _loop_heads(loop: Loop, after: Bits, targets: _Targets, head: Bits) -> tuple[Bits, Bits]:
-    """Return what is live where an iteration and its `continuing` begin; `head` is live where the next one begins."""
+    """Return the variables live at the start of an iteration and of `continuing`, given those at the next `head`."""
     test = head if loop.until is None else head | after
     step = _live(loop.continuing, test, targets)
     return _live(loop.body, step, _Targets(after, step, targets.end, targets.discard)), step
@@ -189,14 +188,14 @@ def stored_in(region: Region) -> Set:
 
 @dataclass(slots=True)
 class _Leaving:
-    """The variables that are dirty where exits and Continues leave a loop's body."""
+    """The variables that are dirty at the exits and at the Continues of a loop's body."""
 
     exits: Bits = 0
     continues: Bits = 0
 
 
 def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leaving) -> Bits | None:
-    """Return what is dirty at the region's end, None if it is never reached, and fill in the notes, if any."""
+    """Return the variables dirty at the region's end, None if that is unreachable, and fill in the notes, if any."""
     for at, statement in enumerate(region):
         note = None if notes is None else notes[at]
         if note is not None:
@@ -229,7 +228,7 @@ def _dirty(region: Region, notes: list[Note] | None, dirty: Bits, leaving: _Leav
 def _dirty_loop(loop: Loop, note: Note | None) -> Bits:
     """Return the variables that are dirty where the loop is left.
 
-    Along a way, variables only ever become dirty, so one iteration adds the same variables as all iterations.
+    Along a path a dirty variable stays dirty, so one iteration adds the same variables as all iterations.
     """
     leaving = _Leaving()
     once = _iteration(loop, None, 0, leaving)

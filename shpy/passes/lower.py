@@ -1,7 +1,7 @@
-"""Replace composite operations and transcendentals by the plain ones that they mean.
+"""Replace composite operations and transcendentals by their definitions in plain operations.
 
-Stage: improve, after the precision is fixed. What a target does not do natively with exactly the table's meaning, or
-closely enough for the mode, becomes a call of a pure function of the library, or stands in place when it is short:
+Stage: improve, after the precision is fixed. An operation that the target does not compute exactly as the op table
+defines it, or closely enough for the mode, becomes a call of a pure function of the library; a short one is inlined:
 
     %d = dot %a, %b : f         ->   %d = call dot3 %a, %b : f       (and the function dot3 before all others)
     %s = sin %a : f             ->   %s = call sin_strict %a : f     (the same bits on every target)
@@ -38,9 +38,9 @@ def lower(
 ) -> Module:
     """Return the module without composite operations and transcendentals, but for those in `native`.
 
-    Those of binary32 that are to be `corrected`, some of CORRECTABLE, become calls as well, and so do those of binary64
-    that are `bounded`, some of BOUNDED: native ones that are good for angles that are not far. `formulas` are those of
-    the transcendentals. Those in `exact` stay where their formulas give the exact value, rounded: the target does too.
+    Calls also replace the binary32 operations in `corrected`, a subset of CORRECTABLE, and the binary64 operations in
+    `bounded`, a subset of BOUNDED: native ones that are accurate for small angles only. `formulas` are those of
+    the transcendentals. The target rounds those in `exact` correctly, so they stay where the formulas do so too.
     """
     library = Library(module, formulas)
 

@@ -1,28 +1,30 @@
-"""The modes of arithmetic, in a module of their own: importing it costs nothing."""
+"""The modes of arithmetic, in a module that imports no other of shpy, so that importing it is fast."""
 
 from typing import Final, Literal, get_args
 
 Math = Literal["strict", "portable", "relaxed", "fast"]
 """The exactness of functions.
 
-The same bits on every target; the same by formulas of binary32 alone; within OpenCL's bounds; or as fast as can be.
+strict: the same bits on every target. portable: the same, by formulas in binary32 alone. relaxed: within OpenCL's error
+bounds. fast: as fast as possible.
 """
 
 MODES: Final[tuple[str, ...]] = get_args(Math)
-"""Their names, the most exact one first."""
+"""The names of the modes, the most exact one first."""
 
 REPRODUCIBLE: Final = frozenset({"strict", "portable"})
-"""The modes that give the same bits everywhere: each operation is rounded by itself, and nothing is contracted."""
+"""The modes that give the same bits on every target: each operation is rounded by itself, without contraction."""
 
 Formulas = Literal["fused", "doubles", "pairs", "portable"]
 """The formulas of the elementary functions of binary32.
 
-By binary64, with or without fused operations (`exact`); by pairs of binary32, or by binary32 alone (`strict`).
+fused, doubles: in binary64, with or without fused operations (`exact`). pairs: in pairs of binary32. portable: in
+binary32 alone (`strict`).
 """
 
 
 def formulas_of(math: Math, doubles: bool, fuses: bool = False) -> Formulas:
-    """Return the formulas of a mode on a target that has binary64 or has not, and is quick at fma in it or is not."""
+    """Return the formulas of a mode on a target; `doubles`: it has binary64, `fuses`: its fma of binary64 is fast."""
     if math != "strict":
         return "portable"
     if not doubles:

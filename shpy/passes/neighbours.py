@@ -1,7 +1,7 @@
-"""Reads of a table beside the element's own place: lanes that lie side by side read what lies side by side.
+"""Find reads of a table at a uniform offset from the element: adjacent lanes read adjacent texels.
 
-Stage: improve, after `vectorize`, for the entry of packets and tiles. An index that is the element's own, moved by what
-is the same for all lanes, is no index of its own for each lane:
+Stage: improve, after `vectorize`, for the entry of packets and tiles. If an index is the element's own index plus a
+uniform offset, the read needs the offset only, not an index for each lane:
 
     %1: i2 = grid_index
     %2: i = swizzle.x %1
@@ -10,15 +10,15 @@ is the same for all lanes, is no index of its own for each lane:
     %5: i2 = construct %4, %3
     %6: f = table texels[%5]         ->     %6: f = neighbour texels[%k, %zero]
 
-So is an index that is taken modulo a uniform on every axis, as that of a board that wraps around: these follow the
-offsets.
+The same holds for an index modulo a uniform on every axis, as on a board that wraps around. The moduli follow the
+offsets as operands:
 
     %7: i2 = grid_shape
     %8: i2 = floormod %5, %7
     %9: f = table texels[%8]         ->     %9: f = neighbour texels[%k, %zero, %7.x, %7.y]
 
-That is where blurs, differences and other stencils read. Loops that lanes leave one by one are left alone: those that
-stay do not lie side by side. Additions wrap around, and so do those of offsets, so that nothing changes.
+Blurs, differences and other stencils read so. The pass skips loops that lanes leave one by one, since the lanes that
+stay are not adjacent. Sums of offsets wrap around as the original additions do, so the results are the same.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _RANKS = (1, 2)
 
 @dataclass(frozen=True, slots=True)
 class _Moved:
-    """The element's index along `axis` (None: nothing that varies) and uniform values with their signs.
+    """The sum of the element's index along `axis` (None: no index) and signed uniform terms.
 
-    Each is an id and the component, for a vector; so is the modulus of their sum, if there is one.
+    A term is (sign, id, component). The modulus of the sum, if there is one, is (id, component).
     """
 
     axis: int | None
@@ -54,7 +54,7 @@ Parts = tuple[_Moved, ...]
 
 
 def find_neighbours(vector: VectorModule) -> VectorModule:
-    """Rewrite such reads of tables of one or two axes as `neighbour`; returns the same object if there are none."""
+    """Rewrite such reads of tables of one or two axes as `neighbour`; return the same object if there are none."""
     module = vector.module
     finder = _Finder(module, vector.entry)
     entry = finder.run()
@@ -66,7 +66,7 @@ def find_neighbours(vector: VectorModule) -> VectorModule:
 
 
 class _Finder:
-    """Walks the entry. `parts` are the components of the values that are known."""
+    """Rewrites the entry. `parts` maps the id of a value to its components, where they are known."""
 
     def __init__(self, module: Module, facts: LaneFacts) -> None:
         self.function: Function = module.entry
@@ -79,7 +79,7 @@ class _Finder:
         self.found = False
 
     def run(self) -> Function:
-        """Return the entry, with `neighbour` where it can be."""
+        """Return the entry with `neighbour` for each read at a uniform offset."""
         self.region(self.function.body, together=True)
         return self.b.finish()
 
@@ -109,10 +109,10 @@ class _Finder:
             case _:
                 self.b.append(s)
 
-    # What values are
+    # Analysis of values
 
     def let(self, s: Let) -> None:
-        """Note what the value is, if that is the element's index or uniform."""
+        """Record the components of a value that is uniform or derived from the element's index."""
         value, args = s.value, s.args
         if value.type.base is not Base.I:
             return
@@ -142,7 +142,7 @@ class _Finder:
                     self.parts[value.id] = tuple(part for part in wrapped if part is not None)
 
     def is_neighbour(self, name: str, index: int) -> bool:
-        """Return whether the index is the element's own up to uniform offsets, on every axis."""
+        """Return whether the index is the element's own plus uniform offsets on every axis."""
         parts = self.parts.get(index, ())
         if len({part.modulus is None for part in parts}) != 1:
             return False
@@ -177,7 +177,7 @@ class _Finder:
 
 
 def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
-    """Return a + b or a - b if at most one varies, without a minus, and neither is taken modulo anything."""
+    """Return a + b or a - b, or None if both vary, the varying one is subtracted, or either has a modulus."""
     if (b.axis is not None and (sign < 0 or a.axis is not None)) or a.modulus or b.modulus:
         return None
     terms = tuple((sign * s, value, component) for s, value, component in b.terms)
@@ -185,7 +185,7 @@ def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
 
 
 def _wrapped(a: _Moved, b: _Moved) -> _Moved | None:
-    """Return a modulo b, if a is the element's own index, moved, and b is one uniform value."""
+    """Return a modulo b if a is the element's own index plus an offset and b is a single uniform value; else None."""
     if a.axis is None or a.modulus or b.axis is not None or b.modulus or len(b.terms) != 1 or b.terms[0][0] < 0:
         return None
     return replace(a, modulus=b.terms[0][1:])

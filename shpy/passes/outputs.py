@@ -1,4 +1,4 @@
-"""Leave out outputs of a module, and what only they needed.
+"""Remove outputs of a module, and the code that only they need.
 
 Stage: improve.
 

@@ -1,6 +1,6 @@
-"""The way from a recorded module to one that a target prints.
+"""The order of passes from a recorded module to one that a target prints.
 
-Stage: improve. Every pass is a function Module -> Module in a file of its own; this one puts them in order:
+Stage: improve. Each pass is a function Module -> Module in its own file. This file applies them in order:
 
     precision -> half -> lower -> share -> inline -> by value -> exits -> optimise -> unused functions
 
@@ -34,19 +34,19 @@ from shpy.passes.share import WORTH_SHARING, share_calls
 from shpy.passes.size import inlined_sizes
 
 _ROUNDS = 3
-"""The limit of repetitions: constants remove branches, which makes more constants."""
+"""The most rounds of optimisation: folded constants remove branches, and that makes more values constant."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
     """The abilities of a target.
 
-    `native`: the composite operations that it does itself, with exactly the table's meaning, and the transcendentals
-    that it does within the bounds of relaxed mode. `fast`: those that it does somehow. `wrong`: those of binary32 that
-    it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for angles
-    only that are not far. `loop_flags`: its loops may stop of their own accord. `vector`: what is prepared goes to
+    `native`: the composite operations that it computes exactly as the op table defines them, and the transcendentals
+    that it computes within the bounds of relaxed mode. `fast`: those that it has at any accuracy. `wrong`: those of
+    binary32 that it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for
+    small angles only. `loop_flags`: the device may stop long loops on its own. `vector`: the prepared module goes to
     `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
-    parts of strict functions that it does by loops, where an element takes few iterations in all. `doubles`: it has
+    parts of strict functions that it prints as loops, if an element takes few iterations in total. `doubles`: it has
     binary64. `fuses`: it has fma of binary64 in hardware. `exact`: the transcendentals of binary32 that it rounds
     correctly itself.
     """
@@ -65,7 +65,7 @@ class Target:
     exact: frozenset[str] = frozenset()
 
     def does(self, math: Math) -> frozenset[str]:
-        """Return the operations that it does itself in this mode."""
+        """Return the operations that the target computes itself in this mode."""
         return {
             "strict": self.native - TRANSCENDENTALS,
             "portable": self.native - TRANSCENDENTALS,
@@ -94,8 +94,8 @@ class Options(Protocol):
 class Prepared:
     """A module to print. With `status`, its entry's last output is an i that says how the element ended.
 
-    `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `flagged`: loops tell whether they finished
-    (`exits.Ending`). `shared`: calls stand in loops that the program does not have.
+    `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `flagged`: each loop sets a flag when it
+    finishes (`exits.Ending`). `shared`: the pass `share` has put calls into loops that the program does not have.
     """
 
     module: Module
@@ -129,9 +129,9 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:
-    """Return a module that the interpreter runs as this mode: the same object if it has no transcendentals.
+    """Return a module with the results of this mode in the interpreter; the same object if without transcendentals.
 
-    Else it is at its precision already, and computes with binary32 or binary64.
+    Otherwise its precision is fixed already, and it computes in binary32 or binary64.
     """
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     if not any(s.op in TRANSCENDENTALS for s in lets):
@@ -142,7 +142,7 @@ def with_strict_functions(module: Module, precision: Precision, math: Math = "st
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:
-    """Simplify a module. Without `fixed`, its working precision is unknown, and nothing of base f is computed."""
+    """Simplify a module. Without `fixed`, its working precision is unknown, and arithmetic on base f is not folded."""
     for _ in range(_ROUNDS):
         before = _control(module := promote(module))
         module = inline_independent(fold(module, fixed=fixed))
@@ -152,5 +152,5 @@ def optimise(module: Module, *, fixed: bool = True) -> Module:
 
 
 def _control(module: Module) -> int:
-    """Count Ifs and Loops: with fewer of them, more variables are values."""
+    """Count Ifs and Loops. A lower count than before may let `promote` turn more variables into values."""
     return sum(isinstance(s, (If, Loop)) for f in module.functions for s in walk(f.body))

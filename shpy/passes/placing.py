@@ -1,6 +1,6 @@
-"""Blocks of a grid: a module that runs over a block computes what it would compute over the whole grid.
+"""Let a module run over a block of a grid with the results that it would have over the whole grid.
 
-Stage: improve, of a recorded module, before anything else. The block's place comes by two uniforms. Tables that are cut
+Stage: improve; the first pass over a recorded module. Two uniforms pass the position of the block. Tables that are cut
 into the same blocks are read at the index within the block.
 
     %1: i2 = grid_index        ->    %5: i2 = grid_index ; %6: i2 = param block_origin ; %1: i2 = add %5, %6
@@ -8,9 +8,9 @@ into the same blocks are read at the index within the block.
     %3: f = table u[%9]        ->    %7: i2 = param block_origin ; %8: i2 = sub %9, %7 ; %3: f = table u[%8]
     %4: i2 = table_size u      ->    %4: i2 = param whole_shape
 
-Where reads wrap around, the halo of a block at the border is the other end of the array. A third uniform is the whole
-shape on these axes, and larger than any index on the others: the place of the element is modulo this, and an index
-stands for the read within reach that is congruent to it.
+Where reads wrap around, the halo of a block at the border holds texels of the opposite border. A third uniform, the
+period, is the whole shape on these axes, and larger than any index on the others. The position of the element is taken
+modulo the period. An index reads the texel that is congruent to it modulo the period and within reach of the element.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ ORIGIN, WHOLE, PERIOD = "block_origin", "whole_shape", "period"
 
 
 def place_blocks(module: Module, cut: Collection[str], rank: int, reach: Sequence[int] | None = None) -> Module:
-    """Return the module for blocks of a grid of `rank` axes; the same object if it does not ask for a place.
+    """Return the module for blocks of a grid of `rank` axes; the same object if it does not depend on a position.
 
-    `cut` names the tables that are cut into the blocks. `reach` is how far an element reads along each axis, where
-    some reads wrap around; None where none does.
+    `cut` names the tables that are cut into the blocks. `reach` is how far an element reads along each axis if any
+    read wraps around, else None.
     """
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     if not any(_asks(let, cut) for let in lets):
@@ -57,7 +57,7 @@ class _Placer(Rewriter):
         self.cut, self.reach = cut, reach
 
     def let(self, let: Let) -> None:
-        """Rewrite a statement that depends on the place of the element."""
+        """Rewrite a statement that depends on the position of the element."""
         if not _asks(let, self.cut):
             self.emit(let)
         elif let.op == "grid_index":
@@ -68,7 +68,7 @@ class _Placer(Rewriter):
             self.emit(Let(let.value, "param", (), WHOLE))
 
     def _place(self, let: Let) -> None:
-        """Give the place of the element in the whole grid to `let`."""
+        """Emit the position of the element in the whole grid as the value of `let`."""
         type_ = let.value.type
         place = self._own(type_), self.make("param", type=type_, attr=ORIGIN)
         if self.reach is None:
@@ -78,13 +78,13 @@ class _Placer(Rewriter):
         self.emit(Let(let.value, "floormod", (unwrapped, self.make("param", type=type_, attr=PERIOD))))
 
     def _own(self, type_: Type) -> int:
-        """Return the place of the element in its block."""
+        """Emit the position of the element in its block; return its id."""
         within = self.value(type_)
         self.emit(Let(within, "grid_index"))
         return within.id
 
     def _within(self, index: int) -> int:
-        """Return an index of the whole grid as that in the block."""
+        """Emit the conversion of an index in the whole grid to one in the block; return its id."""
         type_ = self.types[index]
         origin = self.make("param", type=type_, attr=ORIGIN)
         local = self.make("sub", index, origin, type=type_)

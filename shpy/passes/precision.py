@@ -1,6 +1,6 @@
-"""Fix the working precision: what base F, the working float, is.
+"""Fix the working precision: replace base F, the working float, by the base of the precision.
 
-Stage: improve, first of all. Takes a recorded module, gives one in which every F means binary32.
+Stage: improve, first of all. Takes a recorded module and returns one in which every F means binary32.
 
     f32   %a = const 0x1.999999999999ap-4 : f   ->  %a = const 0x1.99999ap-4 : f      (rounded)
     f64   %a = sqrt %x : f                      ->  %a = sqrt %x : d
@@ -33,7 +33,7 @@ _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
 def set_precision(module: Module, precision: Precision = "f32") -> Module:
     """Return the module at this precision of the working float; KeyError for a precision that does not exist.
 
-    Raises CompileError, at the line of the constant, for one that this precision does not hold.
+    Raises CompileError, with the line of the constant, if a finite constant would be infinite at this precision.
     """
     working = _BASES[precision]
     changed = each_function(module, lambda f, functions: _Working(f, functions, Base.F, working).run())
@@ -41,7 +41,7 @@ def set_precision(module: Module, precision: Precision = "f32") -> Module:
 
 
 def retype_ports(module: Module, old: Base, new: Base) -> Module:
-    """Give params and tables of base `old` the base `new`; initial values are rounded to their type."""
+    """Change the base of params and tables from `old` to `new`, and round initial values to it."""
     params = tuple(
         replace(p, type=_typed(p.type, old, new), value=rounded(_typed(p.type, old, new), p.value))
         for p in module.params
@@ -51,7 +51,7 @@ def retype_ports(module: Module, old: Base, new: Base) -> Module:
 
 
 def rounded(type: Type, attr: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the constant as its type holds it."""
+    """Return the constant rounded to its type."""
     return from_array(type, to_array(type, attr))
 
 
@@ -60,7 +60,7 @@ def _typed(type: Type, old: Base, new: Base) -> Type:
 
 
 class Rebase(Rewriter):
-    """Gives every value and variable of base `old` the base `new`."""
+    """Changes the base of every value and variable from `old` to `new`."""
 
     def __init__(self, function: Function, functions: Mapping[str, Function], old: Base, new: Base) -> None:
         super().__init__(function, functions)
@@ -68,14 +68,14 @@ class Rebase(Rewriter):
         self.old_types: dict[int, Type] = {i.id: i.type for i in function.inputs if isinstance(i, Value)}
 
     def run(self) -> Function:
-        """Return the function with its slots, too, of the new base."""
+        """Return the function with values, inputs, outputs and variables of the new base."""
         f = super().run()
         inputs = tuple(self.retyped(i) if isinstance(i, Value) else self.slot(i) for i in f.inputs)
         outputs, variables = tuple(map(self.slot, f.outputs)), tuple(map(self.slot, f.variables))
         return replace(f, inputs=inputs, outputs=outputs, variables=variables)
 
     def retyped(self, value: Value) -> Value:
-        """Return the value with its new type; `old_types` keeps the one that it had."""
+        """Return the value with its new type; `old_types` records its old type."""
         self.old_types[value.id] = value.type
         new = _typed(value.type, self.old, self.new)
         return value if new is value.type else Value(value.id, new, value.name, value.loc)
@@ -85,7 +85,7 @@ class Rebase(Rewriter):
         return replace(variable, type=_typed(variable.type, self.old, self.new))
 
     def call(self, call: Call) -> None:
-        """Rewrite a Call to give values of the new base."""
+        """Rewrite a Call, so that its results have the new base."""
         self.emit(replace(call, results=tuple(map(self.retyped, call.results))))
 
 
@@ -106,7 +106,7 @@ class _Working(Rebase):
 
 
 def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the constant as its type holds it; an error where that makes infinity of a number."""
+    """Return the constant rounded to its type; raise CompileError if a finite number becomes infinite."""
     held = rounded(value.type, attr)
     for number, kept in zip(decode(value.type, attr), decode(value.type, held), strict=True):
         if math.isinf(kept) and math.isfinite(number):

@@ -1,6 +1,6 @@
-"""Turn variables into values: what is loaded becomes what was stored.
+"""Turn variables into values: replace each load by the stored value.
 
-Stage: improve. Recorded IR has a slot for every object and a load at every use; this is what makes it readable:
+Stage: improve. Recorded IR has a slot for every object and a load at every use. This pass removes most of them:
 
     store $y = %0                   |
     %1 = load $y                    |
@@ -8,14 +8,14 @@ Stage: improve. Recorded IR has a slot for every object and a load at every use;
     store $z = %2                   |
     if %c { %3 = load $z ... }      |   if %c { ... %2 ... }
 
-One walk in program order keeps what each variable is known to hold: the value stored last, on every way that leads
-here, as long as it is visible. After an If both sides must agree; what a loop stores is unknown at its head, in its
-`continuing` if a Continue goes there, and after it. Component stores are followed too: a load of a vector built of
-known pieces becomes a construct.
+One walk in program order tracks the known content of each variable: the value last stored on every path to the current
+point, if it is visible there. After an If both sides must agree. A variable that a loop stores is unknown at the loop's
+head, after the loop, and in `continuing` if a Continue goes there. Stores of components are tracked too: a load of a
+vector whose components are known becomes a construct.
 
-A variable that stays (some load cannot be resolved) keeps its other loads as well, merged between stores: the text
-reads `x = x + 1.0; f(x)`, not through temporaries. Only constants are forwarded from it. The name of a variable that
-goes moves to the values that it held. Stores that nobody reads are removed at the end (`dead_stores`).
+A variable with a load that cannot be resolved stays. It keeps its other loads as well, one between two stores, so that
+the text reads `x = x + 1.0; f(x)` without temporaries. Only constants are forwarded from it. The name of a removed
+variable moves to the values that it held. Dead stores are removed at the end (`dead_stores`).
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from shpy.passes.dead_stores import remove_dead_stores
 from shpy.passes.rewriter import Functions, Rewriter, each_function, falls_through
 
 Piece = tuple[int, int]
-"""A component of a value: (value's id, which)."""
+"""A component of a value: (id of the value, index of the component)."""
 
 State = int | tuple[Piece, ...]
 """The content of a variable: a value's id, or a piece for each component."""
 
 _ZERO = -1
-"""Stands for a value that is zero: what variables hold at first."""
+"""The id that stands for zero, the initial content of variables."""
 
 
 def promote(module: Module) -> Module:
-    """Return the module with as few variables, loads and stores as a walk in program order can tell."""
+    """Return the module with loads replaced by stored values, and without variables that are no longer loaded."""
     promoted = each_function(module, _promote)
     return remove_dead_stores(remove_dead(promoted))
 
@@ -56,9 +56,9 @@ def _promote(function: Function, functions: Functions) -> Function:
 
 
 class _Forward(Rewriter):
-    """`kept` are the variables that stay, `names` the new names of values.
+    """Forwards stores to loads. `kept` are the variables that stay, `names` the new names of values.
 
-    It finds `unresolved`, the variables with a load that must stay, and `held`, what was stored where.
+    It finds `unresolved`, the variables with a load that must stay, and `held`, pairs (stored value, variable).
     """
 
     def __init__(
@@ -78,14 +78,14 @@ class _Forward(Rewriter):
         self._stored: dict[int, set[int]] = {}
         _find_stored(function.body, functions, self._stored)
 
-    # What variables hold
+    # Contents of variables
 
     def _set(self, variable: int, state: State | None) -> None:
         self._journal.append((variable, self._known.get(variable)))
         self._known[variable] = state
 
     def _undo(self, mark: int) -> dict[int, State | None]:
-        """Go back to how things were at `mark`; return what the variables changed since then held."""
+        """Restore the contents of variables at `mark`; return the latest contents of those changed since then."""
         undone: dict[int, State | None] = {}
         while len(self._journal) > mark:
             variable, before = self._journal.pop()
@@ -94,7 +94,7 @@ class _Forward(Rewriter):
         return undone
 
     def _visible(self, state: State | None, since: int) -> bool:
-        """Return whether everything in the state was made before the `since`-th value."""
+        """Return whether all values in the state are older than the `since`-th value."""
         if state is None:
             return False
         values = (state,) if isinstance(state, int) else [v for v, _ in state]
@@ -115,7 +115,7 @@ class _Forward(Rewriter):
         self.emit(let)
 
     def _named(self, value: Value) -> Value:
-        """Return the value with the name of the variable that it replaces; a name of its own it keeps."""
+        """Return the value, which gets the name of the variable that it replaces unless it has a name."""
         name = value.name or self.names.get(value.id)
         return Value(value.id, value.type, name, value.loc)
 
@@ -135,7 +135,7 @@ class _Forward(Rewriter):
             self._set(variable, self.alias.get(let.value.id, let.value.id))
 
     def _cheap(self, state: State, variable: int) -> bool:
-        """Return whether a variable that stays had better be replaced: by a constant, or an earlier load of it."""
+        """Return whether to replace a load of a kept variable: its content is a constant or an earlier load of it."""
         if not isinstance(state, int):
             return False
         made = self.made.get(state)
@@ -144,7 +144,7 @@ class _Forward(Rewriter):
         )
 
     def _construct(self, let: Let, state: State) -> None:
-        """Make the loaded value of its pieces."""
+        """Emit the loaded value as a construct of its pieces."""
         type = let.value.type
         pieces = _pieces(state, type.size)
         runs: list[list[Piece]] = []
@@ -163,7 +163,7 @@ class _Forward(Rewriter):
             self._emit(Let(let.value, "construct", tuple(parts)))
 
     def _run(self, run: list[Piece], whole: Value) -> int:
-        """Return the components of one value, as a value."""
+        """Return the id of a value for a run of pieces from one source; emit a swizzle or constant if needed."""
         source, picked = run[0][0], tuple(k for _, k in run)
         type = whole.type.sized(len(run))
         if source == _ZERO:
@@ -232,7 +232,7 @@ def _pieces(state: State, size: int) -> list[Piece]:
 
 
 def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]]) -> set[int]:
-    """Return the variables that the region stores into; `found` gets those of each Loop in it, by identity."""
+    """Return the variables that the region stores into; enter those of each Loop in it into `found`, by identity."""
     stored: set[int] = set()
     for s in region:
         if isinstance(s, Store):

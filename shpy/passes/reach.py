@@ -1,13 +1,13 @@
 """The reach of a stencil: how far from its own place an element reads tables, found from the indices' expressions.
 
-Stage: improve; it changes nothing. Each component of an int is followed as the element's own index on an axis, or as
-the grid's extent on an axis, moved by between two numbers; or as a number between two.
+Stage: improve; it changes nothing. Each component of an int is described as the element's own index on an axis, or the
+grid's extent on an axis, plus an offset between two bounds; or as a number between two bounds.
 
     %1: i2 = grid_index
     %3: i2 = add %1, %2         (%2 is the constant -1, 2)
     %4: f = table u[%3]         reach(module, {"u"}, 2) == Reach((1, 2), (False, False), (True, True))
 
-An index modulo the grid's extent wraps around: its distance is that from before.
+An index modulo the grid's extent wraps around; its distance is that of the index before the modulo.
 
 Functions are followed for each call. Variables hold the join of what is stored into them.
 """
@@ -25,12 +25,12 @@ from shpy.ir.traverse import regions_of, results
 from shpy.ir.types import Base, Type
 
 _ROUNDS: Final = 4
-"""Variables that still change after so many rounds over a function may be anything."""
+"""The most rounds over a function; variables that still change after these may be anything."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """`of` ("index", "wrapped", "extent" or "number") on an axis, plus something from `low` to `high`.
+    """A component: `of` ("index", "wrapped", "extent" or "number") on an axis, plus an offset in [low, high].
 
     "wrapped" is an index modulo the extent.
     """
@@ -42,7 +42,7 @@ class _Part:
 
 
 class Reach(NamedTuple):
-    """The largest distance between an element and its reads on each axis; whether reads there wrap around, or clamp."""
+    """The largest distance between an element and its reads on each axis, and whether such reads wrap or clamp."""
 
     distance: tuple[int, ...]
     wraps: tuple[bool, ...]
@@ -50,7 +50,7 @@ class Reach(NamedTuple):
 
 
 _Parts = tuple[_Part | None, ...]
-"""The origin of each component; None may be anything."""
+"""A description of each component; None if it may be anything."""
 
 
 @dataclass(slots=True)
@@ -62,7 +62,7 @@ class _Slots:
     first: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     def load(self, variable: int, path: tuple[int, ...]) -> _Parts | None:
-        """Return the parts of a load, or None: a variable that may not be stored yet is zero, so it may be anything."""
+        """Return the parts of a load, or None if they are unknown, as for a variable that may not be stored yet."""
         first = self.first.get(variable)
         if first is None or path[: len(first)] != first:
             self.opaque.add(variable)
@@ -87,7 +87,7 @@ class _Finder:
         self.wraps, self.clamps = [False] * rank, [False] * rank
 
     def function(self, function: Function, given: Sequence[_Parts]) -> list[_Parts]:
-        """Follow the values of a function; return the parts of its outputs."""
+        """Return the parts of the outputs of a function, given those of its inputs."""
         inputs = zip(function.inputs, given, strict=True)
         known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable)}
         slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})

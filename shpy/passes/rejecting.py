@@ -1,6 +1,6 @@
-"""Find the condition under which a program discards an element before it does anything else.
+"""Find the condition under which a program discards an element at its start.
 
-Stage: analyse. A backend evaluates it for every element first, and runs the program for the others alone.
+Stage: analyse. A backend first evaluates the condition for every element, and runs the program only for the others.
 
     %c = gt %x, 1                  |   %c = gt %x, 1
     if %c { discard }              |   store rejected = %c
@@ -20,9 +20,9 @@ _SHARE = 4
 
 
 def find_rejection(module: Module) -> Module | None:
-    """Return the program of the same inputs whose one output is whether the element is discarded at the start.
+    """Return a program with the same inputs and one output: whether the element is discarded at the start.
 
-    None if nothing is discarded there, or if that takes a large part of the program's statements to find out.
+    Returns None if there is no such discard, or if its condition needs a large part of the program's statements.
     """
     entry = module.entry
     before: list[Stmt] = []

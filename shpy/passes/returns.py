@@ -1,7 +1,7 @@
-"""Return from inside a loop becomes Break and a flag.
+"""Replace each Return inside a loop by a flag and a Break.
 
-Stage: improve; for `inline` and `vectorize`, which then have to know only how loops are left. Takes and gives a
-function; afterwards no `Return` stands inside a loop.
+Stage: improve; for `inline` and `vectorize`, which then need to handle only Breaks in loops. Takes and returns a
+function; afterwards no `Return` is inside a loop.
 
     loop:                            loop:
         if c:                            if c:
@@ -12,9 +12,9 @@ function; afterwards no `Return` stands inside a loop.
                                          return
                                      ...
 
-Where `exits.py` has left a status, a Return behind a store of any but WRITTEN becomes a `Discard`, here and inside
-loops: "the status is stored, and nothing else counts any more". So does one that is under the question whether a call
-has ended the element. The status itself is the flag for what follows a loop.
+In a function with a status from `exits.py`, a Return after a store of a status other than WRITTEN becomes a `Discard`,
+also inside loops: the status is stored, and no other output is needed. So does a Return under the test whether a call
+has ended the element. After a loop, the status itself serves as the flag for such Discards.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _Rewriter:
 
     def run(self) -> Function:
         if self.status is not None:
-            # Whoever asks for it behind a loop must find it: the store from `exits` is gone if all ways end in a call.
+            # Tests after loops load the status; the store from `exits` is removed as dead if all paths end in a call.
             self.b.store(self.status, self.b.const(vec(Base.I), [Status.WRITTEN]))
         self.b.extend(self.region(self.function.body, in_loop=False))
         return self.b.finish()
@@ -75,7 +75,7 @@ class _Rewriter:
         return self.b.pop()
 
     def ended_by_a_call(self, written: set[int]) -> set[int]:
-        """Return the values that say whether the status is another than WRITTEN."""
+        """Return the ids of the conditions `status != WRITTEN`, which tell whether a call has ended the element."""
         statements = (
             [s for s in walk(self.function.body) if isinstance(s, Let | Store)] if self.status is not None else []
         )
@@ -92,7 +92,7 @@ class _Rewriter:
         }
 
     def ends_element(self, before: Region) -> bool:
-        """Return whether the status has just been stored, and is not WRITTEN."""
+        """Return whether the last status stored in these statements is not WRITTEN."""
         stores = [s for s in before if isinstance(s, Store) and s.variable == self.status]
         return self.status is not None and bool(stores) and stores[-1].value in self.ends
 
@@ -102,7 +102,7 @@ class _Rewriter:
         self.b.store(self.flag, self.b.const(vec(Base.B), [True]), loc=loc)
 
     def after(self, loop: Loop, *, returned: bool, in_loop: bool) -> None:
-        """Behind a loop: those that left more than the loop go on leaving."""
+        """Append exits after a loop for the elements that ended or returned inside it."""
         b = self.b
         if _contains(loop, Discard) and self.status is not None:
             written = b.const(vec(Base.I), [Status.WRITTEN])

@@ -1,6 +1,6 @@
-"""Copies a function's statements in program order; a pass is a subclass that overrides what it changes.
+"""Copy a function's statements in program order; a pass is a subclass that overrides some hooks.
 
-Stage: improve. `alias[old] = new` makes every later use of a value read another, visible one:
+Stage: improve. `alias[old] = new` replaces every later use of a value by another, visible value:
 
     class DoubleNegation(Rewriter):
         def let(self, let: Let) -> None:
@@ -10,7 +10,7 @@ Stage: improve. `alias[old] = new` makes every later use of a value read another
             else:
                 self.emit(let)
 
-Every hook gets its statement with the aliases already applied, and emits what takes its place, or nothing.
+Each hook receives its statement with the aliases applied, and emits any number of statements in its place.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ Functions = Mapping[str, Function]
 class Rewriter:
     """Rewrites one function; `functions` are those of its module, by name.
 
-    `made` holds every Let that was emitted, by its value's id, and `types` the type of every value that is known so
-    far. `loc` is the line of the statement at hand.
+    `made` maps the id of a value to its emitted Let, and `types` maps it to its type, for all values so far.
+    `loc` is the line of the current statement.
     """
 
     def __init__(self, function: Function, functions: Functions) -> None:
@@ -50,7 +50,7 @@ class Rewriter:
     # Making
 
     def emit(self, statement: Stmt) -> None:
-        """Append to the region that is being made."""
+        """Append a statement to the open region."""
         if isinstance(statement, Let):
             self.made[statement.value.id] = statement
             self.types[statement.value.id] = statement.value.type
@@ -59,7 +59,7 @@ class Rewriter:
         self._open[-1].append(statement)
 
     def replace(self, old: Value, new: int) -> None:
-        """Let every later use of `old` read `new`, which must be visible wherever `old` is."""
+        """Replace every later use of `old` by `new`, which must be visible wherever `old` is."""
         self.alias[old.id] = new
 
     def value(self, type: Type, name: str | None = None) -> Value:
@@ -76,7 +76,7 @@ class Rewriter:
         return self.alias.get(value.id, value.id)
 
     def const(self, type: Type, *components: float | int | bool) -> int:
-        """Emit a constant; one component stands for all."""
+        """Emit a constant; a single component is repeated for all."""
         size = type.size if len(components) == 1 else 1
         return self.make("const", type=type, attr=encode(type, components * size))
 
@@ -143,7 +143,7 @@ class Rewriter:
         self.emit(If(branch.condition, self.region(branch.then), self.region(branch.orelse), branch.loc))
 
     def loop(self, loop: Loop) -> None:
-        """Rewrite a Loop and its regions, of which one may make the value `until`."""
+        """Rewrite a Loop and its regions, one of which may compute the value `until`."""
         body = self.region(loop.body)
         continuing = self.region(loop.continuing)
         until = None if loop.until is None else self.alias.get(loop.until, loop.until)

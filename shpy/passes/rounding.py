@@ -1,4 +1,4 @@
-"""Rounding once: sums rounded to odd, which can be rounded a second time without harm, and single inputs set right.
+"""Avoid double rounding: round sums to odd, so that a second rounding is correct, and correct single inputs.
 
 Stage: improve.
 """
@@ -22,7 +22,7 @@ def to_odd(x: Term, error: Term) -> Term:
 
 
 def with_exceptions(name: str, x: Term, result: Term, exceptions: Iterable[tuple[float, float]]) -> Term:
-    """Return the result of a function, but the value of each exception (input, value) where x is that input.
+    """Return the result of a function, replaced by the value of an exception (input, value) where x is its input.
 
     Exceptions of an odd or even function are listed for positive inputs only.
     """

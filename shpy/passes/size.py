@@ -1,4 +1,4 @@
-"""The size of a module, and of the code that it becomes where a compiler copies functions to their calls.
+"""The size of a module, and of its code after a compiler has inlined functions.
 
 Stage: improve; it changes nothing. A loop's body counts once.
 
@@ -17,11 +17,11 @@ from shpy.ir.nodes import Call, Function, Let, Module, Stmt
 from shpy.ir.traverse import walk
 
 MOST_STATEMENTS = 100_000
-"""Statements of a whole program, each function counted once, that a driver's compiler is given at most."""
+"""The most statements of a program, each function counted once, that a driver's compiler is given."""
 WORTH_KEEPING = 20_000
-"""Statements of a whole program, all calls inlined, from which on functions are kept apart."""
+"""The least number of statements of a program, with all calls inlined, at which functions are not inlined."""
 _SMALL = 30
-"""A function of fewer statements is always inlined: a call costs as much."""
+"""The least number of statements of a function that is kept apart; a smaller body costs no more than a call."""
 
 
 def count_ops(module: Module) -> dict[str, int]:
@@ -41,7 +41,7 @@ def callee_of(statement: Stmt) -> str | None:
 
 
 def calls_of(function: Function) -> Iterator[str]:
-    """Yield the functions that it calls, once for each call in its text."""
+    """Yield the names of the functions that a function calls, once for each call in its text."""
     for statement in walk(function.body):
         callee = callee_of(statement)
         if callee is not None:
@@ -49,9 +49,9 @@ def calls_of(function: Function) -> Iterator[str]:
 
 
 def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
-    """Return the statements of each function, with those that it calls in place, but for calls of functions `apart`.
+    """Return the number of statements of each function with its calls inlined, except calls of functions in `apart`.
 
-    The time is that of one walk, also where the number is exponential.
+    The time is linear in the size of the module, even if the result is exponential in it.
     """
     sizes: dict[str, int] = {}
     for function in module.functions:
@@ -63,8 +63,8 @@ def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
 def kept_apart(module: Module) -> frozenset[str]:
     """Return the functions that a compiler must not inline, so that its work stays in proportion to the text.
 
-    None, unless the whole program would have WORTH_KEEPING statements; else all that have more than one call and are
-    not small.
+    If the program with all calls inlined has WORTH_KEEPING statements, these are the functions with several calls that
+    are not small. Otherwise the set is empty.
     """
     if inlined_sizes(module)[module.entry.name] < WORTH_KEEPING:
         return frozenset()
@@ -80,9 +80,9 @@ def kept_apart(module: Module) -> frozenset[str]:
 
 
 def check_growth(module: Module, most: int, why: str, apart: Container[str] = ()) -> None:
-    """Raise CompileError if a function, with all calls but those of `apart` in place, has more statements than `most`.
+    """Raise CompileError if a function has more than `most` statements with its calls inlined, but for `apart`.
 
-    `why` says who copies functions to their calls. What is large without any call is not refused.
+    `why` says who inlines them. A module that is large without inlining is not refused.
     """
     own = {f.name: sum(1 for _ in walk(f.body)) for f in module.functions}
     total = max(inlined_sizes(module, apart).values())
@@ -118,10 +118,10 @@ def check_size(module: Module, compiler: str) -> None:
 
 
 def shortened(name: str, most: int = 60) -> str:
-    """Return a name that fits a message."""
+    """Return a name, shortened to `most` characters for a message."""
     return name if len(name) <= most else f"{name[:most]}…"
 
 
 def spoken(number: int) -> str:
-    """Return a count: exact as far as one reads it."""
+    """Return a count as text: exact up to 10**12, then rounded."""
     return f"{number:,}" if number < 10**12 else f"{number:.1e}" if number < 10**300 else "more than 1e300"

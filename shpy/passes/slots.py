@@ -1,10 +1,10 @@
-"""Slots: the storage of a variable once many lanes run as one, one while it is uniform, others while it varies.
+"""Slots: the storage of variables in vectorised code, in one slot while uniform and in other slots while varying.
 
-Stage: improve. Part of `vectorize`. A variable has one uniform slot for the whole function, one lanes slot, and one
-more lanes slot for each loop that must not disturb the outer one.
+Stage: improve. Part of `vectorize`. A variable has one uniform slot and one lanes slot for the whole function, and one
+more lanes slot for each loop that must not overwrite the outer one.
 
-A slot gets its variable's name; where there are several, the lanes slot is `name_out` beside a uniform slot, and a
-loop's own is `name_in`.
+A slot has the name of its variable. If there are several, the lanes slot beside a uniform slot is `name_out`, and the
+slot of a loop is `name_in`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _FUNCTION = -1
 
 
 class Slots:
-    """Makes slots when they are first asked for; the same question gives the same slot again."""
+    """The slots of a function, each created at its first use."""
 
     def __init__(self, variables: Iterable[Variable]) -> None:
         self._variables = {v.id: v for v in variables}
         self._made: dict[tuple[str, int, int], Variable] = {}
         self.varying: set[int] = set()
-        """Ids of the slots that hold one value for every lane."""
+        """Ids of the slots that hold a separate value for each lane."""
 
     def uniform(self, variable: int) -> Variable:
         """Return the slot of the variable while it is uniform."""
@@ -38,14 +38,14 @@ class Slots:
         return made
 
     def array(self, variable: int, varies: bool) -> Variable:
-        """Return the slot of an array, which is the same throughout."""
+        """Return the slot of an array: the same one in the whole function, whether the array varies or not."""
         made = self._slot("array", variable)
         if varies:
             self.varying.add(made.id)
         return made
 
     def mask(self, name: str, loop: int) -> Variable:
-        """Return the slot of a mask, of a loop or the function."""
+        """Return the slot of a mask of a loop or of the function."""
         key = (name, loop, _FUNCTION)
         if key not in self._made:
             self._made[key] = Variable(len(self._made), vec(Base.B), None, name)

@@ -1,4 +1,4 @@
-"""Terms: the pure functions of `library` and `strict` are written with them, as formulas.
+"""Terms: values with Python's operators, in which the pure functions of `library` and `strict` are written.
 
 Stage: improve. A `Term` is a value of a function under construction; Python's operators append operations to it:
 
@@ -20,7 +20,7 @@ from shpy.ir.types import Base, Type, vec
 
 
 class _Definition(Builder):
-    """Builds a definition; `names` are those of its values. `fused`: `mul_add` is one rounding."""
+    """Builds a definition; `names` are the names of its values. `fused`: `mul_add` rounds once."""
 
     def __init__(self, name: str, *, fused: bool = False) -> None:
         super().__init__(name)
@@ -55,11 +55,11 @@ class Term(Formula):
 
     @property
     def precision(self) -> Literal["f", "d"]:
-        """The base of arithmetic: "d" for binary64, else "f", as an earlier pass has lowered binary16."""
+        """The base of arithmetic: "d" for binary64, else "f", since an earlier pass has lowered binary16."""
         return "d" if self.type.base is Base.D else "f"
 
     def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
-        """Return the operation `name` applied to this and the others."""
+        """Return the operation `name` applied to this term and the others."""
         terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
         return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
 
@@ -71,7 +71,7 @@ class Term(Formula):
         return self.wide(size).op(name, other.wide(size))
 
     def named(self, name: str) -> Term:
-        """Return the same, called so in the emitted text."""
+        """Return this term; the emitted text names it so."""
         self.builder.names[self.value.id] = name
         return self
 
@@ -101,26 +101,26 @@ class Term(Formula):
         return self.binary("shr", count)
 
     def mul_add(self, factor: Term | float, term: Term | float) -> Term:
-        """Return self * factor + term: a fused operation if the definition is made for a device that is quick at it."""
+        """Return self * factor + term, as a fused operation if the definition is for a device with fast fma."""
         if self.builder.fused:
             return self.op("fma", factor, term)
         return self * factor + term
 
     def equals(self, other: Term | float) -> Term:
-        """Tell whether both are the same number."""
+        """Return whether both are the same number."""
         return self.binary("eq", other)
 
     def differs(self, other: Term | float) -> Term:
-        """Tell whether they are not."""
+        """Return whether both are different numbers."""
         return self.binary("ne", other)
 
     def based(self, base: Base) -> Term:
-        """Return the same, converted to another base."""
+        """Return this term converted to another base."""
         return self.op("convert", type=self.type.based(base))
 
 
 def where(c: Term, a: Term | float, b: Term | float) -> Term:
-    """Return a where c holds, else b; c is one bool or one a component. One of a and b at least is a Term."""
+    """Return a where c holds, else b; c is one bool or a bool per component. At least one of a and b is a Term."""
     model = a if isinstance(a, Term) else b
     assert isinstance(model, Term)
     first, second = (t if isinstance(t, Term) else model.constant(t) for t in (a, b))
@@ -128,15 +128,15 @@ def where(c: Term, a: Term | float, b: Term | float) -> Term:
 
 
 def joined(*parts: Term) -> Term:
-    """Return the vector of these scalars; a single one is itself."""
+    """Return the vector of these scalars, or the scalar if there is only one."""
     first, *others = parts
     return first.op("construct", *others, type=first.type.sized(len(parts))) if others else first
 
 
 def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Term]]) -> list[Term]:
-    """Return the values by name, but those of `make` where c holds: made only if it does for an element at hand.
+    """Return the values, replaced by those of `make` where c holds; these run only if c holds for an active element.
 
-    `c`, which has a name, and the values have one size.
+    `values` are keyed by their names in the text. `c`, which is named too, and all values have the same size.
     """
     b = c.builder
     slots = [b.variable(value.type, name=name) for name, value in values.items()]
@@ -150,7 +150,7 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
 
 
 def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...], *, fused: bool = False) -> Function:
-    """Return the pure function that gives `meaning` of inputs of these types, called as its parameters are.
+    """Return the pure function that computes `meaning` for inputs of these types, named as the parameters of `meaning`.
 
     `fused`: `Term.mul_add` rounds once.
     """

@@ -1,7 +1,7 @@
-"""Varying control flow becomes masks; uniform control flow stays: many elements ("lanes") run as one.
+"""Replace varying control flow by masks, so that many elements ("lanes") run as one; keep uniform control flow.
 
-Stage: improve. Takes a module without `Discard`, whose functions take values only (`exits.py`, `by_value.py`); gives
-one whose `If`s and `Loop`s ask only uniform values, and tells which values and variables hold a number for each lane.
+Stage: improve. Takes a module without `Discard`, whose functions take values only (`exits.py`, `by_value.py`). Returns
+one whose `If`s and `Loop`s test only uniform values, with the values and variables that hold a number for each lane.
 
     loop:                                  $live = lane_mask
         %d = dot($z, $z)                   loop:
@@ -16,16 +16,16 @@ one whose `If`s and `Loop`s ask only uniform values, and tells which values and 
 
 How it works, for one variable at a time:
 
-- At every point a variable is uniform (its uniform slot holds what all active lanes see) or varies (its lanes slot
-  does). A store makes it one or the other; where ways meet, it varies if it does on one of them.
-- Lanes that are masked off will resume somewhere: at the other side or the join of an If, at a loop's `continuing`, at
-  the function's end. A variable live there is *kept*: a store to it becomes a select and it varies. Any other store is
-  plain, since the lanes that are off cannot read the variable before they store it themselves (`liveness.py`).
+- At every point a variable is uniform (its uniform slot holds the value of all active lanes) or varies (its lanes slot
+  holds the values). A store makes it one or the other; where paths join, it varies if it varies on one of them.
+- Lanes that are masked off resume somewhere: at the other side or the join of an If, at a loop's `continuing`, at the
+  function's end. A variable live there is *kept*: a store to it becomes a select and it varies. Any other store is
+  plain, since masked-off lanes cannot read the variable before they store it themselves (`liveness.py`).
 - Inside a loop that lanes leave in different iterations, or that does not run for all lanes, a variable that other
-  lanes still need has a slot of its own. Lanes that leave put their value aside, with one select, into the outer slot.
+  lanes still need has a slot of its own. Lanes that leave save their value, with one select, in the outer slot.
 
-What is not known when a loop is entered (does it vary, which variables do) is first taken to be the best case; if the
-loop's end disagrees, the loop is done again (`LoopFacts`).
+At the entry of a loop it is not known whether lanes leave it together and which variables vary. The best case is
+assumed first; if the end of the loop contradicts it, the loop is translated again (`LoopFacts`).
 """
 
 from __future__ import annotations
@@ -59,25 +59,25 @@ from shpy.passes.liveness import Note, annotate, stored_in
 from shpy.passes.uniformity import varies
 
 _WORTH_SKIPPING = 8
-"""A masked region of fewer operations is run even if no lane is active."""
+"""The least number of operations of a masked region that is skipped if no lane is active; smaller ones always run."""
 _FREE = frozenset({"const", "load", "swizzle", "splat", "param"})
 
 
 @dataclass(frozen=True, slots=True)
 class VectorModule:
-    """A module whose entry runs many lanes at once, with what varies in it and in each function that is not pure."""
+    """A module for many lanes, and the varying values of its entry and of each other function that is not pure."""
 
     module: Module
     facts: dict[str, LaneFacts]
 
     @property
     def entry(self) -> LaneFacts:
-        """Return the varying values of the entry."""
+        """The varying values of the entry."""
         return self.facts[self.module.entry.name]
 
 
 def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> VectorModule:
-    """Return the module for many lanes. `padded`: some hold no element (see `lane_mask`); `alone`: see `Callees`."""
+    """Return the module for many lanes. `padded`: some lanes have no element (`lane_mask`); `alone`: see `Callees`."""
 
     def make(
         function: Function, given: frozenset[int], mask: Value | None, callees: Callees
@@ -95,7 +95,7 @@ def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> V
 
 
 class _Vectorizer(CallBuilder):
-    """Walks the function; loops until their facts hold, the function until its facts and arrays do."""
+    """Translates a function; repeats a loop until its facts hold, and the function until its facts and arrays hold."""
 
     def __init__(
         self, function: Function, given: frozenset[int], callees: Callees, mask: Value | None, padded: bool
@@ -121,7 +121,7 @@ class _Vectorizer(CallBuilder):
             self.always |= spread
 
     def spread_only(self, body: Region) -> set[int]:
-        """Variables whose uniform slot serves only to fill the lanes slot: they had better vary from the start."""
+        """Return the variables whose uniform slot is only copied to the lanes slot: they should vary from the start."""
         uniform = {self.slots.uniform(v).id: v for v in self.variables}
         loaded: dict[int, int] = {}
         spread: set[int] = set()
@@ -160,7 +160,7 @@ class _Vectorizer(CallBuilder):
     # Statements
 
     def region(self, region: Region, notes: list[Note], here: Here) -> bool:
-        """Append what a region becomes; whether it ends in a jump, so that nothing comes after it."""
+        """Append the translation of a region; return whether it ends in a jump, so that no statement follows it."""
         for at, (statement, note) in enumerate(zip(region, notes, strict=True), 1):
             if self.statement(statement, note, here):
                 return True
@@ -212,7 +212,7 @@ class _Vectorizer(CallBuilder):
     def operation(self, s: Let, here: Here) -> None:
         args = tuple(self.same.get(a, a) for a in s.args)
         varying = varies(s.op, (a in self.varying for a in args))
-        self.same.pop(s.value.id, None)  # of an attempt at a loop in which the argument was still uniform
+        self.same.pop(s.value.id, None)  # left from an attempt at a loop in which the argument was still uniform
         match s:
             case Let(value, "any_lane" | "all_lanes") if args[0] not in self.varying:
                 self.same[value.id] = args[0]
@@ -268,7 +268,7 @@ class _Vectorizer(CallBuilder):
             self.varying_arrays.add(variable)
         slot = self.array(variable)
         if kept and index in self.varying:
-            assert here.mask is not None  # lanes that are off store out of range, which drops the store
+            assert here.mask is not None  # masked-off lanes store out of range, which has no effect
             type = self.b.type_of(index)
             nowhere = self.b.const(type, [-1 if type.base is Base.I else 2**32 - 1])
             index = self.let("cond", here.mask, index, nowhere.id)
@@ -290,7 +290,7 @@ class _Vectorizer(CallBuilder):
             states.append(self.state)
         if not any(ended):
             self.state = states[0] | states[1]
-            left: set[int] = self.scope.kept if note.exits else set()  # what lanes need that left on one of the sides
+            left: set[int] = self.scope.kept if note.exits else set()  # needed by lanes that left on either side
             needed = self.state & (note.after | self.kept(here) | left)
             sides = [self.with_spread(side, needed - state) for side, state in zip(sides, states, strict=True)]
         else:
@@ -324,7 +324,7 @@ class _Vectorizer(CallBuilder):
             self.thin(here)
 
     def spread_early(self, s: If, note: Note, here: Here) -> None:
-        """Spread the variables that stores in an If would spread: its sides may be skipped."""
+        """Spread, before an If whose sides may be skipped, the variables that its stores would spread."""
         kept = self.kept(here)
         masked = stored_in(s.then) & (kept | note.inner[1]) | stored_in(s.orelse) & (kept | note.after)
         for variable in sorted((masked & note.before) - self.arrays - self.state):
@@ -332,7 +332,7 @@ class _Vectorizer(CallBuilder):
             self.state.add(variable)
 
     def guarded(self, mask: int, work: Callable[[], object], needed: frozenset[int], always: bool = False) -> None:
-        """Append what `work` appends, skipped when no lane of `mask` is active and that pays."""
+        """Append what `work` appends; if it is worth skipping, inside an If that tests whether a lane is active."""
         before = set(self.state)
         self.b.push()
         work()
@@ -346,7 +346,7 @@ class _Vectorizer(CallBuilder):
         self.b.append(If(self.let("lane_any", mask, type=BOOL), inside, skipped))
 
     def thin(self, here: Here) -> None:
-        """Go on with the lanes that are still in this iteration, where some may have left."""
+        """Restrict the mask to the lanes still in this iteration, if some may have left."""
         scope = self.scope
         if not (scope.facts.varying or scope.facts.continues):
             return
@@ -369,7 +369,7 @@ class _Vectorizer(CallBuilder):
                 return
 
     def attempt(self, s: Loop, note: Note, here: Here) -> None:
-        """Append a loop's translation, as far as its facts are known."""
+        """Append the translation of a loop under the facts known so far."""
         facts, outer, kept = note.facts, self.scope, self.kept(here)
         stored = note.stored - self.arrays
         inner = frozenset(v for v in stored if v in kept or (facts.varying and v in facts.copied))
@@ -399,7 +399,7 @@ class _Vectorizer(CallBuilder):
         return self.scope
 
     def fill(self, variables: set[int], entry: frozenset[int], scope: Scope) -> None:
-        """Give a loop's lanes slots what their variables hold at its entry."""
+        """Initialise a loop's lanes slots with the values of the variables at its entry."""
         for variable in sorted(variables):
             if variable not in entry:
                 self.spread(variable)
@@ -407,14 +407,14 @@ class _Vectorizer(CallBuilder):
                 self.b.store(self.lanes(variable), self.load(self.lanes(variable, scope.outer)))
 
     def merge(self, variables: frozenset[int], varying: set[int], here: Here, scope: Scope) -> None:
-        """Put what the lanes of a loop changed into the slots outside, where all of them left it together."""
+        """Copy variables that a loop changed to the outer slots, for a loop that all its lanes leave together."""
         for variable in sorted(variables):
             slot = self.lanes(variable, scope) if variable in varying else self.slots.uniform(variable)
             outside = self.lanes(variable)
             self.b.store(outside, self.select(self.mask(here), self.load(slot), self.load(outside)))
 
     def iteration(self, s: Loop, note: Note, here: Here) -> Loop:
-        """Make the loop itself: its body, the step and the test."""
+        """Return the translated loop: its body, `continuing` and test."""
         scope, facts = self.scope, note.facts
         start = here.mask
         self.b.push()
@@ -443,7 +443,7 @@ class _Vectorizer(CallBuilder):
         return Loop(body, continuing, until, s.turns, s.loc)
 
     def test(self, s: Loop, note: Note, here: Here) -> int | None:
-        """Append the test at the end of an iteration; return the value to test, or None if the test is done."""
+        """Append the test at the end of an iteration; return the value for `until`, or None if no test remains."""
         if s.until is None:
             return None
         until = self.same.get(s.until, s.until)
@@ -460,7 +460,7 @@ class _Vectorizer(CallBuilder):
         return until
 
     def varying_test(self, s: Loop, note: Note, active: int) -> int | None:
-        """Return the test when only the lanes of `active` leave."""
+        """Append the test by which only the lanes of `active` leave; return the value for `until`, or None."""
         scope, facts = self.scope, note.facts
         facts.varying = True
         self.b.push()
@@ -474,7 +474,7 @@ class _Vectorizer(CallBuilder):
 
 
 def _before_use(slot: int, store: Store, region: Region) -> Region:
-    """Return the region with `store` in front of the first statement that knows the slot."""
+    """Return the region with `store` inserted before the first statement that loads or stores the slot."""
     for at, statement in enumerate(region):
         for s in walk((statement,)):
             if (isinstance(s, Store) and s.variable == slot) or (
@@ -489,7 +489,7 @@ def _exits(notes: list[Note]) -> bool:
 
 
 def _worth_skipping(region: Region) -> bool:
-    """Return whether asking if any lane is active costs less than running the region for nothing."""
+    """Return whether a test for active lanes costs less than running the region without any."""
     work = 0
     for s in walk(region):
         if isinstance(s, Loop | Call) or (isinstance(s, Let) and s.op in ("table", "call")):

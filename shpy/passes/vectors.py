@@ -1,4 +1,4 @@
-"""Vectors taken apart and put together again: the rules of `fold` for swizzles and constructs.
+"""Simplify vectors that are split and constructed again: the rules of `fold` for swizzles and constructs.
 
 Stage: improve.
 
@@ -56,9 +56,9 @@ def _swizzle(known: Known, let: Let, source: int, picked: tuple[int, ...]) -> Fo
 
 
 def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
-    """Return a swizzle of a construct: of one of its parts, or a construct of what is picked of several.
+    """Return a swizzle of a construct as a swizzle of one part, or as a construct of swizzles of several parts.
 
-    What the user named is not taken apart: `q.zyx` says more.
+    A construct with a name from the user stays if several parts are picked, since `q.zyx` is easier to read.
     """
     parts = [(arg, k) for arg in construct.args for k in range(known.types[arg].size)]
     chosen = [parts[p] for p in picked]
@@ -74,7 +74,7 @@ def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...
 
 
 def _one_by_one(known: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
-    """Yield the runs; one of a scalar, which is no vector to pick from, as often as it is picked."""
+    """Yield the runs; a run of a scalar, which has no swizzle, is yielded once for each component picked."""
     for arg, picked in runs:
         if known.types[arg].size == 1:
             yield from ((arg, [0]) for _ in picked)
@@ -114,7 +114,7 @@ def _is_nameless_construct(made: Let | None) -> bool:
 
 
 def _picked(known: Known, arg: int) -> tuple[int, tuple[int, ...]]:
-    """Return the vector that a part comes from, and which of its components."""
+    """Return the source vector of a part, and the indices of the components picked from it."""
     made = known.made.get(arg)
     if made is not None and made.op == "swizzle":
         assert isinstance(made.attr, tuple)

@@ -148,7 +148,7 @@ def _far_root(a: Term) -> Pair:
 
 
 def asin(x: Term) -> Term:
-    """Return the arc sine of x; from 1/2 on it is pi/2 - 2 asin(sqrt((1 - x) / 2))."""
+    """Return the arc sine of x; from 1/2 on it is pi/2 minus two arc sines of sqrt((1 - x) / 2)."""
     a = abs(x).named("a")
     near = (a < 0.5).named("near")
     root, root_low = _far_root(a)

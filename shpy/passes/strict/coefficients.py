@@ -1,7 +1,6 @@
 """Coefficients of the functions of strict mode, lowest power first; constants in parts, largest first.
 
-Stage: improve. `scripts/coefficients strict` printed this file and names the function that each is fitted to: do not
-edit it.
+Stage: improve. Printed by `scripts/coefficients strict`, which says what each is fitted to; not to be edited.
 """
 
 from __future__ import annotations
