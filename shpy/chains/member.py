@@ -51,7 +51,7 @@ class Member:
 
     @classmethod
     def of(cls, kernel: Program | Kernel) -> Member:
-        """Connect a program or kernel by its names; ShpyTypeError where an output has no name and needs one."""
+        """Return the member for a program or kernel; ShpyTypeError if an output needs a name and has none."""
         recorded = kernel.recorded
         for name in recorded.inputs:
             if name in RUN_ARGUMENTS:
@@ -67,7 +67,7 @@ class Member:
 
     @property
     def kernels(self) -> tuple[Member, ...]:
-        """Itself: a member is the smallest part of a chain."""
+        """The member itself, which is the smallest part of a chain."""
         return (self,)
 
     @property
@@ -76,7 +76,7 @@ class Member:
         yield self, True
 
     def perform(self, run: Any) -> None:
-        """Run it once."""
+        """Run the member once."""
         run.play(self)
 
     @property
@@ -106,7 +106,7 @@ class Member:
         return any(isinstance(s, Discard) for f in functions for s in walk(f.body))
 
     def where(self, condition: str | Program) -> Member:
-        """Return the member for the elements for which a stream or a program of the element holds."""
+        """Return a member that runs only elements for which the condition, a stream or a program, holds."""
         recorded = self.recorded
         if isinstance(condition, str):
             _check_shared(recorded, condition, Leaf(MASK), f'where="{condition}"')
@@ -124,7 +124,7 @@ class Member:
         return replace(self, kernel=kernel)
 
     def compiled(self, place: Place) -> Kernel:
-        """Return the kernel for a device; ShpyTypeError for a kernel of another one."""
+        """Return the kernel for a device; ShpyTypeError if the user gave a kernel for another device."""
         if isinstance(self.kernel, Program):
             return self.kernel.compile_at(place)
         if self.kernel.place != place:
@@ -161,14 +161,14 @@ def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
 
 
 def _fitting(recorded: Recorded, layout: Layout) -> list[str]:
-    """Return the inputs whose elements have the type of the output: with the same kinds if there are some."""
+    """Return the inputs whose elements have the type of the output; only those of the same kinds if there are any."""
     elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items()}
     same = [name for name, element in elements.items() if element == layout]
     return same or [name for name, element in elements.items() if alike(element, layout)]
 
 
 def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
-    """Raise ShpyTypeError for an output without a type of a stream: several values need a struct."""
+    """Raise ShpyTypeError for an output of a type that no stream has; several values need a struct."""
     known = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
     if not known:
         raise ShpyTypeError(
@@ -190,7 +190,7 @@ def is_condition(given: Any) -> bool:
 
 
 def no_condition(given: Any, what: str, wanted: str, cure: str) -> ShpyTypeError:
-    """Return the error for something that is no condition; `what` stands before it in the message."""
+    """Return the error for a value that is not a condition; the message begins with `what`."""
     spoken = signature(given.recorded) if isinstance(given, Program) else repr(given)
     return ShpyTypeError(
         f"{what}{spoken} is neither the name of a stream nor a {wanted} that returns one Attrib1b",

@@ -1,7 +1,7 @@
-"""Merging: what a kernel wrote goes into the streams, and the elements that it discarded keep theirs.
+"""Merging: store the written elements of a kernel in the streams; discarded elements keep their old values.
 
-Stage: run. The merge is itself a program, so it runs on the device between the kernels, and counts there how often each
-element was written: the host need not wait for it.
+Stage: run. The merge is a program that runs on the device between the kernels. It also counts how often each element
+was written, so that the host need not wait for the counts.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ COUNT = CLASSES["Attrib", 1, Base.I]
 
 
 def merge_of(types: Sequence[type[Value]], stops: bool) -> Program:
-    """Return the program from status, new and old elements of these types, in this order, to those that stay.
+    """Return the program that selects the new or the old element by the status; its inputs are status, new, old.
 
-    Its last inputs and outputs are the number of times that the element was written and, if a loop may stop elements,
-    the status of the first execution in which one did, or 0.
+    The elements have these types. A further input and output is the number of times that the element was written. If a
+    loop may stop elements, the last one is the status of the first execution that was stopped, or 0.
     """
     return _merge_of(tuple((cls.size, cls.base) for cls in types), stops)
 

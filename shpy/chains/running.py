@@ -1,9 +1,9 @@
 """Runs of chains: each kernel is bound once to the memory that it reads and writes, and then only started.
 
-Stage: run. A stream that the chain writes has up to two memories of its own, so that a kernel can read the elements
-from before by index. What the user gave is only read. The assignment of memories recurs after a few rounds: the runs
-that are ready for it are kept and started again, all on the device's queue; the host waits only where a loop asks
-whether a round has written anything.
+Stage: run. A stream that the chain writes has up to two memories of its own, so that a kernel can read the old elements
+by index while it writes new ones. The user's data is only read. After a few rounds the same assignment of memories
+recurs: the runs bound to it are kept and started again on the device's queue. The host waits only where a loop has to
+know whether a round has written anything.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from shpy.streams.elements import Shape, given_shape
 from shpy.streams.stream import Place, Stream, _place, streams_in
 
 _AHEAD = 256
-"""Runs that are collected before they are started."""
+"""The most runs that are collected before they are started together."""
 
 
 class Node(Protocol):
@@ -53,7 +53,7 @@ class Performed(Node, Protocol):
         """Return every kernel in order, each with True if the chain is certain to run it."""
 
     def perform(self, run: Run) -> None:
-        """Run it."""
+        """Run this part once."""
 
 
 @dataclass(eq=False)
@@ -74,7 +74,7 @@ class ChainResult:
 
 @dataclass(slots=True, eq=False)
 class _Plan:
-    """The runs that are ready for one assignment of memories, and the streams afterwards."""
+    """The runs bound to one assignment of memories, and the streams after them."""
 
     starts: list[Callable[[], None]] = field(default_factory=list)
     after: dict[Any, Stream] = field(default_factory=dict)
@@ -85,10 +85,10 @@ class _Plan:
 
 
 class Run:
-    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and looks at `wrote`.
+    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and tests `wrote`.
 
-    A loop looks at `held` too: whether a kernel was held back that has elements to run. `open` lets these run.
-    `once` holds outside of repeats and loops, where no kernel is kept ready for another time.
+    A loop also tests `held`: a kernel that has ready elements was held back. `open` lets such kernels run.
+    `once` is true outside repeats and loops, where no bound run is kept for another execution.
     """
 
     def __init__(
@@ -121,10 +121,10 @@ class Run:
         self.open = False
         self.once = True
 
-    # What the chain is given
+    # Inputs of the chain
 
     def _bring(self, name: str, value: Any) -> None:
-        """Bring a stream, array or number to the device; what is only read by index stays a Table or texture."""
+        """Copy an array or number to the device; data that is only read by index stays a Table or texture."""
         inputs = [m.inputs[name] for m in self._members if name in m.inputs]
         outputs = [layout for m in self._members for n, layout in m.outputs if n == name]
         gathered = all(is_gathered(type_) for type_ in inputs) and not outputs
@@ -163,7 +163,7 @@ class Run:
         return Stream.over(_class_of(layout), shape, self.place, memories)
 
     def _check_shape(self, wanted: Shape) -> None:
-        """Raise ShpyTypeError for a shape that no kernel takes, as each has another one from its streams."""
+        """Raise ShpyTypeError for a shape that no kernel uses, since all have other shapes from their streams."""
         shapes = {name: stream.shape for name, stream in self.current.items()}
         for member in self._members:
             read = [name for name, type_ in member.inputs.items() if not is_gathered(type_)]
@@ -206,7 +206,7 @@ class Run:
             self.flush()
 
     def admits(self, share: Share) -> bool:
-        """Return whether enough elements are ready, or any if the loop is `open`; record members that are held back."""
+        """Return whether enough elements are ready, or any if `open`; set `held` if a member with some is held back."""
         self.flush()
         count, is_enough = share.count(self.place, self.current)
         if is_enough or (count and self.open):
@@ -215,7 +215,7 @@ class Run:
         return False
 
     def flush(self) -> None:
-        """Start everything that was collected."""
+        """Start all collected runs."""
         pending, self._pending = self._pending, []
         if pending:
             self.place.space.start(pending)
@@ -227,7 +227,7 @@ class Run:
         return plan
 
     def _bind(self, member: Member, plan: _Plan) -> None:
-        """Make a kernel ready for the streams as they are now."""
+        """Bind a kernel to the current memory of its streams, and add its run to the plan."""
         kernel = self._kernels[member]
         shape = self._shape_of(member)
         size = math.prod(shape)
@@ -253,7 +253,7 @@ class Run:
         plan.after.update(after)
 
     def _merge(self, member: Member, call: DeviceCall, plan: _Plan) -> dict[Any, Stream]:
-        """Make the run ready that puts what was written into the streams, and counts it."""
+        """Add the run that merges written elements into the streams and counts them; return the new streams."""
         stops = bool(self._kernels[member]._executable.loops)
         counters = [("times", member), ("stop", member)][: 1 + stops]
         parts: list[tuple[Any, Layout]] = [*member.outputs, *((key, Leaf(COUNT)) for key in counters)]
@@ -268,7 +268,7 @@ class Run:
         return after
 
     def _begin(self, executable: Executable, call: DeviceCall, plan: _Plan) -> None:
-        """Start a run that is not repeated; make any other one ready, and hold its memory."""
+        """Start a run that happens once; otherwise add it to the plan, which keeps its memory alive."""
         if self.once:
             self.flush()
             self.place.space.start([executable.ready(call, once=True)])
@@ -277,7 +277,7 @@ class Run:
             plan.held.append(call)
 
     def _memories(self, key: Any, layout: Layout) -> list[Memory]:
-        """Return the memories of a stream before a kernel runs: one zero for all elements if there is no stream yet."""
+        """Return the memories of a stream before a kernel runs; a single zero, which broadcasts, if it is new."""
         stream = self.current.get(key)
         if stream is not None:
             return [entry.memory for entry in stream.leaf_entries()]
@@ -286,7 +286,7 @@ class Run:
         return [entry.memory for entry in zero.leaf_entries()]
 
     def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:
-        """Return the stream that a kernel or, for None, a merge writes: where the elements lie now, or beside it."""
+        """Return the stream that a kernel (None: a merge) writes: the current one, or a second one if that is read."""
         space, now = self.place.space, self.current.get(key)
         if now is not None and now.size != 1 and now.shape != shape:
             raise ShpyTypeError(
@@ -311,7 +311,7 @@ class Run:
         return name in self._constants or name in self.current
 
     def _input(self, name: str, member: Member) -> Any:
-        """Return the stream, Table or number that an input reads now."""
+        """Return the current stream, Table or number of an input."""
         if name in self._constants:
             return self._constants[name]
         stream, type_ = self.current[name], member.inputs[name]
@@ -365,7 +365,7 @@ class Run:
         return found
 
     def so_far(self) -> ChainResult:
-        """Return the streams as they are now, and the counts."""
+        """Return the current streams and the counts."""
         self.flush()
         names = _labels(self._members)
         executions = dict.fromkeys(names.values(), 0)
@@ -405,7 +405,7 @@ def _labels(members: Iterable[Member]) -> dict[Member, str]:
 
 
 def _check_names(node: Performed, given: Mapping[str, Any]) -> None:
-    """Raise ShpyTypeError for a stream that no kernel knows, and one that a kernel reads and nobody gave or wrote."""
+    """Raise ShpyTypeError for a stream that no kernel has, and for one that is read but neither given nor written."""
     known = dict.fromkeys(n for m in node.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
     for name in given:
         if name not in known:
@@ -432,7 +432,7 @@ def _place_of(
     device: int | None,
     precision: Precision | None,
 ) -> Place:
-    """Return the place of the streams; without streams that of a compiled kernel, or else the arguments of `run`."""
+    """Return the place of the streams; without streams, that of a compiled kernel, else the one given to `run`."""
     members = tuple(members)
     tables = (table for member in members for table in member.recorded.tables.values())
     stream = next(streams_in(joined(given.values(), tables)), None)

@@ -1,4 +1,4 @@
-"""Checks of what collective operations are given, before anything runs.
+"""Checks of the arguments of collective operations, before anything runs.
 
 Stage: run.
 """
@@ -33,7 +33,7 @@ def check_stream(value: Any, name: str) -> Stream:
 
 
 def element_of(program: Any, wanted: str, cure: str) -> Any:
-    """Return the type of a program's first input; ShpyTypeError where it is no scalar or vector, or no program."""
+    """Return the type of a program's first input; ShpyTypeError unless that is a scalar or vector."""
     types = list(program.recorded.inputs.values()) if isinstance(program, Program) else []
     if types and isinstance(types[0], Leaf):
         return types[0].cls
@@ -41,7 +41,7 @@ def element_of(program: Any, wanted: str, cure: str) -> Any:
 
 
 def check_place(stream: Stream, place: Place, name: str) -> None:
-    """Raise ShpyTypeError for a stream that lies elsewhere."""
+    """Raise ShpyTypeError for a stream at another place."""
     if stream.place != place:
         raise ShpyTypeError(
             f"{name} is {stream!r}, and the other stream lies on {place}",
@@ -51,18 +51,18 @@ def check_place(stream: Stream, place: Place, name: str) -> None:
 
 
 def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
-    """Return the memory and shape of indices: a stream of one int an element, or a host array of ints."""
+    """Return the memory and shape of indices, given as a stream of scalar ints or a host array of ints."""
     if isinstance(index, Stream):
         check_place(index, place, name)
         if index.type.__name__ not in ("Attrib1i", "Attrib1u"):
             raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of Attrib1i")
         return index.leaf_entries()[0].memory, index.shape
     array = np.asarray(index)
-    if not array.size:  # an empty list is one of floats
+    if not array.size:  # numpy makes floats of an empty list
         array = array.astype(np.int32)
     if array.dtype.kind not in "iu":
         raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"{name}.astype(np.int32)")
-    # An index that no int holds is out of range, and so is the nearest int.
+    # An index beyond the range of int is out of range of the stream, and so is the nearest int.
     bounds = np.iinfo(np.int32)
     held = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
     made = Stream(held.astype(np.int32), Attrib1i, place.backend, place.device, place.precision)
@@ -70,7 +70,7 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
 
 
 def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
-    """Return the memory of a mask of a shape: a stream of one bool an element, or a host array of bools."""
+    """Return the memory of a mask with a shape, given as a stream of scalar bools or a host array of bools."""
     if not isinstance(mask, Stream):
         array = np.asarray(mask)
         if array.dtype != np.bool_:
@@ -88,5 +88,5 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
 
 
 def shaped(stream: Stream, memories: list[Memory], shape: Shape) -> Stream:
-    """Return a stream of the type and place of another one."""
+    """Return a stream over memory, with the type and place of another stream."""
     return Stream.over(stream.type, shape, stream.place, memories)

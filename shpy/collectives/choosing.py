@@ -93,7 +93,7 @@ def _at(stream: Stream) -> tuple[Any, ...]:
 
 @cache
 def _starting(element: Any, by_bits: bool) -> Program:
-    """Record the program that marks each element of a sorted table that differs from the one before it."""
+    """Record the program that marks each element of a sorted table that differs from its predecessor."""
 
     def starts(data: Any) -> Any:
         i = grid_index(1)

@@ -1,7 +1,7 @@
-"""sh.compact and sh.scatter over Dask arrays: elements that leave their places, with the bits of one stream.
+"""sh.compact and sh.scatter over Dask arrays, which move elements, with the same bits as over one stream.
 
-Stage: run. Values keep their order on the way, so those of one place come in the order that they have in one stream.
-Nothing runs before Dask is asked for the result.
+Stage: run. Values keep their order, so the values for one place arrive in the same order as in one stream.
+Nothing runs until the result is computed by Dask.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_da
 from shpy.streams.stream import Stream
 
 Piece = tuple[NDArray[np.int64], NDArray[Any]]
-"""Values with the places in a block of the result that they go to."""
+"""Values and their target places in a block of the result: (places, values)."""
 
 
 def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
@@ -46,7 +46,7 @@ def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
 def scatter_chunks(
     scatter: Callable[..., Any], values: Any, index: Any, shape: Any, combine: Program | None, out: Any
 ) -> Any:
-    """Return the Dask array of `shape` with each value at its place; `scatter` does it for the values of a block."""
+    """Return the Dask array of `shape` with each value at its place; `scatter` makes one block of the result."""
     import dask
     import dask.array as da
 
@@ -80,7 +80,7 @@ def scatter_chunks(
 
 
 def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[Any, Any, Any, Shape]:
-    """Return an array and `other`, its mask or index, as Dask arrays, the type of an element, and the shape.
+    """Return an array and `other`, its mask or index, as Dask arrays, with the type of an element and the shape.
 
     `kinds` are the kinds of numpy's dtypes that `other` may have. Raises ShpyTypeError for others, and for shapes
     that do not fit.
@@ -115,14 +115,14 @@ def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[A
 
 
 def _split(values: NDArray[Any], index: NDArray[Any], bounds: list[int]) -> tuple[Piece, ...]:
-    """Return the values of a block that go to each block of the result, in their order."""
+    """Return the values of a block, in order, split by the blocks of the result that they go to."""
     home = np.searchsorted(bounds, index, side="right") - 1
     found = [np.flatnonzero(home == k) for k in range(len(bounds) - 1)]
     return tuple((index[at].astype(np.int64) - first, values[at]) for at, first in zip(found, bounds, strict=False))
 
 
 def _put(pieces: list[Piece], length: int, scatter: Callable[..., Any], packed: bytes) -> NDArray[Any]:
-    """Return a block of the result."""
+    """Return a block of the result, with the values of all pieces at their places."""
     cls, combine = pickle.loads(packed)
     places, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     found: NDArray[Any] = scatter(Stream(values, cls), places, (length,), combine).numpy()

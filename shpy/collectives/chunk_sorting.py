@@ -1,8 +1,8 @@
-"""sh.sort and sh.argsort over Dask arrays: blocks are sorted, and a network of merges brings each element to its block.
+"""sh.sort and sh.argsort over Dask arrays: blocks are sorted, and a network of merges moves each element to its block.
 
-Stage: run. A merge takes two blocks and gives the lesser and the greater half, so a worker holds two blocks at a time,
-and the chunks of the result are known before anything runs. Elements are ordered by key and then by their first place,
-so the order does not depend on the network. Source: Batcher, Sorting networks and their applications (1968).
+Stage: run. A merge takes two blocks and returns the lesser and the greater half, so a worker holds two blocks at a
+time, and the chunks of the result are known before anything runs. Elements are ordered by key and then by original
+index, so the order does not depend on the network. Source: Batcher, Sorting networks and their applications (1968).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from shpy.streams.elements import dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Keys as unsigned ints, first places, and elements of a block, which `argsort` leaves out."""
+"""Keys as unsigned ints, original indices, and elements of a block; `argsort` leaves out the elements."""
 Keys = Callable[[Stream], NDArray[Any]]
-"""Gives the keys of a stream, (n,)."""
+"""Returns the keys of a stream, (n,)."""
 TYPES = {"f": Attrib1f, "i": Attrib1i, "u": Attrib1u, "b": Attrib1b}
 """The types of scalars by the kinds of numpy's dtypes."""
 
 
 def sort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
-    """Return the Dask array of the elements in order; `keys_of` gives the keys of a stream."""
+    """Return the Dask array of the sorted elements; `keys_of` returns the keys of a stream."""
     cls = _element(array, key, "sort")
     dtype = dtypes_at("f32")[cls.base]
     parts, tail = _ordered(keys_of, array, cls, descending, keeps=True)
@@ -41,13 +41,13 @@ def sort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool
 
 
 def argsort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
-    """Return the Dask array of the first places of the elements in order."""
+    """Return the Dask array of the original indices of the sorted elements."""
     parts, _ = _ordered(keys_of, array, _element(array, key, "argsort"), descending, keeps=False)
     return _joined(((part[1], n) for part, n in parts), (), np.dtype(np.int64)).astype(place_type(array.size))
 
 
 def place_type(count: int) -> type[np.signedinteger[Any]]:
-    """Return the type of the places of so many elements: int32, as in streams, if it holds all of them."""
+    """Return the dtype of indices of `count` elements: int32, as in streams, if it can hold all of them."""
     return np.int32 if count <= 1 << 31 else np.int64
 
 
@@ -61,9 +61,9 @@ def _joined(blocks: Iterable[tuple[Any, int]], tail: tuple[int, ...], dtype: np.
 def _ordered(
     keys_of: Keys, array: Any, cls: Any, descending: bool, *, keeps: bool
 ) -> tuple[list[tuple[Any, int]], tuple[int, ...]]:
-    """Return the parts in order, each with its number of elements, and the axes of components.
+    """Return the sorted parts, each with its number of elements, and the extents of the components' axes.
 
-    `keeps` says whether the parts hold the elements.
+    `keeps`: the parts hold the elements.
     """
     import dask
 
@@ -99,7 +99,7 @@ def network(count: int) -> Iterator[tuple[int, int]]:
 
 
 def _element(array: Any, key: Any, name: str) -> Any:
-    """Return the type of an element: that of the key's input, or one of the array's dtype."""
+    """Return the type of an element: the type of the key's input, or the scalar type of the array's dtype."""
     if key is None:
         if array.dtype.kind not in TYPES:
             raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
@@ -125,7 +125,7 @@ def _merged(low: Part, high: Part) -> tuple[Part, Part]:
 
 
 def _unsigned(keys: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return unsigned ints in the order of sh.sort."""
+    """Return the keys as unsigned ints with the same order as in sh.sort."""
     if keys.dtype.kind == "f":
         return np.asarray(mapping().compile("numpy")(keys))
     if keys.dtype.kind == "i":

@@ -1,8 +1,8 @@
 """sh.reduce and sh.scan over Dask arrays: a block of 2**k elements is a subtree of the tree, so the bits are the same.
 
-Stage: run. The elements are put into such blocks whatever the chunks are, and workers reduce one block each. Their
-results are elements again, until one is left. A scan goes on in each block from the prefix before it. Nothing runs
-before Dask is asked for the result.
+Stage: run. The elements are put into such blocks whatever the chunks are, and each worker reduces a block. The results
+are reduced in the same way until one is left. A scan continues in each block from the prefix before it. Nothing runs
+until Dask computes the result.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from shpy.streams.elements import Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
 _FEWEST, _MOST = 1 << 12, 1 << 20
-"""The least and the largest size of a block, on which the result does not depend."""
+"""The least and the largest size of a block. The result does not depend on it."""
 
 Reduce = Callable[..., Any]
 
 
 def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None) -> Any:
-    """Return the Dask array of the reduced elements, which `reduce` gives for the stream of a block."""
+    """Return the Dask array of the reduced elements; `reduce` reduces the stream of a block."""
     cls, shape, tail = _checked(program, array, "reduce")
     if not math.prod(shape):
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
@@ -84,7 +84,7 @@ def _scanned(
     exclusive: bool,
     size: int | None = None,
 ) -> NDArray[Any]:
-    """Scan a block; the first one has nothing before it, and a last one of another `size` ends no node of the tree."""
+    """Scan a block. The first block has no prefix before it; a shorter last block does not end a node of the tree."""
     program, cls = _unpacked(packed)
     around = [
         None if a is None else Stream(a, cls, "numpy")
@@ -97,7 +97,7 @@ def _scanned(
 def _checked(program: Any, array: Any, name: str) -> tuple[Any, Shape, int]:
     """Return the type and the shape of the elements and the number of axes of components.
 
-    Raises ShpyTypeError for what does not fit, also for structs, which are several arrays.
+    Raises ShpyTypeError if the program does not fit the array, and for structs, which are several arrays.
     """
     wanted = f"sh.{name} over a Dask array takes a program of two scalars or vectors"
     cls = element_of(program, wanted, "add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it")
@@ -129,7 +129,7 @@ def _level(reduce: Reduce, packed: bytes, dtype: Any, blocks: Any, axis: int) ->
 
 
 def _block(block: NDArray[Any], reduce: Reduce, packed: bytes, axis: int) -> NDArray[Any]:
-    """Reduce a block along an axis, which stays with one element."""
+    """Reduce a block along an axis, which keeps an extent of one."""
     program, cls = _unpacked(packed)
     return np.expand_dims(np.asarray(reduce(program, Stream(block, cls), axis=axis)), axis)
 

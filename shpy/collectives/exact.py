@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shpy.collectives.programs import SPECIAL, WORDS
 
 _BLOCK = 1 << 18
-"""Elements whose significands are taken apart together: temporary arrays then fit into the cache."""
+"""The number of elements whose significands are split together, so that temporary arrays fit into the cache."""
 
 
 def exact_sums(array: NDArray[Any]) -> NDArray[Any]:
@@ -42,7 +42,7 @@ def exact_sums(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def sums_of_blocks(words: NDArray[Any]) -> NDArray[Any]:
-    """Return the float32 sums of rows (rows, blocks, WORDS + 1) of what `programs.accumulating` gives."""
+    """Return the float32 sum of each row of (rows, blocks, WORDS + 1) words from `programs.accumulating`."""
     columns = words[..., :WORDS].sum(axis=1, dtype=np.uint64)
     negative = (words[..., WORDS - 1] >> np.uint32(31)).sum(axis=1, dtype=np.int64)
     flags = np.bitwise_or.reduce(words[..., WORDS], axis=1)
@@ -60,7 +60,7 @@ def sums_of_blocks(words: NDArray[Any]) -> NDArray[Any]:
 
 
 def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
-    """Return (rows, halves, exponents) sums of significands, and (rows,) sums of what is no finite number."""
+    """Return (rows, halves, exponents) sums of significands, and (rows,) sums of the infinities and NaN."""
     wide = array.astype(np.float32) if array.dtype == np.float16 else np.ascontiguousarray(array)
     mantissa, exponents, word = (52, 2048, np.int64) if wide.dtype == np.float64 else (23, 256, np.int32)
     bits: Any = wide.view(word)
@@ -78,8 +78,8 @@ def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
 
 
 def _rounded(bins: NDArray[Any], special: Any, dtype: np.dtype[Any]) -> Any:
-    """Round the number that is held in bins (halves, exponents) to a dtype."""
-    if special != 0:  # NaN is not 0 either
+    """Return the sum of the bins (halves, exponents) rounded to a dtype, or `special` unless that is 0."""
+    if special != 0:  # NaN != 0 holds too
         return special
     total = 0
     for half, exponent in zip(*np.nonzero(bins), strict=True):
@@ -105,6 +105,6 @@ def _nearest(total: int, unit: int, dtype: np.dtype[Any]) -> Any:
 
 
 def _scaled(size: int, unit: int) -> float:
-    """Return size * 2**unit, which is a float of 64 bits."""
+    """Return size * 2**unit, which a float of 64 bits holds exactly."""
     shift = max(size.bit_length() - 53, 0)
     return math.ldexp(float(size >> shift), shift + unit)

@@ -110,7 +110,7 @@ def _checked_count(bins: int | np.integer[Any]) -> int:
 
 
 def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
-    """Return the edges that numpy would take."""
+    """Return the edges of bins as numpy defines them."""
     if isinstance(bins, int | np.integer):
         count = _checked_count(bins)
         try:
@@ -130,9 +130,9 @@ def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
 
 
 def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the least number of a dtype in or above each bin, where there is any, and the largest in the last.
+    """Return each lower edge rounded up to a number of the dtype, if there is one, and the last edge rounded down.
 
-    Compared with these, numbers of the dtype fall into the same bins as with the edges themselves.
+    Compared with these, numbers of the dtype fall into the same bins as with the original edges.
     """
     wide = edges.astype(np.float64) if edges.dtype.kind == "f" else edges
     if dtype.kind == "f":
@@ -150,7 +150,7 @@ def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDA
 
 
 def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the first of equally spaced edges, and the bins in a unit: they serve a guess, so they may be rounded."""
+    """Return the first of equally spaced edges and the number of bins per unit, rounded, since they serve a guess."""
     with np.errstate(all="ignore"):
         each = (len(edges) - 1) / (edges[-1] - edges[0])
         return {"begin": edges[:1].astype(np.float32), "each": np.array([np.nan_to_num(np.float32(each))], np.float32)}
@@ -158,7 +158,7 @@ def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 @cache
 def _locating(element: Any, edge: Any, equal: bool) -> Program:
-    """Return the number of the bin in which an element lies, or -1; `equal` if bins have equal widths."""
+    """Record the program that returns the bin of an element, or -1; `equal`: all bins have the same width."""
 
     def among(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
         key = x if x.base is edge.base else mapped(x)
@@ -181,7 +181,7 @@ def _locating(element: Any, edge: Any, equal: bool) -> Program:
                 low[:] = half + 1
             with SH_ELSE():
                 high[:] = half
-        # A NaN is not at most the last edge.
+        # NaN <= last is false, so a NaN gets -1.
         return cond(key <= last, least(low, bins) - 1, -1)
 
     def guess(x: Any, edges: Any, last: Any, bins: Any, begin: Any, each: Any) -> Any:

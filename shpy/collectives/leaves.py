@@ -1,7 +1,7 @@
-"""The operations on single leaves that the collective operations consist of: by the device itself, or by programs.
+"""Operations on single leaves, of which collective operations consist, by the device itself or by programs.
 
-Stage: run. A device that has an operation of its own (`base.Collectives`) does it; the programs here do it anywhere.
-They read by index and never write by index, because a fragment shader cannot: they merge and search instead.
+Stage: run. A device with its own implementation of an operation (`base.Collectives`) uses it. The programs here run on
+any device. They read but never write by index, since fragment shaders cannot: they merge and search instead.
 
     index = Leaves(place).select(mask)
 """
@@ -25,13 +25,13 @@ from shpy.program import Program
 from shpy.streams.stream import Place, Stream
 
 _TILE = 16
-"""Elements that are counted together, at each level of a tree of counts."""
+"""The number of elements that are counted together, at each level of a tree of counts."""
 _BITS = 32
-"""Iterations of a search: more than a stream's indices have bits."""
+"""The limit of iterations of a binary search: more than an index has bits."""
 
 
 class Leaves:
-    """The operations at a place. Memories hold scalars where nothing else is said; indices and counts are ints."""
+    """The operations at a place. Memories hold scalars unless stated otherwise; indices and counts are ints."""
 
     def __init__(self, place: Place, own: Collectives | None = None) -> None:
         self._place = place
@@ -50,7 +50,7 @@ class Leaves:
         total = int(levels[-1].numpy()[0])
         if not total:
             return self._ints(0)
-        # Each element of the result goes down from the root of the tree of counts.
+        # Each element of the result descends from the root of the tree of counts.
         rest = self._run(_numbering(), total)
         cell = Stream.empty(total, Attrib1i, *self._at())
         for level in reversed(levels[:-1]):
@@ -58,7 +58,7 @@ class Leaves:
         return _memory(cell)
 
     def take(self, source: Memory, index: Memory) -> Memory:
-        """Return the element of a scalar or vector leaf at each index, the nearest where it is out of range."""
+        """Return the element of a scalar or vector leaf at each index; an index out of range reads the nearest one."""
         if not index.count:
             return self._place.space.allocate(0, source.type, source.dtype)
         if self._own.take is not None:
@@ -67,7 +67,7 @@ class Leaves:
         return _memory(self._run(made, index.count, index=self._stream(index), source=self._stream(source)))
 
     def put(self, values: Memory, index: Memory, target: Memory) -> Memory:
-        """Memory, which may be the target, with each value at its place: of several for one the last.
+        """Return memory, possibly the target, with each value at its index; the last of several values stays.
 
         Scalars and vectors; elements whose index is out of range are dropped, and other places keep what they held.
         """
@@ -90,7 +90,7 @@ class Leaves:
         return _memory(now) if now.type.base is keys.type.base else self.take(keys, _memory(order))
 
     def order(self, keys: Memory, descending: bool, below: int | None = None) -> Memory:
-        """Return the indices that bring the elements into order, ints being clamped to the range below `below`."""
+        """Return the indices that sort the elements; int keys are clamped to [0, below) if `below` is given."""
         if not keys.count:
             return self._ints(0)
         if self._own.order is not None:
@@ -109,10 +109,10 @@ class Leaves:
         return _memory(self._run(_tallying(keys.type), bins, keys=keys))
 
     def _in_order(self, keys: Memory, descending: bool) -> tuple[Stream, Stream]:
-        """Return the keys in order, and the indices that they had: sorted parts are merged, two at a time.
+        """Return the sorted keys and their original indices, by merges of two sorted parts at a time.
 
-        Each element searches which one of the two parts it comes from. This takes log2(n) runs, and on llvmpipe a third
-        of the time of a bitonic network, which takes log2(n)**2 / 2 runs.
+        Each element of the result finds its source in the two parts by binary search. This takes log2(n) runs, and on
+        llvmpipe a third of the time of a bitonic network, which takes log2(n)**2 / 2 runs.
         """
         now = self._stream(keys)
         if keys.count < 2:
@@ -141,7 +141,7 @@ class Leaves:
 
 
 def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs: Any) -> Any:
-    """Run a program over `count` elements at a place; where it takes a Table, a stream is read as one.
+    """Run a program over `count` elements at a place; a stream given for a Table is read as a Table.
 
     Returns the outputs; with `out`, into which they are written, the Result of the run.
     """
@@ -171,7 +171,7 @@ def element_class(memory: Memory) -> Any:
 
 @cache
 def _counting(element: Any) -> Program:
-    """Count the marks, or add the counts, of a tile."""
+    """Record the program that counts the marks of a tile, or adds its counts."""
 
     def count(level: Any) -> Any:
         first, n = grid_index(1) * _TILE, level.shape[0]
@@ -190,7 +190,7 @@ def _numbering() -> Program:
 
 @cache
 def _descending(element: Any) -> Program:
-    """Go from a cell to the child that holds the element before which `rest` marked ones stand in the cell."""
+    """Record the program that goes from a cell to the child with the marked element number `rest`, counted from 0."""
 
     def descend(cell: Any, rest: Any, level: Any) -> Any:
         cell *= _TILE
@@ -219,12 +219,12 @@ def _clamping(element: Any, below: int) -> Program:
 
 
 def is_mapped(place: Place, element: Any) -> bool:
-    """Return whether keys of a class are compared as ints: a device may take denormals of 32 bits for 0."""
+    """Return whether keys of a class are compared as ints, since a device may flush denormals of 32 bits to 0."""
     return element.base is Base.F and place.precision == "f32"
 
 
 def mapped(x: Any) -> Any:
-    """Return the unsigned int that orders floats of 32 bits: NaN is the greatest, and -0 and +0 are equal."""
+    """Return an unsigned int with the order of the 32-bit float x; NaN is the greatest, and -0 equals +0."""
     bits = bits_from_float(x)
     size = bits & 0x7FFFFFFF
     key = cond(bits > size, ~bits, bits | 0x80000000)
@@ -240,7 +240,7 @@ def mapping() -> Program:
 @cache
 def _merging(element: Any, descending: bool) -> Program:
     def precedes(a: Any, b: Any) -> Any:
-        """Return whether a must stand before b, independent of their former order."""
+        """Return whether a must precede b, whatever their original order is."""
         if descending:
             a, b = b, a
         if element.base in (Base.I, Base.U):
@@ -254,7 +254,7 @@ def _merging(element: Any, descending: bool) -> Program:
         start = k - k % (2 * length)
         middle, end = least(start + length, n), least(start + 2 * length, n)
         before = k - start
-        # How many of the elements before this one come from the left part.
+        # Search the number of elements before this one that come from the left part.
         low, high = largest(before - (end - middle), 0), least(before, middle - start)
         with SH_FOR(0, _BITS):
             SH_BREAK(low >= high)
@@ -273,7 +273,7 @@ def _merging(element: Any, descending: bool) -> Program:
 
 
 def _first_not_below(keys: Any, bound: Any) -> Any:
-    """Return the index of the first key of a sorted Table that is not below a bound, or the size of the Table."""
+    """Return the index of the first key of a sorted Table that is at least the bound, or the size of the Table."""
     low, high = Attrib1i(0), Attrib1i(keys.shape[0])
     with SH_FOR(0, _BITS):
         SH_BREAK(low >= high)

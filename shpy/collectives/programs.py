@@ -1,6 +1,6 @@
-"""The programs that collectives run on devices: they are recorded for each program that combines elements.
+"""The programs that collectives run on devices, recorded for each program that combines elements.
 
-Stage: record. One element of a run combines several neighbours, and so climbs several levels of the tree at once.
+Stage: record. One element of a run combines several neighbours, and so computes several levels of the tree at once.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from shpy.lang.values.value import CLASSES
 from shpy.program import Program, program
 
 Lift = Callable[[Any, Any], Any]
-"""Makes of an element and its index what the program combines."""
+"""Converts an element and its index to a value that the program combines."""
 _WIDTH = 16
 _LARGE = 64
-"""Statements of a program that is repeated 3 times in a text, not _WIDTH - 1 times."""
+"""The least number of statements of a program that a text repeats 3 times instead of _WIDTH - 1 times."""
 
 
 def width_for(combine: Program) -> int:
@@ -36,7 +36,7 @@ def width_for(combine: Program) -> int:
 def annotated(function: Callable[..., Any], **types: Any) -> Program:
     """Record a function as a program whose inputs have these names and types; `out` is the type of the result.
 
-    The function takes any named arguments, as its inputs are known only now.
+    The function takes any named arguments, since the names of its inputs are known only here.
     """
     parameters = [Parameter(name, Parameter.KEYWORD_ONLY) for name in types if name != "out"]
     function.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -48,9 +48,9 @@ def annotated(function: Callable[..., Any], **types: Any) -> Program:
 def folding(
     combine: Program, element: Any, made: Any, lift: Lift | None, rank: int, width: int, fours: Any = None
 ) -> Program:
-    """Record the program that gives the tree over `width` neighbours on the only axis, or on the middle one of 3.
+    """Record the program that combines `width` neighbours as a tree, on the only axis or on the middle one of 3.
 
-    `fours` is the type of a second table, on one axis, that has the same scalars as vectors of four, or None.
+    `fours` is the type of a second table with one axis, which holds the same scalars as vectors of four, or None.
     """
 
     def fold(data: Any) -> Any:
@@ -91,7 +91,7 @@ def folding(
 
 @lru_cache(maxsize=64)
 def lifting(lift: Lift, element: Any, made: Any) -> Program:
-    """Record the program that makes of each element and its index what is combined."""
+    """Record the program that converts each element and its index to a value to combine."""
 
     def lifted(x: Any, i: Any) -> Any:
         return lift(x, i)
@@ -101,7 +101,7 @@ def lifting(lift: Lift, element: Any, made: Any) -> Program:
 
 @lru_cache(maxsize=64)
 def lifted_pairs(lift: Lift, combine: Program, element: Any, made: Any) -> Program:
-    """Record the program that lifts an element, and beside it combines two: a device needs now one, now the other."""
+    """Record one program with two results: a lifted element, and two combined ones; devices use either."""
 
     def both(x: Any, i: Any, a: Any, b: Any) -> Any:
         return lift(x, i), combine(a, b)
@@ -111,7 +111,7 @@ def lifted_pairs(lift: Lift, combine: Program, element: Any, made: Any) -> Progr
 
 @lru_cache(maxsize=256)
 def scanning(combine: Program, element: Any, exclusive: bool) -> Program:
-    """Record the down-sweep over four neighbours: `above` holds the inclusive prefixes of whole blocks of four."""
+    """Record the down-sweep over four neighbours; `above` holds the inclusive prefixes at ends of blocks of four."""
 
     def scan(data: Any, above: Any) -> Any:
         result = zeros(element)
@@ -139,7 +139,7 @@ def scanning(combine: Program, element: Any, exclusive: bool) -> Program:
 
 @lru_cache(maxsize=256)
 def scanning_fours(combine: Program, element: Any, fours: Any, exclusive: bool) -> Program:
-    """Record the down-sweep that gives four prefixes at once: see `scanning`, and `folding` for `whole`."""
+    """Record the down-sweep that returns four prefixes as a vector: see `scanning`, and `folding` for `whole`."""
 
     def scan(data: Any, whole: Any, above: Any) -> Any:
         block = grid_index(1)
@@ -176,10 +176,10 @@ def store(target: Any, value: Any) -> None:
 
 
 def tree(read: Callable[[int], Any], count: Any, start: int, width: int, combine: Program) -> Any:
-    """Combine those of `width` neighbours that are among the first `count`, which is all for None, and one at least.
+    """Return the tree over `width` neighbours, of which only the first `count` exist (at least one; None: all).
 
-    The table gives its last element for all behind it, so a program without control flow is evaluated for all
-    neighbours, and its result is dropped where the second one is not there: that costs less than a branch.
+    A table returns its last element for an index behind it. So a program without control flow is evaluated for all
+    neighbours, and its result is dropped if the second one does not exist: that costs less than a branch.
     """
     if width == 1:
         return read(start)
@@ -202,17 +202,17 @@ def is_plain(combine: Program) -> bool:
 
 
 def chosen(condition: Any, a: Any, b: Any) -> Any:
-    """Return the leaves of `a` where the condition holds, and else those of `b`."""
+    """Return a value with the leaves of `a` where the condition holds, else with those of `b`."""
     layout = layout_from(b, "an element")
     return build_values(layout, (cond(condition, x, y) for x, y in zip(leaves_of(a), leaves_of(b), strict=True)))
 
 
 def copied(value: Any) -> Any:
-    """Return a value with the same leaves, to store into."""
+    """Return a copy of a value, to store into."""
     return build_values(layout_from(value, "an element"), iter([v.copy() for v in leaves_of(value)]))
 
 
-# What the reductions of streams combine: components of vectors are reduced side by side.
+# The reductions of streams: each component of a vector is reduced by itself.
 
 
 class Reduction(NamedTuple):
@@ -230,9 +230,9 @@ class Reduction(NamedTuple):
 
 @lru_cache(maxsize=256)
 def over_structs(combine: Program) -> tuple[Program, Any]:
-    """Return the program over structs for one that combines NamedTuples, and the type that it combines.
+    """Return a program over structs for one that combines NamedTuples, and the type that it combines.
 
-    A Table holds structs, and a run gives one stream of them where it gives a stream for each field of a NamedTuple.
+    A Table holds structs. A run returns one stream of structs, but for a NamedTuple one stream for each field.
     """
     element, output = next(iter(combine.inputs.values())), combine.recorded.output
     layout = layout_of(element, "an element")
@@ -316,7 +316,7 @@ def counts(size: int) -> Reduction:
 
 @lru_cache(maxsize=256)
 def logic(size: int, every: bool) -> Reduction:
-    """Return the reduction that asks whether any element is not zero, or whether all are not."""
+    """Return the reduction to whether any element is not zero, or, for `every`, whether none is zero."""
     cls = CLASSES["Attrib", size, Base.B]
 
     def join(a: Any, b: Any) -> Any:
@@ -337,18 +337,18 @@ def quotient(size: int, base: Base) -> Program:
 
 
 BLOCK = 1024
-"""Floats whose exact sum one element of a run computes: sums of as many numbers of 16 bits fit into 32."""
+"""The number of floats that one element of a run sums exactly; sums of as many 16-bit numbers fit into 32 bits."""
 WORDS = 11
 """Words of an exact sum, a two's complement in units of 2**-149; the word after them holds SPECIAL flags."""
 SPECIAL = (1, 2, 4)
-"""Flags of a sum among whose numbers there was infinity, minus infinity, NaN."""
+"""Flags of a sum with infinity, minus infinity and NaN among its numbers."""
 
 
 @lru_cache(maxsize=2)
 def accumulating(rank: int) -> Program:
-    """Record the program that sums BLOCK floats on the only axis, or on the middle one of 3, without an error.
+    """Record the program that sums BLOCK floats exactly, on the only axis or on the middle one of 3.
 
-    A significand, shifted by up to 7 bits, is two numbers of 16 bits, which are added to sums of weight 256**k.
+    A significand, shifted by up to 7 bits, is split into two 16-bit numbers, which are added to sums of weight 256**k.
     """
     words = struct(type("Words", (), {"__annotations__": {"low": Attrib4u, "middle": Attrib4u, "high": Attrib4u}}))
 

@@ -94,7 +94,7 @@ def _mean(stream: Stream, axis: int | None) -> Any:
 
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:
-    """Return the exact sum. The host finishes it, since Python has integers of any size."""
+    """Return the exact sum. The host completes it, since Python has integers of any size."""
     rows = _rows(stream, axis)
     shape = (1, *rows.shape, 1) if axis is None else rows.shape
     before, _, after = shape
@@ -188,7 +188,7 @@ def _rows(stream: Stream, axis: Any, element: Any = None) -> Stream:
 
 
 def _left(stream: Stream, axis: int | None) -> tuple[int, ...]:
-    """Return the shape of the result."""
+    """Return the shape of the result of a reduction along the axis."""
     if axis is None:
         return ()
     k = axis % len(stream.shape)
@@ -206,13 +206,13 @@ def _empty(name: str, cure: str) -> ShpyTypeError:
 
 
 def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty: Any, name: str = "") -> Any:
-    """Run a reduction; without elements it is `empty`, or an error where that is None."""
+    """Run a reduction; without elements return `empty`, or raise ShpyTypeError if that is None."""
     rows = _rows(stream, axis)
     if not rows.shape[len(rows.shape) // 2]:
         if empty is None:
             raise _empty(name, "a stream with elements")
         return _filled(stream, axis, made, empty)
-    if not rows.size:  # the other axes have no elements
+    if not rows.size:  # another axis has no elements
         return _filled(stream, axis, made, 0)
     found = _folded(rows, axis, kind.combine, kind.made, kind.lift)
     if kind.leaf is not None:
@@ -223,12 +223,12 @@ def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty
 
 
 def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
-    """Fold along an axis. A single result (`axis` None) is finished on the host, which is faster there."""
+    """Fold along an axis. For a single result (`axis` None) the host does the last steps, since that is faster."""
     return fold_to_host(rows, *how) if axis is None else fold(rows, *how)
 
 
 def _finished(program: Program, found: Stream, *others: Any) -> Stream:
-    """Run a program over the results."""
+    """Run the finishing program over the results."""
     finished: Stream = program.compile_for(found)(found, *others)
     return finished
 

@@ -1,7 +1,7 @@
 """sh.scan: all prefixes of a stream, by an up-sweep and a down-sweep of the tree of sh.reduce.
 
-Stage: run. The levels of the up-sweep are kept; the down-sweep makes the prefixes of a level from those of the one
-above it. Source: Brent and Kung, A regular layout for parallel adders, IEEE Trans. Comp. 31 (1982); Blelloch, Prefix
+Stage: run. The levels of the up-sweep are kept; the down-sweep computes the prefixes of a level from those of the level
+above. Source: Brent and Kung, A regular layout for parallel adders, IEEE Trans. Comp. 31 (1982); Blelloch, Prefix
 sums and their applications (1990).
 
     sh.scan(add, x)                      # running totals
@@ -74,7 +74,7 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
 
 
 def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:
-    """Scan by the device's own kernels: of several parts, the prefixes that end with each are those of their folds."""
+    """Scan by the device's own kernels; the prefixes at the ends of several parts are a scan of the parts' folds."""
     above = None
     if stream.size > own.each(stream.size):
         above = memories_of(_by(own, fold_parts(own, stream, stream.type), False))
@@ -96,7 +96,7 @@ def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
 
 
 def _down_on_device(program: Program, level: Stream, above: Stream, exclusive: bool) -> Stream:
-    """Run a pass of the down-sweep; where four scalars are a vector in memory, one element of the run gives these."""
+    """Run a pass of the down-sweep; one element of the run computes four scalars if memory can be read as vectors."""
     found: Stream
     fours = in_fours(level)
     if fours is None:
@@ -126,7 +126,7 @@ def _on_host(
 ) -> Stream:
     """Scan on the host: two neighbours become one on the way up, and one prefix becomes two on the way down.
 
-    A block of a longer stream goes on from the prefix `before` it; `last` is the prefix that a whole block ends with.
+    A block of a longer stream continues from the prefix `before` it; `last` is the prefix at the end of a whole block.
     """
     levels = [arrays_of(stream)]
     while (n := levels[-1][0].shape[1]) > 1:

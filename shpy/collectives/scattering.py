@@ -34,7 +34,7 @@ from shpy.streams.elements import given_shape
 from shpy.streams.stream import Stream
 
 _AT_ONCE = 1 << 14
-"""Values that are combined in one run: a driver may end loops of more iterations."""
+"""The most values of a place that one run combines, since a driver may end longer loops."""
 
 
 @in_ieee_arithmetic
@@ -109,9 +109,9 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
 
 
 def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
-    """Combine the values that go to each element of `target`, in their order.
+    """Combine the values for each element of `target`, in their order.
 
-    A stable sort by index brings the values of an element together.
+    A stable sort by index makes the values of an element adjacent.
     """
     place, leaves_at = values.place, Leaves(values.place)
     keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
@@ -133,7 +133,7 @@ def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> No
 
 @cache
 def _unsigned(index: Any) -> Program:
-    """Record the program that makes keys of indices: those out of range come last."""
+    """Record the program that converts indices to sort keys; negative ones come last."""
 
     def key(index: Any) -> Any:
         return cond(index < 0, Attrib1u(0xFFFFFFFF), Attrib1u(index)) if index.base is Base.I else index
@@ -148,9 +148,9 @@ def _adding() -> Program:
 
 @cache
 def _folding(combine: Program, element: Any) -> Program:
-    """Record the program that combines as many values of each place as fit into a run.
+    """Record the program that combines up to _AT_ONCE values of each place, from the one numbered `first`.
 
-    A place has `number` values, which end before `end` in the tables of their leaves, `given`.
+    A place has `number` values, the last of which precedes index `end` in `given`, the tables of the leaves.
     """
     layout = layout_of(element, "an element")
     inputs = {"before": element, "first": Attrib1i, "number": Attrib1i, "end": Attrib1i}

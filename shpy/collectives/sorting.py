@@ -74,7 +74,7 @@ def argsort(stream: Any, key: Program | None = None, descending: bool = False, *
 
 
 def host_keys(stream: Stream, key: Program | None, name: str, below: int | None = None) -> NDArray[Any]:
-    """Return the keys, (n,), those that `below` has out of range as the nearest ones in range."""
+    """Return the keys, (n,), clamped to [0, below) if `below` is given."""
     keys = keys_of(stream, key, name)
     found, below = np.asarray(keys.read()).reshape(-1), _checked_below(below, keys)
     return found if below is None else np.clip(found, 0, below - 1)
@@ -93,7 +93,7 @@ def _checked_below(below: int | None, keys: Memory) -> int | None:
 
 
 def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
-    """Return the memory of the keys."""
+    """Return the memory of the keys: those of `key`, or the elements themselves."""
     found = stream if key is None else _computed(stream, key, name)
     entries = found.leaf_entries()
     if len(entries) != 1 or entries[0].memory.type.size != 1:
@@ -107,7 +107,7 @@ def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
 
 
 def _computed(stream: Stream, key: Any, name: str) -> Any:
-    """Return the key of each element; ShpyTypeError for what is no program of an element that gives a scalar."""
+    """Return the key of each element; ShpyTypeError unless `key` is a program from an element to a scalar."""
     wanted = f"@sh.program of one sh.{stream.type.__name__} that gives one number"
     if not isinstance(key, Program):
         raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=wanted)

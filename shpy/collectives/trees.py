@@ -1,7 +1,7 @@
 """The balanced binary tree over the elements of a stream: on a device in passes, on the host by slices.
 
-Stage: run. Level after level, out[i] = f(in[2 i], in[2 i + 1]), and an odd last element passes unchanged, until one is
-left. A pass on a device climbs several levels, with the same combinations in the same order.
+Stage: run. At each level out[i] = f(in[2 i], in[2 i + 1]), and an odd last element passes unchanged, until one is left.
+A pass on a device computes several levels, with the same combinations in the same order.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from shpy.streams.stream import Place, Stream
 
 Shape = tuple[int, ...]
 _FEW = 64
-"""Elements for which another text is not worth its compilation."""
+"""The least number of elements for which a program over vectors of four is worth its compilation."""
 _LARGEST = 2**31 - 64
-"""Elements whose index is an int of 32 bits, and so is that of the neighbours of the last element."""
+"""The most elements of which all indices, and those of neighbours behind the last element, are ints of 32 bits."""
 
 
 def retyped(stream: Stream, type_: Any, shape: Shape) -> Stream:
-    """Return a stream over the same memory, its elements of a type with the same leaves, in another shape."""
+    """Return a stream over the same memory with another shape and another type, which has the same leaves."""
     return Stream.over(type_, shape, stream.place, [leaf.memory for leaf in stream.leaf_entries()])
 
 
 def combination(program: Any, stream: Any, name: str) -> tuple[Program, Any]:
-    """Return a program(a, b) -> a over structs or values, and its type; ShpyTypeError where it does not fit the stream.
+    """Return a program(a, b) -> a over structs or values, and its type; ShpyTypeError if it does not fit the stream.
 
-    Its leaves are those of an element of the stream.
+    The type has the leaves of an element of the stream.
     """
     check_combination(program, stream, name)
     return over_structs(program)
@@ -77,7 +77,7 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
 
 @lru_cache(maxsize=256)
 def _fits(program: Program, type_: Any) -> bool:
-    """Return whether the program takes two elements of a type and gives one."""
+    """Return whether the program takes two elements of a type and returns one."""
     element = leaf_types(type_)
     inputs = program.inputs.values()
     taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
@@ -104,7 +104,7 @@ def leaf_types(type_: Any) -> list[Any]:
 def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None = None) -> Stream:
     """Reduce a stream of shape (n,), or (a, n, b) along its middle axis, to (1,) or (a, 1, b); n is at least 1.
 
-    `lift` makes of each element and its index along the axis a value of the type `made`, which `combine` takes.
+    `lift` converts each element and its index along the axis to a value of type `made`, which `combine` takes.
     """
     made = stream.type if made is None else made
     axis = len(stream.shape) // 2
@@ -128,7 +128,7 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
 
 @lru_cache(maxsize=256)
 def own_tree(place: Place, combine: Program, element: Any, made: Any, lift: Lift | None) -> Tree | None:
-    """Return the tree of a program that the device at a place folds and scans by itself; None if it does not."""
+    """Return the device's own implementation of fold and scan for a program; None if it has none."""
     tree = place.space.collectives.tree
     if tree is None:
         return None
@@ -143,7 +143,7 @@ def memories_of(stream: Stream) -> list[Memory]:
 
 
 def fold_parts(own: Tree, stream: Stream, made: Any) -> Stream:
-    """Reduce each part of a stream (n,) to an element."""
+    """Reduce each part of a stream (n,) to one element, by the device's own kernels."""
     parts = Stream.fresh((-(-stream.size // own.each(stream.size)),), made, stream.place)
     own.fold(memories_of(stream), memories_of(parts))
     return parts
@@ -178,9 +178,9 @@ def run_level(stream: Stream, shape: Shape, combine: Program, made: Any, lift: L
 
 
 def in_fours(stream: Stream) -> Stream | None:
-    """Return the whole vectors of four in the memory of a stream (n,) of scalars: a device loads them at once.
+    """Return the memory of a stream (n,) of scalars as a stream of vectors of four, each of which is a single load.
 
-    None where the elements are no scalars, few, or laid out in another way.
+    Returns None if the elements are not scalars, are few, or do not lie contiguously.
     """
     leaf, *others = stream.leaf_entries()
     type_ = leaf.memory.type

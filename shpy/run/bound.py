@@ -28,18 +28,19 @@ from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream
 
 KEPT: Final = 64
-"""Bound calls of a kernel, at most."""
+"""The most bound calls that a kernel keeps."""
 _LARGEST: Final = float(np.finfo(np.float16).max)
-"""The largest float that a bound call converts: each precision has it."""
+"""The bound of floats that a bound call converts: each precision can represent these."""
 
 Ran = tuple[Any, Shape, Any, Place | None]
 """The parts of a `Result`: outputs, shape, status, place."""
 
 
 def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
-    """Return the key of a bound call, with an entry for each input; None where an input has none.
+    """Return the key of a bound call, with an entry for each input; None if an input has no entry.
 
-    A contiguous array has its shape and dtype, a number `float`, a stream of one leaf its shape, type and place.
+    The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream of one leaf its shape, type
+    and place. Other inputs have no entry.
     """
     found: list[Any] = []
     for given in inputs:
@@ -121,10 +122,10 @@ def bound_of(
     common: Shape,
     place: Place | None,
 ) -> Bound | None:
-    """Return the call that went well over `inputs`, at the place of streams or over arrays.
+    """Return the bound call for `inputs`, over which a call has just succeeded, at the place of streams or over arrays.
 
-    None where it has to be checked each time: an input has several leaves or its default, is a Table, converted,
-    broadcast, or an array beside streams.
+    Returns None if each such call needs its checks: an input has several leaves, is left at its default, is a Table, is
+    converted or broadcast, or is an array beside streams.
     """
     types = list(recorded.inputs.values())
     if not inputs or len(inputs) != len(types) or not all(isinstance(type_, Leaf) for type_ in types):

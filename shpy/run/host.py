@@ -26,7 +26,7 @@ from shpy.lang.values.value import Value
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 
 _MAX_RANK = 31
-"""Axes of S, at most: numpy broadcasts 32, of which the components may be one."""
+"""The most axes of S: numpy broadcasts 32, and the components may take one of them."""
 _COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_limit")
 
 
@@ -38,7 +38,7 @@ def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, 
 
 
 def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
-    """Give each input what the caller gave by position or keyword, or else its default.
+    """Return the value of each input: the one that the caller gave by position or keyword, or else its default.
 
     Raises ShpyTypeError for missing and unknown inputs.
     """
@@ -63,7 +63,7 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
 
 
 class Sized(Protocol):
-    """The name, components and element shape of an input's leaf: all that checks of shapes read."""
+    """A leaf of an input with its name, number of components and element shape, which checks of shapes need."""
 
     @property
     def name(self) -> str:
@@ -95,7 +95,7 @@ class DeviceLeaf:
 
 
 def exact(data: Any, precision: str, math: str) -> Any:
-    """Return a Param or another constant with all the digits that it has: a kernel of f64 takes them."""
+    """Return the unrounded numbers of a Param or another constant, since a kernel of f64 uses all their digits."""
     if isinstance(data, Value) and data._uniform:
         return data.at(precision, math)
     if isinstance(data, Value) and data._frame is None:
@@ -130,7 +130,7 @@ def inputs(
 
 
 def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
-    """Return the entry of each leaf: an array or a number, or where a leaf of a stream lies."""
+    """Return the entry of each leaf: an array, a number, or the leaf of a stream with its memory."""
     if not hasattr(given, "leaf_entries"):
         if not isinstance(layout, Group):
             return flatten(layout, given, what)
@@ -144,7 +144,7 @@ def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
 
 
 def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
-    """Return the element shape S: what the inputs' shapes broadcast to, or `shape` where they broadcast to that."""
+    """Return the element shape S: `shape` if given, to which the inputs must broadcast, else their broadcast shape."""
     shapes = [s.shape for s in inputs]
     wanted = None if shape is None else given_shape(shape)
     for name, given in [*((s.name, s.shape) for s in inputs), ("shape", wanted or ())]:
@@ -197,7 +197,7 @@ def _check_column(inputs: Sequence[Sized], shape: Shape) -> None:
 
 
 def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
-    """Return every table by its name in the module: those of the closure, and those given as inputs."""
+    """Return all tables, by their names in the module: those of the closure and those given as inputs."""
     found = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
@@ -227,7 +227,7 @@ def _table(name: str, type_: TableType, given: Any) -> Table:
 
 
 class Target:
-    """One leaf of the outputs: the user's array if there is one, and the contiguous one that the kernel writes."""
+    """One leaf of the outputs: the user's array, if there is one, and the contiguous array that the kernel writes."""
 
     def __init__(self, cls: type[Value], dtype: Any, shape: Shape, given: NDArray[Any] | None, zeros: bool) -> None:
         tail = (cls.size,) if cls.size > 1 else ()
@@ -246,7 +246,7 @@ class Target:
 
 
 def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[Target]:
-    """Return the arrays to write, leaf by leaf, zeros at first if need be.
+    """Return the arrays to write, leaf by leaf; with `zeros`, new ones are filled with zeros.
 
     Raises ShpyTypeError where `out` has another dtype or shape.
     """
@@ -294,7 +294,7 @@ def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
 
 
 def _overlaps_itself(array: NDArray[Any]) -> bool:
-    """Return whether two elements may share memory: never in what slicing and transposing make of a whole array."""
+    """Return whether two elements may share memory; False for slices and transposes of a contiguous array."""
     reach = array.itemsize
     for stride, extent in sorted((abs(s), n) for s, n in zip(array.strides, array.shape, strict=True) if n > 1):
         if stride < reach:

@@ -1,7 +1,7 @@
-"""Runs of a kernel over streams: all of its inputs are brought to the device, and its outputs stay there.
+"""Runs of a kernel over streams: inputs are copied to the device if need be, and outputs stay there.
 
-Stage: run. Elements that are discarded keep what `out` held, zeros without it, as with arrays: a kernel that may
-discard or stop elements writes memory of its own, of which the elements that were written are taken over.
+Stage: run. Discarded elements keep the old value in `out`, or zero without `out`, as with arrays. So a kernel that may
+discard or stop elements writes to separate memory, and only its written elements are copied to the outputs.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Prepared:
     outputs: Any
 
     def run(self, executable: Executable) -> tuple[Any, Shape, Memory | None, Place]:
-        """Start the run, whose memory the outputs take over. Gives the parts of a `Result`."""
+        """Start the run, store its results in the outputs, and return the parts of a `Result`."""
         call = self.call
         if math.prod(call.shape):
             space = self.place.space
@@ -71,9 +71,10 @@ def prepare(
     common: Shape,
     out: Any,
 ) -> Prepared:
-    """Make the call, and the memory to which the outputs are written.
+    """Return the call with the memory for its outputs.
 
-    The call writes the outputs' memory, or its own where theirs is still read or may have to stay.
+    The call writes directly to the outputs' memory unless that is also read or may have to keep old elements. In these
+    cases it writes to separate memory.
     """
     targets, outputs = _targets(recorded.output, place, common, out)
     if out is not None:
@@ -90,7 +91,7 @@ def prepare(
 def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:
     """Return whether a target overwrites memory of an input.
 
-    With `itself`, an input that is exactly the target's elements does not count.
+    With `itself`, an input with the same memory and layout as the target does not count.
     """
     return any(
         overlap(read, target.memory) and not (itself and _same(read, target.memory))
@@ -105,7 +106,7 @@ def _same(one: Memory, other: Memory) -> bool:
 
 
 def memory_of(leaf: InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
-    """Return the memory of an input; an array is brought to the device."""
+    """Return the memory of an input; an array is copied to the device."""
     if isinstance(leaf, host.DeviceLeaf):
         if leaf.shape != common and math.prod(leaf.shape) != 1:
             raise ShpyTypeError(
@@ -132,7 +133,7 @@ def _like(memory: Memory, place: Place) -> Memory:
 
 
 def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list[StreamLeaf], Any]:
-    """Return the leaf of a stream for each output, and the streams in the structure of the outputs."""
+    """Return the stream leaf to write for each output leaf, and the streams in the structure of the outputs."""
     if out is None:
         made = build_streams(layout, place, shape)
         return [entry for stream in streams_in(iter([made])) for entry in stream.leaf_entries()], made

@@ -27,14 +27,14 @@ from shpy.run.kernel import Kernel
 
 @dataclass(slots=True)
 class _Kept:
-    """A uniform's kernel at a precision and mode; the state of the sources when it ran last, and what it gave then."""
+    """A uniform's kernel at a precision and mode; `last` is the state of its sources and the result at the last run."""
 
     kernel: Kernel
     last: tuple[Any, Any] = (None, None)
 
 
 def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
-    """Return the uniform's value, of shape () or (size,), computed by the program that its expression is."""
+    """Return the uniform's value, of shape () or (size,), computed by running its expression as a program."""
     keeps = uniform._const.kept
     kept = keeps.get((precision, math))
     if kept is None:
@@ -45,7 +45,7 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
     before, value = kept.last
     if before != state:
         value = np.asarray(kept.kernel())
-        kept.last = state, value  # at once: other threads may run kernels that use it
+        kept.last = state, value  # in one assignment, since other threads may read it
     found: NDArray[Any] = value
     return found
 

@@ -1,9 +1,9 @@
 """Sine, cosine and tangent by way of binary64.
 
 Stage: improve. The angle is divided by pi: the digits of 1 / pi have 29 + 29 + 53 bits, so that the products of the
-first two with a binary32 are exact. What is left beside a whole number of half turns, at most half of one, keeps its
-relative precision however small it is. Angles past FAR need later digits. Those whose products with the angle are even
-are left out, for they are whole turns.
+first two with a binary32 are exact. The quotient is a whole number k plus a fraction f of at most 1/2 in size; f keeps
+its relative precision even if it is tiny. Angles from FAR on need later digits of 1 / pi. Digits whose products with
+the angle are even whole numbers are left out, since 2 pi is a period.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from shpy.passes.exact.parts import horner, whole
 from shpy.passes.terms import Term, replaced, where
 
 FAR: Final = 2.0**24
-"""Angles from here on, where k may be too large for a binary32."""
+"""The least far angle, for which k may be too large for a binary32."""
 
 _WINDOW: Final = 2.0**26
 """The ratio of angles that need the next digits."""
 
 
 def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:
-    """(f, odd): halves * x / pi is a whole number k, f and the offset, with |f| at most 1/2; and whether k is odd."""
+    """Return (f, odd): halves * x / pi is k + f + offset with a whole number k and |f| <= 1/2; `odd`: k is odd."""
     d = x.based(Base.D)
     first, second, third = (digit * halves for digit in INVERSE_PI)
     product = (d * first).named("product")
@@ -39,7 +39,7 @@ def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:
 
 
 def _far_parts(d: Term, a: Term, halves: int, offset: float) -> tuple[Term, Term]:
-    """Return f, and k less some even number, of a far angle."""
+    """Return (f, k) of a far angle; k may differ from the exact one by an even number."""
     digits = [d.constant(digit * halves) for digit in INVERSE_PI]
     for n, window in enumerate(FAR_DIGITS, 1):
         above = (a >= FAR * _WINDOW**n).named("above")
@@ -56,25 +56,25 @@ def _far_parts(d: Term, a: Term, halves: int, offset: float) -> tuple[Term, Term
 
 
 def sin(x: Term) -> Term:
-    """Sine."""
+    """Return the sine of x."""
     f, odd = _parts_of(x, 1)
     return _sine(f, odd)
 
 
 def cos(x: Term) -> Term:
-    """Cosine: the sine of half a half turn more."""
+    """Return the cosine of x, which is the sine of x + pi / 2."""
     f, odd = _parts_of(x, 1, 0.5)
     return _sine(f, ~odd)
 
 
 def _sine(f: Term, odd: Term) -> Term:
-    """Return the sine of f half turns, negated where `odd` holds."""
+    """Return sin(pi * f), negated where `odd` holds."""
     size = (f * horner((f * f).named("z"), SIN)).based(Base.F).named("size")
     return where(odd, -size, size)
 
 
 def tan(x: Term) -> Term:
-    """Tangent: a quotient of polynomials on [-pi / 4, pi / 4]."""
+    """Return the tangent of x, from a quotient of polynomials on [-pi / 4, pi / 4]."""
     f, odd = _parts_of(x, 2)
     z = (f * f).named("z")
     above, below = (f * horner(z, TAN_ABOVE)).named("above"), horner(z, TAN_BELOW).named("below")

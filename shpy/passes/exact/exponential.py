@@ -15,11 +15,11 @@ from shpy.passes.strict.parts import MAGIC
 from shpy.passes.terms import Term, where
 
 _EVEN_MAGIC: Final = 2 * MAGIC[Base.F]
-"""A sum with it is rounded to an even whole number, half of which its low bits hold."""
+"""The number that, added to a float, rounds it to an even whole number and leaves half of that in the low bits."""
 
 
 def exp(x: Term) -> Term:
-    """E to the x: 0 or infinite where it is clamped."""
+    """Return e to the x; x is clamped to a range outside which the result is 0 or infinite."""
     near = clamped(x, -105.0, 90.0).named("near")
     shifted = (near * 1.442695 + _EVEN_MAGIC).named("shifted")
     k = (shifted - _EVEN_MAGIC).based(Base.D).named("k")
@@ -29,7 +29,7 @@ def exp(x: Term) -> Term:
 
 
 def exp2(x: Term) -> Term:
-    """2 to the x: 0 or infinite where it is clamped."""
+    """Return 2 to the x; x is clamped to a range outside which the result is 0 or infinite."""
     near = clamped(x, -152.0, 130.0).named("near")
     shifted = (near + _EVEN_MAGIC).named("shifted")
     r = (near - (shifted - _EVEN_MAGIC)).based(Base.D).named("r")
@@ -37,23 +37,23 @@ def exp2(x: Term) -> Term:
 
 
 def clamped(x: Term, low: float, high: float) -> Term:
-    """Return the number from low to high that is nearest to x; NaN stays."""
+    """Return x clamped to [low, high]; NaN stays."""
     return where(x > high, high, where(x < low, low, x))
 
 
 def _squared(y: Term, shifted: Term) -> Term:
-    """Return (y * 2**k) squared, for `shifted` of 2 k + _EVEN_MAGIC."""
+    """Return (y * 2**k) squared, for shifted = 2 k + _EVEN_MAGIC."""
     root = (y * _power(shifted.op("bits_from_float"))).named("root")
     return root * root
 
 
 def times_power(y: Term, shifted: Term) -> Term:
-    """Return the binary64 y * 2**k for a binary32 `shifted` of k + MAGIC, |k| at most 250: by two binary32 powers."""
+    """Return the binary64 y * 2**k for a binary32 shifted = k + MAGIC, |k| <= 250, by two factors of binary32."""
     bits = shifted.op("bits_from_float").named("bits")
     half = (bits >> 1).named("half")
     return y * _power(half) * _power(bits - half)
 
 
 def _power(n: Term) -> Term:
-    """Return the binary64 2**n of a uint's low bits: those of MAGIC leave on the left."""
+    """Return the binary64 2**n for n in the low bits of a uint; the bits of MAGIC are shifted out at the left."""
     return ((n + 127) << 23).op("float_from_bits").based(Base.D).named("power")

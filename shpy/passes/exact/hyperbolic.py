@@ -19,10 +19,10 @@ from shpy.passes.strict.parts import MAGIC, sign_bit
 from shpy.passes.terms import Term, where
 
 _END: Final = 89.5
-"""Beyond it the sine and the cosine are infinite in binary32."""
+"""The |x| beyond which the sine and the cosine are infinite in binary32."""
 
 _TANH_END: Final = 10.0
-"""Beyond it the tangent is 1."""
+"""The |x| beyond which the tangent rounds to 1 in size."""
 
 _MAGIC_BITS: Final = 0x4B400000
 """The bits of MAGIC in binary32."""
@@ -47,7 +47,7 @@ def _whole(x: Term, scale: float) -> tuple[Term, Term]:
 
 
 def _parts_of(x: Term) -> tuple[Term, Term, Term, Term]:
-    """(sinh r, cosh r, 2**k + 2**-k, 2**k - 2**-k), with powers of two whose product is 1/2: see SINH and COSH."""
+    """Return 4 sinh r, 4 cosh r, (2**k + 2**-k) / 8 and (2**k - 2**-k) / 8; see SINH and COSH."""
     near = clamped(x, -_END, _END).named("near")
     k, n = _whole(near, 1.442695)
     ln2, ln2_low = LN2
@@ -58,19 +58,19 @@ def _parts_of(x: Term) -> tuple[Term, Term, Term, Term]:
 
 
 def sinh(x: Term) -> Term:
-    """Hyperbolic sine."""
+    """Return the hyperbolic sine of x."""
     sine, cosine, total, rest = _parts_of(x)
     return where(x.equals(0), x, rest.mul_add(cosine, total * sine).based(Base.F))
 
 
 def cosh(x: Term) -> Term:
-    """Hyperbolic cosine."""
+    """Return the hyperbolic cosine of x."""
     sine, cosine, total, rest = _parts_of(x)
     return total.mul_add(cosine, rest * sine)
 
 
 def tanh(x: Term) -> Term:
-    """Hyperbolic tangent."""
+    """Return the hyperbolic tangent of x."""
     near = clamped(x, -_TANH_END, _TANH_END).named("near")
     k, n = _whole(near, 2.88539)
     d = near.based(Base.D)
@@ -86,14 +86,14 @@ def _logarithm(s: Term, k: Term) -> Term:
 
 
 def _scale_of(u: Term) -> tuple[Term, Term]:
-    """Return k and 2**-k, where 2**k is the power of two nearest to u; u from 1 up to 2**129."""
+    """Return k and 2**-k, where 2**k is the power of two nearest to u, for u in [1, 2**129]."""
     moved = (u * 0.125).based(Base.F).op("bits_from_float") + (_ONE - _ROOT_HALF)
     n = ((moved >> 23).based(Base.I) - 127).named("n")
     return (n + 3).based(Base.F).based(Base.D).named("k"), (_power(-n) * 0.125).named("scale")
 
 
 def asinh(x: Term) -> Term:
-    """Inverse hyperbolic sine: log(a + sqrt(a * a + 1)) for a = |x|; near 0 s is a / (1 + sqrt(a * a + 1))."""
+    """Return the inverse hyperbolic sine: log(a + sqrt(a * a + 1)), a = |x|; near 0 s = a / (1 + sqrt(a * a + 1))."""
     a = abs(x).named("a")
     d = a.based(Base.D)
     root = d.mul_add(d, 1.0).op("sqrt").named("root")
@@ -107,7 +107,7 @@ def asinh(x: Term) -> Term:
 
 
 def acosh(x: Term) -> Term:
-    """Inverse hyperbolic cosine: log(x + sqrt(x * x - 1))."""
+    """Return the inverse hyperbolic cosine of x: log(x + sqrt(x * x - 1))."""
     d = x.based(Base.D)
     root = d.mul_add(d, -1.0).op("sqrt").named("root")
     k, scale = _scale_of(d + root)
@@ -117,7 +117,7 @@ def acosh(x: Term) -> Term:
 
 
 def atanh(x: Term) -> Term:
-    """Inverse hyperbolic tangent: half of log((1 + x) / (1 - x)); the exponents of both tell k, nearly."""
+    """Return the inverse hyperbolic tangent: log((1 + x) / (1 - x)) / 2; k is nearly the difference of exponents."""
     apart = (1 + x).op("bits_from_float").based(Base.I) - (1 - x).op("bits_from_float").based(Base.I)
     n = ((apart + (1 << 22)) >> 23).named("n")
     d, power = x.based(Base.D), _power(n).named("power")

@@ -18,14 +18,14 @@ from shpy.passes.terms import Term, where
 HALF_PI: Final = math.pi / 2
 
 _ABOVE_HALF_PI: Final = HALF_PI + 2.0**-52
-"""The next binary64, by which no arc sine or cosine is misrounded."""
+"""The binary64 after HALF_PI; with it no arc sine or arc cosine is misrounded."""
 
 _EIGHTH: Final = math.sqrt(2) - 1
 """The tangent of pi/8."""
 
 
 def _arc(x: Term) -> tuple[Term, Term]:
-    """Return |x| < 1/2, and the arc sine of |x| where that holds, else of sqrt((1 - |x|) / 2)."""
+    """Return whether |x| < 1/2, and the arc sine of |x| if so, else of sqrt((1 - |x|) / 2)."""
     a = abs(x).named("a")
     near = (a < 0.5).named("near")
     d = where(near, a, (1 - a) * 0.5).based(Base.D).named("d")
@@ -34,14 +34,14 @@ def _arc(x: Term) -> tuple[Term, Term]:
 
 
 def asin(x: Term) -> Term:
-    """Arc sine."""
+    """Return the arc sine of x."""
     near, arc = _arc(x)
     size = where(near, arc, arc.mul_add(-2.0, _ABOVE_HALF_PI)).based(Base.F).named("size")
     return where(sign_bit(x), -size, size)
 
 
 def acos(x: Term) -> Term:
-    """Arc cosine."""
+    """Return the arc cosine of x."""
     near, arc = _arc(x)
     left = (x < 0).named("left")
     turned = where(left ^ near, -arc, arc).named("turned")
@@ -49,7 +49,7 @@ def acos(x: Term) -> Term:
 
 
 def _angle(a: Term, b: Term) -> Term:
-    """Return the arc tangent of a / b, neither negative, nor both 0 or infinite."""
+    """Return the arc tangent of a / b for a, b >= 0 that are not both 0 and not both infinite."""
     near, far = (a <= b * _EIGHTH).named("near"), (a > b * (1 / _EIGHTH)).named("far")
     cosine, sine = where(far, a.constant(0.0), 1.0).named("cosine"), where(near, a.constant(0.0), 1.0).named("sine")
     q = ((a * cosine - b * sine) / b.mul_add(cosine, a * sine)).named("q")
@@ -58,7 +58,7 @@ def _angle(a: Term, b: Term) -> Term:
 
 
 def atan(x: Term) -> Term:
-    """Arc tangent."""
+    """Return the arc tangent of x."""
     a = abs(x).named("a")
     bounded = where(a > 2.0**30, 2.0**30, a).based(Base.D).named("bounded")
     near, far = (a < _EIGHTH).named("near"), (a > 1 / _EIGHTH).named("far")
@@ -70,7 +70,7 @@ def atan(x: Term) -> Term:
 
 
 def atan2(y: Term, x: Term) -> Term:
-    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 have it."""
+    """Return the angle of (x, y), as C99 7.12.4.4 and F.9.1.4 define it."""
     ax, ay = abs(x).named("ax"), abs(y).named("ay")
     endless, none = ax.op("max", ay).equals(math.inf), ax.op("max", ay).equals(0)
     a = where(endless, where(ay.equals(math.inf), ay.constant(1.0), 0.0), ay).based(Base.D).named("a")

@@ -16,26 +16,26 @@ from shpy.passes.terms import Term
 
 
 def _parted(x: Term) -> Pair:
-    """(s, k) in binary64, for positive finite x."""
+    """Return (s, k) in binary64 for positive finite x."""
     mantissa, exponent = mantissa_and_exponent(x)
     f, k = (mantissa - 1).based(Base.D), exponent.based(Base.D)
     return (f / (f + 2)).named("s"), k.named("k")
 
 
 def log(x: Term) -> Term:
-    """Natural logarithm."""
+    """Return the natural logarithm of x."""
     s, k = _parted(x)
     return edges(x, s.mul_add(horner((s * s).named("z"), TWICE_ATANH), k * math.log(2)).based(Base.F))
 
 
 def log2(x: Term) -> Term:
-    """Binary logarithm."""
+    """Return the binary logarithm of x."""
     s, k = _parted(x)
     return edges(x, s.mul_add(horner((s * s).named("z"), LOG2), k).based(Base.F))
 
 
 def log10(x: Term) -> Term:
-    """Decimal logarithm."""
+    """Return the decimal logarithm of x."""
     s, k = _parted(x)
     step, step_low = LOG10_2
     inside = k.mul_add(step, k.mul_add(step_low, s * horner((s * s).named("z"), LOG10)))

@@ -18,7 +18,7 @@ from shpy.passes.strict.parts import MAGIC, fast_two_sum, polynomial
 from shpy.passes.terms import Term, where
 
 _END: Final = 160.0
-"""Beyond it in size, 2 to the power is 0 or infinite in binary32."""
+"""The size of an exponent beyond which 2 to that power is 0 or infinite in binary32."""
 
 
 def _shortened(v: Term) -> Term:
@@ -48,7 +48,7 @@ def _log2_in_two(x: Term) -> Pair:
 
 
 def pow_(x: Term, y: Term) -> Term:
-    """X to the power of y, as C99 7.12.7.4 and F.9.4.4 have it."""
+    """Return x to the power of y, as C99 7.12.7.4 and F.9.4.4 define it."""
     a = abs(x).named("a")
     logarithm, logarithm_low = _log2_in_two(a)
     exponent = y.based(Base.D).named("exponent")

@@ -1,7 +1,7 @@
-"""The reciprocal of a square root, by what the square of an estimate lacks, and the hypotenuse.
+"""The reciprocal square root, by a correction of an estimate, and the hypotenuse.
 
-Stage: improve. Of rsqrt, near is 1 / sqrt(x) in binary32, lack is 1 - x near**2, at most 2**-22, and the exact value is
-near (1 + lack / 2 + 3 lack**2 / 8 + ...). In binary64, or in binary32 with fma, lack has an error near 2**-47.
+Stage: improve. In `rsqrt`, near is 1 / sqrt(x) in binary32 and lack is 1 - x near**2, at most 2**-22. The exact value
+is near (1 + lack / 2 + 3 lack**2 / 8 + ...). In binary64, or in binary32 with fma, lack has an error near 2**-47.
 """
 
 from typing import Final
@@ -11,18 +11,18 @@ from shpy.passes.strict.parts import two_sum
 from shpy.passes.terms import Term, replaced, where
 
 _ERROR: Final = 2.0**-51
-"""More than the relative error of a root of a sum in binary64, of which each is rounded."""
+"""A bound of the relative error of the rounded root of a rounded sum in binary64."""
 
 
 def rsqrt(x: Term) -> Term:
-    """1 / sqrt(x)."""
+    """Return 1 / sqrt(x)."""
     near = (1 / x.op("sqrt")).named("near")
     lack = (_in_binary32 if x.builder.fused else _in_binary64)(x, near).named("lack")
     return where(lack.equals(lack), near + (near * lack) * (0.375 * lack + 0.5), near)
 
 
 def _in_binary32(x: Term, near: Term) -> Term:
-    """Return 1 - root near - rest near for x near = root + rest, whose numbers are all in the range of binary32."""
+    """Return 1 - root near - rest near, where x near = root + rest exactly and no number overflows binary32."""
     minus_root = (-(x * near)).named("minus_root")
     rest = x.mul_add(near, minus_root)
     return minus_root.mul_add(near, 1.0) - rest * near
@@ -35,10 +35,10 @@ def _in_binary64(x: Term, near: Term) -> Term:
 
 
 def hypot(x: Term, y: Term) -> Term:
-    """sqrt(x * x + y * y): correctly rounded.
+    """Return sqrt(x * x + y * y), correctly rounded.
 
-    Squares of binary32 are exact in binary64. Where the error of the root leaves two binary32 to choose from, the exact
-    sum of the squares is compared with the square of the middle, which is exact too.
+    Squares of binary32 are exact in binary64. If the error of the root leaves a choice between two binary32 numbers,
+    the exact sum of the squares is compared with the square of their middle, which is exact too.
     """
     square, other = (v.based(Base.D) * v.based(Base.D) for v in (x, y))
     root = (square + other).op("sqrt").named("root")
@@ -47,7 +47,7 @@ def hypot(x: Term, y: Term) -> Term:
 
     def decided() -> list[Term]:
         total, rest = two_sum(square, other)
-        # What rounds to infinity does so as if the next number were 2**128.
+        # Rounding to infinity is decided as if infinity were 2**128.
         upper = where(high.op("isinf"), square.constant(2.0**128), high.based(Base.D))
         middle = (0.5 * (low.based(Base.D) + upper)).named("middle")
         above = ((total - middle * middle) + rest).named("above")

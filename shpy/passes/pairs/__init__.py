@@ -38,16 +38,16 @@ EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
         (9.030997e22, -0.7400778),
     ),
 }
-"""Inputs that a formula misrounds, and the exact values rounded."""
+"""Inputs that a formula misrounds, and the correctly rounded results."""
 
 
 def _sin(x: Term) -> Term:
-    """Sine."""
+    """Return the sine of x, corrected at its exceptions."""
     return with_exceptions("sin", x, circular.sin(x), EXCEPTIONS["sin"])
 
 
 def _cos(x: Term) -> Term:
-    """Cosine."""
+    """Return the cosine of x, corrected at its exceptions."""
     return with_exceptions("cos", x, circular.cos(x), EXCEPTIONS["cos"])
 
 

@@ -1,4 +1,4 @@
-"""Sums of two binary32, the second far smaller, and how such a sum is rounded once.
+"""Pairs: sums of two binary32, the second far smaller, with products, polynomials and a single rounding.
 
 Stage: improve. Nothing here needs a fused multiply-add. Results of products and polynomials have relative errors of
 about 2**-47.
@@ -30,9 +30,9 @@ def square(a: Pair) -> Pair:
 
 
 def polynomial(z: Pair, coefficients: Sequence[Coefficient]) -> Pair:
-    """Return c[0] + z * (c[1] + z * (c[2] + ...)), each coefficient larger than what follows it.
+    """Return c[0] + z * (c[1] + z * (c[2] + ...)), where each coefficient is larger than the rest of the sum.
 
-    The last two or more are binary32, whose sum needs no second part.
+    At least the last two coefficients are single binary32 numbers, since the sum of these terms needs no second part.
     """
     pairs = [c for c in coefficients if isinstance(c, tuple)]
     *others, last = (c for c in coefficients if not isinstance(c, tuple))
@@ -48,7 +48,7 @@ def polynomial(z: Pair, coefficients: Sequence[Coefficient]) -> Pair:
 
 
 def rounded(largest: Term, others: Sequence[Term]) -> Term:
-    """Return the sum of the largest number and others, at most 2**-20 of it in size, rounded once.
+    """Return the sum of the largest number and others, which are at most 2**-20 of it in size, rounded once.
 
     The sum of the others is rounded to odd: if an addition loses bits, the last bit of its result is set. So the total
     appears to lie in the middle between two numbers only if it does (Boldo and Melquiond 2008).

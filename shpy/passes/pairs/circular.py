@@ -18,11 +18,11 @@ _COLUMNS: Final = 9
 _SERIES: Final[list[tuple[Any, Any]]] = list(zip(COS, SIN, strict=True))
 _TWO_BY_PI: Final = 0.63661975
 _SMALL: Final = 2.0**-13
-"""Up to here the sine of x is x, rounded."""
+"""The bound below which the sine of x rounds to x."""
 
 
 def _near_reduced(x: Term) -> list[Term]:
-    """Reduce an x of at most FAR in size; the result for others is arbitrary."""
+    """Return [high, low, last, k] for |x| up to FAR; the result for larger x is arbitrary."""
     first, second, third, fourth = (x.constant(part) for part in HALF_PI)
     k = whole_and_shifted(x * _TWO_BY_PI)[0].named("near_k")
     large, rest = two_product(k, first)
@@ -45,7 +45,7 @@ def _near_reduced(x: Term) -> list[Term]:
 
 
 def far_reduced(x: Term) -> Term:
-    """[high, low, last, k] of a scalar x of FAR or more in size."""
+    """Return [high, low, last, k] of a scalar x with |x| >= FAR; see `_reduced`."""
     (a, b, c, d), k = quarters(x, TWO_BY_PI_DIGITS, _COLUMNS)
     part, lost = fast_two_sum(a, b)
     part_low, more = two_sum(lost, c)
@@ -65,7 +65,7 @@ def far_reduced(x: Term) -> Term:
 
 
 def _reduced(x: Term) -> list[Term]:
-    """[high, low, last, k]: x is k * pi / 2 + high + low + last but for whole turns."""
+    """Return [high, low, last, k]: x is k * pi / 2 + high + low + last plus a multiple of 2 * pi."""
 
     def far() -> list[Term]:
         found = [x[n].op("far_reduced", type=x.type.sized(4)) for n in range(x.type.size)]
@@ -95,7 +95,7 @@ def _sine_or_cosine(high: Term, low: Term, last: Term, cosine: Term) -> Term:
 
 
 def sin(x: Term) -> Term:
-    """Sine."""
+    """Return the sine of x."""
     high, low, last, k = _reduced(x)
     odd, opposite = quadrant(k)
     size = _sine_or_cosine(high, low, last, odd)
@@ -103,7 +103,7 @@ def sin(x: Term) -> Term:
 
 
 def cos(x: Term) -> Term:
-    """Cosine."""
+    """Return the cosine of x."""
     high, low, last, k = _reduced(x)
     odd, opposite = quadrant(k)
     size = _sine_or_cosine(high, low, last, ~odd)

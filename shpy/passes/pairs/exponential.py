@@ -22,11 +22,11 @@ from shpy.passes.terms import Term, where
 
 _INVERSE_LN2: Final = 1.442695
 _ENDS: Final = (-105.0, 90.0)
-"""Beyond these e to the x is 0 or infinite."""
+"""Outside these ends e to the x is 0 or infinite."""
 
 
 def exp(x: Term) -> Term:
-    """E to the x."""
+    """Return e to the x."""
     low_end, high_end = _ENDS
     near = where(x > high_end, high_end, where(x < low_end, low_end, x)).named("near")
     k, shifted = whole_and_shifted(near * _INVERSE_LN2)
@@ -36,7 +36,7 @@ def exp(x: Term) -> Term:
     rest, rest_low = product(square(r), polynomial(r, EXP))
     high, first_lost = fast_two_sum(r[0].constant(1), r[0])
     high, second_lost = two_sum(high, rest)
-    # Where the result is denormal, a sum with a number above it leaves the bits that the result has.
+    # A denormal result has fewer bits: adding a suitable larger number rounds the sum at the last of them.
     bits = shifted.op("bits_from_float")
     denormal = ((k < -126) | (k.equals(-126) & (high < 1))).named("denormal")
     above = where(denormal, ((1 - bits) << 23).op("float_from_bits"), 0.0).named("above")
@@ -46,7 +46,7 @@ def exp(x: Term) -> Term:
 
 
 def log(x: Term) -> Term:
-    """Natural logarithm."""
+    """Return the natural logarithm of x."""
     f, k = parted(x)
     d, d_low = fast_two_sum(f.constant(2), f)
     q = (f / d).named("q")
@@ -62,7 +62,7 @@ def log(x: Term) -> Term:
 
 
 def rsqrt(x: Term) -> Term:
-    """Reciprocal of the square root: that of 2**(2 n) * m is 2**-n times that of m."""
+    """Return the reciprocal of the square root of x = 2**(2 n) * m, which is 2**-n times that of m."""
     f, k = parted(x)
     n = (k * 0.5).op("floor").named("n")
     m = ((f + 1) * where((n + n).equals(k), x.constant(1), 2.0)).named("m")
