@@ -58,8 +58,8 @@ def _id(thing: Value | Variable | int) -> int:
 class Builder:
     """Appends statements to the innermost open region of one function.
 
-    With `function`, it continues that one: same name, inputs, outputs and variables, ids after its greatest, the
-    types of its values known, an empty body. `loc` is the location of every statement that is given none.
+    With `function`, the new function has the same name, inputs, outputs and variables, and an empty body. Ids continue
+    after its greatest, and the types of its values are known. `loc` is the default location of statements.
     """
 
     def __init__(self, name: str = "main", *, function: Function | None = None, loc: Loc | None = None) -> None:
@@ -92,7 +92,7 @@ class Builder:
     def variable(
         self, type: Type, length: int | None = None, name: str | None = None, loc: Loc | None = None
     ) -> Variable:
-        """Return a fresh slot of the function, zero at its start; an array with `length`."""
+        """Return a fresh variable, which is zero at the function's start; with `length` it is an array."""
         made = self._slot(type, length, name, loc)
         self.variables.append(made)
         return made
@@ -124,7 +124,7 @@ class Builder:
         return made
 
     def type_of(self, value: Operand) -> Type:
-        """Return the type of a value of this function; KeyError for one it does not know."""
+        """Return the type of a value of this function; KeyError for an unknown value."""
         return value.type if isinstance(value, Value) else self._types[value]
 
     def slot(self, variable: Slot) -> Variable:
@@ -134,11 +134,11 @@ class Builder:
     # Statements
 
     def append(self, statement: Stmt) -> None:
-        """Append a statement made elsewhere."""
+        """Append an existing statement."""
         self._regions[-1].append(statement)
 
     def extend(self, statements: Iterable[Stmt]) -> None:
-        """Append statements made elsewhere."""
+        """Append existing statements."""
         self._regions[-1].extend(statements)
 
     def let(
@@ -150,7 +150,7 @@ class Builder:
         name: str | None = None,
         loc: Loc | None = None,
     ) -> Value:
-        """Append `value = op(args)`; `type` is computed for a row of the table and needed for a structural op."""
+        """Append `value = op(args)`. `type` is computed for a row of the op table; a structural op needs it given."""
         if type is None:
             if op not in OPS:
                 raise TypeError(f"the type of {op} is not in the table: give type=")
@@ -168,7 +168,7 @@ class Builder:
     def load(
         self, variable: Slot, index: Operand | None = None, name: str | None = None, loc: Loc | None = None
     ) -> Value:
-        """Return the value of the variable now; of an array, the element at `index`."""
+        """Append a load of the variable, or of the array's element at `index`; return the value."""
         slot = self.slot(variable)
         args = () if index is None else (index,)
         return self.let("load", *args, type=slot.type, attr=slot.id, name=name, loc=loc)
@@ -176,7 +176,7 @@ class Builder:
     def swizzle(
         self, value: Operand, components: Sequence[int], name: str | None = None, loc: Loc | None = None
     ) -> Value:
-        """Return the components picked."""
+        """Append a swizzle, which picks components; return the value."""
         type = self.type_of(value).sized(len(components))
         return self.let("swizzle", value, type=type, attr=tuple(components), name=name, loc=loc)
 
@@ -228,11 +228,11 @@ class Builder:
         return self._regions[-1]
 
     def push(self) -> None:
-        """Open a region: what is appended from now on goes there."""
+        """Open a region, to which the following statements are appended."""
         self._regions.append([])
 
     def pop(self) -> Region:
-        """Close the innermost region and give its statements; the caller puts them into an If or Loop."""
+        """Close the innermost region and return its statements, from which the caller makes an If or Loop."""
         if len(self._regions) == 1:
             raise ValueError("the body of the function is closed by finish")
         return tuple(self._regions.pop())
@@ -257,7 +257,7 @@ class Builder:
 
     @contextmanager
     def loop(self, turns: int | None = None, loc: Loc | None = None) -> Iterator[LoopBuilder]:
-        """Append a Loop whose body is the block; see `LoopBuilder` for the rest."""
+        """Append a Loop whose body is the block; `LoopBuilder` adds `continuing` and `until`."""
         made = LoopBuilder(self)
         self.push()
         yield made
@@ -290,7 +290,7 @@ class LoopBuilder:
         self.condition: int | None = None
 
     def continuing(self) -> None:
-        """Put the statements that follow in the block into `continuing`."""
+        """End the body: the following statements of the block go into `continuing`."""
         self.body = self.builder.pop()
         self.builder.push()
 

@@ -1,8 +1,8 @@
-"""Compiles the functions of a module into closures, for the interpreter.
+"""Compile the functions of a module into closures, for the interpreter.
 
-Stage: represent. It takes functions and the dtypes of the bases, and gives for each a `Compiled`: a frame to copy and
-a body to call on it. A frame is a list: what the run knows, then the values, then the variables. A step executes one
-statement on a frame and gives how it left its region.
+Stage: represent. It takes functions and the dtypes of the bases, and returns for each a `Compiled`: a frame to copy and
+a body to call on it. A frame is a list of the `Run`, the values and the variables, in this order. A step executes one
+statement on a frame and returns how control leaves it.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ Trace = Callable[[Loc | None, str, Any, tuple[int, ...]], None]
 with the iterations of the loops around it, counted from 1, the outermost loop first."""
 
 LaneOracle = Callable[[], bool]
-"""The influence of other lanes: `any_lane(c)` where c is false here, or `all_lanes(c)` where c is true."""
+"""Simulates other lanes: returns `any_lane(c)` where c is false in this lane, or `all_lanes(c)` where c is true."""
 
 Frame = list[Any]
 Step = Callable[[Frame], int | None]
-"""Executes a statement; gives how it left its region: _NEXT (or None), _BREAK, _CONTINUE, _RETURN."""
+"""Executes a statement; returns how control leaves it: _NEXT (or None), _BREAK, _CONTINUE or _RETURN."""
 
 _NEXT, _BREAK, _CONTINUE, _RETURN = range(4)
 
@@ -65,7 +65,7 @@ class Ended(Exception):
 
 @dataclass(slots=True)
 class Run:
-    """The state of one run besides its frames, each of which holds it in its first place."""
+    """The state of one run; item 0 of each frame holds it."""
 
     params: dict[str, Any]
     tables: dict[str, Array]
@@ -74,7 +74,7 @@ class Run:
     trace: Trace | None
     oracle: LaneOracle | None
     iterations: tuple[int, ...] = ()
-    """The iteration of each running loop, the outermost first; traced runs alone count them."""
+    """The iteration number of each running loop, the outermost first; only traced runs count them."""
 
     def note(self, loc: Loc | None, name: str, value: Any) -> None:
         """Call the trace, if there is one."""
@@ -84,7 +84,7 @@ class Run:
 
 @dataclass(slots=True)
 class Compiled:
-    """A function: `blank` is its frame before it runs, `arrays` what must be made anew each time."""
+    """A compiled function: `blank` is its initial frame; `arrays` are the places of arrays, created for each run."""
 
     function: Function
     places: dict[int, int]
@@ -94,7 +94,7 @@ class Compiled:
     body: Step = lambda frame: _NEXT
 
     def frame(self, run: Run) -> Frame:
-        """Return a fresh frame: variables zero, values not there yet."""
+        """Return a new frame with variables zero and values unset."""
         frame = self.blank.copy()
         frame[0] = run
         for place, shape, dtype in self.arrays:
@@ -102,7 +102,7 @@ class Compiled:
         return frame
 
     def run(self, frame: Frame) -> int:
-        """Run over a frame; return the status with which the element ended, WRITTEN if it came to its end."""
+        """Run over a frame; return the status with which the element ended, WRITTEN if it was not ended early."""
         with np.errstate(all="ignore"):
             try:
                 self.body(frame)
@@ -112,7 +112,7 @@ class Compiled:
 
 
 class Compiler:
-    """Makes closures of the functions of a module, callees first."""
+    """Compiles the functions of a module to closures, callees first."""
 
     def __init__(self, module: Module, dtypes: Mapping[Base, Any], limit: int | None, traced: bool) -> None:
         self.dtypes = dtypes
@@ -125,7 +125,7 @@ class Compiler:
             self.functions[function.name] = self.entry
 
     def function(self, function: Function) -> Compiled:
-        """Compile one function; those that it calls were before."""
+        """Compile one function, after the functions that it calls."""
         values, slots = list(defined(function)), list(variables_of(function))
         self.places = {value.id: n for n, value in enumerate(values, 1)}
         self.slots = {slot.id: n for n, slot in enumerate(slots, 1 + len(values))}
@@ -144,7 +144,7 @@ class Compiler:
         return made
 
     def region(self, region: Region) -> Step:
-        """Return one step that runs the statements in order until one leaves."""
+        """Return one step that runs the statements in order until one leaves the region."""
         steps = tuple(map(self.statement, region))
 
         def run(frame: Frame) -> int | None:
@@ -189,11 +189,11 @@ class Compiler:
 
     @staticmethod
     def branch(condition: int, then: Step, orelse: Step) -> Step:
-        """Return an If."""
+        """Return the step of an If."""
         return lambda frame: then(frame) if frame[condition] else orelse(frame)
 
     def loop(self, loop: Loop) -> Step:
-        """Compile a Loop, which counts its iterations if it is limited."""
+        """Return the step of a Loop, which counts its iterations if it is limited."""
         limit = self.limit if loop.turns is None else None
         status = Status.FIRST_LOOP + self.limited
         self.limited += loop.turns is None
@@ -226,7 +226,7 @@ class Compiler:
     # Statements
 
     def let(self, let: Let) -> Step:
-        """Return the step of a Let, which notes the value where it is traced."""
+        """Return the step of a Let, which calls the trace for a named value in a traced run."""
         place = self.places[let.value.id]
         compute = self.operation(let, [self.places[a] for a in let.args])
         name, loc = let.value.name, let.value.loc
@@ -244,7 +244,7 @@ class Compiler:
         return run_traced
 
     def store(self, store: Store) -> Step:
-        """Rewrite a Store."""
+        """Return the step of a Store."""
         slot, value = self.slots[store.variable], self.places[store.value]
         picked = None if store.components is None else list(store.components)
         variable = self.variables[store.variable]
@@ -255,7 +255,7 @@ class Compiler:
             frame[slot] = frame[value]
 
         def some(frame: Frame) -> None:
-            changed = frame[slot].copy()  # what was loaded before keeps its components
+            changed = frame[slot].copy()  # earlier loads keep their components
             changed[picked] = frame[value]
             frame[slot] = changed
 
@@ -271,7 +271,7 @@ class Compiler:
         return traced
 
     def store_element(self, store: Store, variable: Variable, index: int, picked: list[int] | None) -> Step:
-        """Store into an array; the store is dropped when the index is out of range."""
+        """Return the step of a store into an array, which has no effect if the index is out of range."""
         slot, value, length = self.slots[store.variable], self.places[store.value], variable.length or 0
         name, loc = variable.name if self.traced else None, store.loc
 
@@ -289,7 +289,7 @@ class Compiler:
         return run
 
     def call(self, name: str, args: tuple[int, ...], results: tuple[Value, ...]) -> Step:
-        """Call a function; references are copied in and out, which is the same since no variable is passed twice."""
+        """Return the step of a Call; references are copied in and out, as no variable is passed twice in one call."""
         callee = self.functions[name]
         ports = callee.function.inputs
         into: list[tuple[int, int]] = []
@@ -359,7 +359,7 @@ class Compiler:
 
     @staticmethod
     def load(variable: Variable, slot: int, args: list[int]) -> Callable[[Frame], Any]:
-        """Return a function that loads; a vector from an array is copied, lest a later store change it."""
+        """Return a function that loads; a vector from an array is copied, so that later stores do not change it."""
         length = variable.length
         if length is None:
             return lambda frame: frame[slot]
@@ -369,7 +369,7 @@ class Compiler:
 
     @staticmethod
     def application(callee: Compiled, args: list[int]) -> Callable[[Frame], Any]:
-        """Return a function that applies a pure function."""
+        """Return a function that calls a pure function and returns its output."""
         places = [callee.places[port.id] for port in callee.function.inputs]
         output = callee.slots[callee.function.outputs[0].id]
 
@@ -384,7 +384,7 @@ class Compiler:
 
 
 def _nested(loop: Step) -> Step:
-    """Let a loop have its own count of iterations inside of those of the loops around it."""
+    """Return the loop's step with a count of iterations of its own, after the counts of the enclosing loops."""
 
     def run(frame: Frame) -> int | None:
         around = frame[0].iterations
@@ -397,7 +397,7 @@ def _nested(loop: Step) -> Step:
 
 
 def _counted(step: Step) -> Step:
-    """Make the first step of each iteration count the iteration."""
+    """Return the first step of an iteration, extended to count the iteration."""
 
     def run(frame: Frame) -> int | None:
         *around, last = frame[0].iterations
@@ -408,7 +408,7 @@ def _counted(step: Step) -> Step:
 
 
 def _apply(f: Callable[..., Any] | None, args: list[int], dtype: Any) -> Callable[[Frame], Any]:
-    """Return the closure that applies `f` and rounds the result to `dtype`, where that is given."""
+    """Return the closure that applies `f` and rounds the result to `dtype` if that is given."""
     assert f is not None
     if dtype is not None:
         return lambda frame: f(frame[args[0]]).astype(dtype)
@@ -441,7 +441,7 @@ def _element(table: Array, index: Any) -> Any:
 
 
 def _moved(index: tuple[int, ...], offsets: list[Any]) -> Any:
-    """Return an index moved on each axis, which wraps around as ints do, and then by the moduli, if any."""
+    """Return an index plus an offset on each axis, wrapped as ints are, then taken modulo the moduli, if any."""
     rank = len(index)
     moved = np.array(index, np.int32) + np.array(offsets[:rank], np.int32)
     return moved if len(offsets) == rank else meaning.floor_mod_int(moved, np.array(offsets[rank:], np.int32))

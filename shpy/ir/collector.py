@@ -1,7 +1,7 @@
 """Python's cycle collector, paused while a program is recorded or compiled.
 
-The nodes of the IR name each other by id, so there are no cycles among them for the collector to find; its walks over
-hundreds of thousands of new nodes take a third of the time, and more than in proportion as a program grows.
+The nodes of the IR refer to each other by id, so there are no cycles for the collector to find. Its walks over hundreds
+of thousands of new nodes take a third of the time, a share that increases with the size of a program.
 
     with uncollected():
         text = print_kernel(prepare(module, options, target).module).text
@@ -17,7 +17,7 @@ from contextlib import contextmanager
 
 
 class _Pause:
-    """The number of blocks of all threads that pause the collector, and its state before the first block."""
+    """The threads of all blocks that pause the collector, and the collector's state before the first block."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -25,7 +25,7 @@ class _Pause:
         self.was_on = False
 
     def enter(self) -> None:
-        """Turn the garbage collector off when the first block opens."""
+        """Enter a block; the first one turns the garbage collector off."""
         with self.lock:
             if not self.threads:
                 self.was_on = gc.isenabled()
@@ -33,13 +33,13 @@ class _Pause:
             self.threads.append(threading.get_ident())
 
     def leave(self) -> None:
-        """Restore the collector's state in the last block."""
+        """Leave a block; the last one restores the collector's state."""
         with self.lock:
             self.threads.remove(threading.get_ident())
             self._restore()
 
     def forget_other_threads(self) -> None:
-        """Drop the blocks of other threads: in the child of a fork only the forking thread goes on."""
+        """Drop the blocks of other threads, since in the child of a fork only the forking thread continues."""
         self.lock = threading.RLock()
         if self.threads:
             self.threads = [thread for thread in self.threads if thread == threading.get_ident()]

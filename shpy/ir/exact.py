@@ -1,9 +1,9 @@
 """The elementary functions of binary32 as strict mode means them: the exact value, rounded half to even.
 
-Stage: represent. A value y of numpy's function of binary64 decides where y (1 - 2**-46) and y (1 + 2**-46) round to the
-same binary32: its error is a few units of 2**-53. The few hundred of all 2**32 inputs for which it does not decide lie
-next to a midpoint between two binary32. Every input that lies within 2**-45 of one is a hard case, whose answer is
-known: `scripts/hard_cases` finds them, in files beside this one.
+Stage: represent. Numpy's function of binary64 gives a value y with an error of a few units of 2**-53. If
+y (1 - 2**-46) and y (1 + 2**-46) round to the same binary32, that is the result. For a few hundred of all 2**32 inputs
+they do not: the exact value lies next to a midpoint between two binary32 numbers. Every input whose value lies within
+2**-45 of a midpoint is a hard case with a known result; `scripts/hard_cases` writes them to files beside this one.
 
 >>> exp(np.float32(1))
 array(2.7182817, dtype=float32)
@@ -30,11 +30,11 @@ Array = NDArray[Any]
 HARD: Final = Path(__file__).with_name("hard")
 """The folder of the hard cases."""
 MARGIN: Final = 2.0**-46
-"""The relative error that a function of binary64 may have. Hard cases are known up to twice that distance."""
+"""The relative error allowed for a function of binary64. Hard cases are known up to twice that distance."""
 ODD: Final = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"})
-"""The functions with f(-x) = -f(x): the files hold their positive inputs."""
+"""The functions with f(-x) = -f(x); the files hold only their positive inputs."""
 EVEN: Final = frozenset({"cos", "cosh"})
-"""The functions with f(-x) = f(x): so too."""
+"""The functions with f(-x) = f(x); the files hold only their positive inputs."""
 
 
 @cache
@@ -48,7 +48,7 @@ def hard_cases(name: str) -> tuple[Array, Array]:
 
 
 def _around(f: Callable[..., Array], x: Array) -> tuple[Array, Array]:
-    """Return the binary32 on both sides of the values of f, where f may have its error."""
+    """Return the binary32 roundings of f(x) less and plus its allowed error."""
     wide: Any = np.asarray(x, np.float64)
     wide = f(wide, out=wide)
     low, high = np.empty(wide.shape, np.float32), np.empty(wide.shape, np.float32)
@@ -56,7 +56,7 @@ def _around(f: Callable[..., Array], x: Array) -> tuple[Array, Array]:
 
 
 def _settle(name: str, x: Array, result: Array, undecided: Array) -> None:
-    """Put the answers of hard cases into the result where it is undecided; NaN stays."""
+    """Store the results of hard cases into `result` where it is undecided; NaN stays."""
     at = np.flatnonzero(undecided & (result == result))
     if not at.size:
         return
@@ -74,7 +74,7 @@ def _settle(name: str, x: Array, result: Array, undecided: Array) -> None:
 
 @cache
 def trusted(name: str) -> bool:
-    """Return whether numpy's function of binary64 is close enough: it is asked for the hard cases."""
+    """Return whether numpy's function of binary64 is close enough, tested with the hard cases."""
     x, answers = hard_cases(name)
     with np.errstate(all="ignore"):
         low, high = _around(FUNCTIONS[name].__wrapped__, x)
@@ -83,7 +83,7 @@ def trusted(name: str) -> bool:
 
 @cache
 def _reliable(name: str) -> Callable[..., Array]:
-    """Return numpy's function; where that is not close enough, Python's, element by element."""
+    """Return numpy's function, or Python's, element by element, if numpy's is not close enough."""
     f: Callable[..., Array] = FUNCTIONS[name].__wrapped__
     if trusted(name):
         return f
@@ -104,7 +104,7 @@ def _reliable(name: str) -> Callable[..., Array]:
 def _exact(name: str, f: Callable[..., Array], *, decides: bool = False) -> Callable[..., Array]:
     """Return the function that rounds the exact values of f once.
 
-    `decides`: f rounded is right for all hard cases on every processor, so it is for all numbers.
+    `decides`: the rounded f is correct for all hard cases on every processor, and so for all numbers.
     """
 
     @wraps(f)
@@ -158,7 +158,7 @@ def hypot(x: Array, y: Array) -> Array:
 
 
 def _nearest_root(square: Fraction, low: Any) -> np.float32:
-    """Return the binary32 nearest to the root of `square`, which lies between `low` and the next one."""
+    """Return the binary32 nearest to the root of `square`, which lies between `low` and the next binary32."""
     unit = Fraction(2) ** (max(math.frexp(float(low))[1], -125) - 24)
     middle = Fraction(float(low)) + unit / 2
     if square == middle**2:

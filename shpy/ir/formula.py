@@ -1,7 +1,7 @@
-"""Formulas: how the definition of a composite operation is written once and runs on three kinds of values.
+"""Formulas: write the definition of a composite operation once and run it on three kinds of values.
 
-Stage: represent. A definition is a function with Python's operators, functions of numpy whose meaning is the table's,
-and the functions of this file. It computes with numpy arrays as they are, at numpy's own speed. It computes as well
+Stage: represent. A definition is a function that uses Python's operators, the functions of this file, and functions of
+numpy that mean the same as in the op table. It computes with plain numpy arrays, at numpy's speed. It also computes
 with a `Formula`: a term of the IR under construction (`passes/terms`), or a number of mpmath
 (`accuracy/multiprecision`).
 
@@ -28,18 +28,18 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 class Formula:
-    """A value that operations are applied to by name; a number among the operands gets the type of this value.
+    """A value to which operations are applied by name; a number among the operands gets the type of this value.
 
-    Not an ABC, because `isinstance` of one takes longer than a small numpy operation.
+    It is not an ABC, because `isinstance` with an ABC takes longer than a small numpy operation.
     """
 
     @abstractmethod
     def op(self, name: str, *others: Any) -> Self:
-        """Return the operation `name` of the table, applied to this and the others."""
+        """Return the operation `name` of the op table, applied to this value and the others."""
 
     @abstractmethod
     def binary(self, name: str, other: Any) -> Self:
-        """Return the operation on two operands, of which a scalar is broadcast to the other's size."""
+        """Return the operation on two operands; a scalar is broadcast to the size of the other operand."""
 
     @abstractmethod
     def constant(self, number: float) -> Self:
@@ -61,14 +61,14 @@ class Formula:
     @property
     @abstractmethod
     def precision(self) -> Literal["f", "d"]:
-        """Return the letter of the base that arithmetic is done in."""
+        """Return the letter of the base of arithmetic with this value."""
 
     def __array_ufunc__(self, function: np.ufunc, method: str, first: Any, *others: Any) -> Any:
-        """Return the operation that one of numpy's functions stands for: `np.floor(x)`."""
+        """Return the operation for one of numpy's functions, such as `np.floor(x)`."""
         return first.op(_UFUNCS[function], *others)
 
     def named(self, name: str) -> Self:
-        """Return this value, called so in emitted text."""
+        """Return this value; emitted text uses the name."""
         return self
 
     def __add__(self, other: Any) -> Self:
@@ -133,9 +133,9 @@ _UFUNCS = {
 
 
 def operation(f: _F, name: str = "") -> _F:
-    """Let definitions call `f`: on arrays it computes, on formulas it is the operation `name`, by default its own.
+    """Return `f` for use in definitions: it computes on arrays; on formulas it applies the operation `name`.
 
-    So a definition that uses another composite operation leaves that one whole, for targets that have it.
+    The default of `name` is the name of `f`. So a definition keeps other composite operations, for targets with these.
     """
     op = name or f.__name__
 
@@ -157,24 +157,24 @@ def number(value: float, like: Values) -> Values:
 
 
 def named(name: str, value: Values) -> Values:
-    """Return the value, called so in emitted text."""
+    """Return the value; emitted text uses the name."""
     return value.named(name) if isinstance(value, Formula) else value
 
 
 def components(v: Values) -> Sequence[Values]:
-    """Return the components of a vector in turn; of a scalar, itself."""
+    """Return the components of a vector as a sequence; for a scalar, the scalar alone."""
     if isinstance(v, Formula):
         return _Components(v)
     return v if np.ndim(v) else (v,)
 
 
 def precision_of(v: Values) -> str:
-    """Return the letter of the base that arithmetic with `v` is done in."""
+    """Return the letter of the base of arithmetic with `v`."""
     return v.precision if isinstance(v, Formula) else v.dtype.char
 
 
 class _Components(Sequence[Any]):
-    """The components of a formula, each made when it is asked for: their order in emitted text is that of their use."""
+    """The components of a formula, each created at its use, so that emitted text has them in the order of use."""
 
     def __init__(self, whole: Formula) -> None:
         self.whole = whole

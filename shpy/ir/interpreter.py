@@ -84,7 +84,7 @@ class Interpreter:
         ], status
 
     def cast(self, type: Type, given: Any) -> Any:
-        """Return the data as an array of the type's shape and dtype; a scalar as a numpy scalar."""
+        """Return the data as an array of the type's shape and dtype; for a scalar type, as a numpy scalar."""
         with np.errstate(all="ignore"):
             array = np.asarray(given).astype(self.dtypes[type.base])
         return array.reshape(type.size) if type.size > 1 else array.reshape(())[()]

@@ -26,9 +26,9 @@ MAX_REGION_DEPTH = 64
 MAX_LOOP_DEPTH = 12
 MAX_ARRAY = 4096
 MAX_PART_DEPTH = 64
-"""The depth limit of nested structures of inputs and outputs."""
+"""The largest depth of nested structures of inputs and outputs."""
 MAX_TABLE = 2**31 - 1
-"""Elements of a table, which an `i` counts."""
+"""The most elements of a table, so that an `i` can index them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ Attr = None | int | str | tuple[int, ...]
 class Let:
     """`value = op(args)`.
 
-    What `attr` holds depends on the op:
+    The content of `attr` depends on the op:
     `const`: one number a component: ints and bools as they are, floats as the bits of the binary64 that holds them;
     `load`: the variable's id (an array's takes the index as its one argument);
     `swizzle`: the components picked; `param`, `table`, `table_size`, `call`: the name. Others: None.
@@ -174,7 +174,7 @@ class Function:
     `variables` are all other slots. `pure` marks straight-line code (no Call, no control flow but an If of an
     `any_lane` without `orelse`, one output, inputs by value): such a function is called by the op `call`, as an
     expression. Any other is called by the statement `Call`.
-    `alone` marks one that elements which run together had better run one after the other. It takes and gives no arrays.
+    `alone` marks a function that the lanes of a packet should run one after the other. It has no array parameters.
     """
 
     name: str

@@ -1,7 +1,7 @@
-r"""Reads the text of a module back: `parse(print_module(m)) == m`, names and locations included.
+r"""Parse the text of a module: `parse(print_module(m)) == m`, including names and locations.
 
-Stage: represent. It takes text and gives a `Module`, checking its form only; whether the module keeps the rules is the
-verifier's to say. It executes nothing. Deep nesting and long text cost it no recursion.
+Stage: represent. It takes text and returns a `Module`. It checks the syntax only; the verifier checks the rules of the
+IR. It executes nothing. Deep nesting and long text need no recursion.
 
 >>> parse("module empty\nfunction main() -> () {\n}").entry.name
 'main'
@@ -71,11 +71,11 @@ _STATEMENTS = frozenset({"STORE", "IF", "LOOP", "EXIT"})
 
 
 _MOST, _MOST_IN_LINE = 2**24, 2**20
-"""The most characters of a text and of a line: reading them takes memory a thousand times and more."""
+"""The most characters of a text and of a line: parsing takes more than a thousand times as much memory."""
 
 
 def parse(text: str) -> Module:
-    """Return the module that the text says; ParseError with line, column and what was expected."""
+    """Return the module of a text; raise ParseError with line, column and the expected syntax."""
     source = text if text.endswith("\n") else text + "\n"
     _check_size(source)
     try:
@@ -105,7 +105,7 @@ def _grammar() -> Lark:
 
 
 def _whole_words(terminal: TerminalDef) -> None:
-    """Make a keyword end where the word ends, and match before a name where both are possible."""
+    """Change a keyword's pattern to match whole words only, and to have priority over names."""
     word = terminal.pattern.value
     if isinstance(terminal.pattern, PatternStr) and word.isidentifier():
         terminal.pattern = PatternRE(word + _END)
@@ -121,7 +121,7 @@ def _fail(source: str, line: int, column: int, message: str) -> NoReturn:
 
 
 def _explain(source: str, error: UnexpectedInput) -> NoReturn:
-    """Say in words what the grammar wanted."""
+    """Raise ParseError with a description of the expected and the found syntax."""
     if isinstance(error, UnexpectedToken):
         wanted, found = set(error.accepts or error.expected), _found(error.token)
         at_end = error.token.type == "$END"
@@ -161,7 +161,7 @@ def _wanted(terminals: set[str]) -> str:
 
 @v_args(inline=True)
 class _Reader(Transformer_NonRecursive[Token, Any]):
-    """Makes nodes from the bottom up, in the order of the text; holds what was declared so far."""
+    """Builds nodes bottom-up in the order of the text, and records the declarations so far."""
 
     def __init__(self, source: str) -> None:
         super().__init__()
@@ -283,7 +283,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return made
 
     def check_names(self) -> None:
-        """Check that each use has the name that its definition gave."""
+        """Check that each use has the same name as its definition."""
         for token in self.mentions:
             name, id = self.split(token)
             known = self.named.get((token[0], id))
@@ -341,7 +341,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
     def discard(self, status: int | None, loc: Loc | None) -> Discard:
         return Discard(status or 0, loc)
 
-    # Operations: each waits for the value that it is assigned to, whose type says how a constant reads
+    # Operations: built when the assigned value is known, since its type determines how a constant is read
 
     def const(self, constant: list[Token]) -> Callable[[Value], Let]:
         return lambda value: Let(value, "const", (), self.components(value.type, constant))

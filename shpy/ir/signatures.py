@@ -1,7 +1,7 @@
-"""The type rules of the structural operations, those that the op table cannot state in a line.
+"""The type rules of the structural operations, which the op table cannot state in a line.
 
-Stage: represent. Each rule takes a `Let`, the types of its operands and what its function can refer to, and gives the
-type that the value must have; it raises TypeError with a sentence that says what is wrong. The verifier asks them.
+Stage: represent. Each rule takes a `Let`, the types of its operands, and the scope of its function. It returns the type
+that the value must have, or raises TypeError with a sentence that describes the fault. The verifier applies them.
 
 >>> from shpy.ir.nodes import Value
 >>> let = Let(Value(1, vec("f", 3)), "splat", (0,))
@@ -25,7 +25,7 @@ Types = tuple[Type, ...]
 
 @dataclass(slots=True)
 class Scope:
-    """The things that an operation can name: slots by id; params, tables and functions declared before, by name."""
+    """The declarations that an operation can refer to: slots by id; params, tables and earlier functions by name."""
 
     variables: dict[int, Variable] = field(default_factory=dict)
     params: dict[str, Param] = field(default_factory=dict)
@@ -56,13 +56,13 @@ def _need(let: Let, args: Types, holds: bool, wanted: str) -> None:
 
 
 def check_index(what: str, index: Type) -> None:
-    """TypeError unless `index` can count the elements of an array."""
+    """Raise TypeError unless `index` is a type that can index an array."""
     if index is not vec(Base.I):
         raise TypeError(f"the index of {what} is an i, not {index!r}")
 
 
 def check_constant(type: Type, attr: object) -> None:
-    """TypeError unless `attr` holds a constant of `type`, component by component."""
+    """Raise TypeError unless each component of `attr` is a constant of the base of `type`."""
     if not isinstance(attr, tuple) or any(c.__class__ is not int for c in attr):
         raise TypeError(f"a constant holds a tuple of whole numbers, not {attr!r}")
     if len(attr) != type.size:

@@ -1,6 +1,6 @@
-"""The data of a table, as programs hold it and runtimes take it.
+"""The data of a table, which programs hold and runtimes read.
 
-Stage: represent. Kept beside the IR because `lang` makes it and `backends` read it.
+Stage: represent. It is part of the IR package because `lang` creates it and `backends` read it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 PARTS = 256
-"""Changed parts that are remembered; a runtime that has seen none of them for longer takes the whole array."""
+"""The number of recorded changes; a runtime that has missed more of them uploads the whole array."""
 
 
 class TableData:
@@ -30,11 +30,11 @@ class TableData:
         self._readers: set[Callable[[], None]] = set()
 
     def lent(self, settle: Callable[[], None]) -> None:
-        """Note that a device reads the array where it lies; `settle` waits for the runs that may be reading it."""
+        """Record that a device reads the array in place; `settle` waits for the runs that may be reading it."""
         self._readers.add(settle)
 
     def settle(self) -> None:
-        """Wait until no run reads the array any more: then it may be changed or replaced."""
+        """Wait until no run reads the array, so that it may be changed or replaced."""
         for settle in self._readers:
             settle()
 

@@ -1,8 +1,8 @@
-r"""Prints a module as text that `parser.parse` reads back to an equal one.
+r"""Print a module as text, from which `parser.parse` makes an equal module.
 
-Stage: represent. It is what a person reads, the form of bug reports, and (without names and locations) the key under
-which compiled programs are cached. Values are written `%name.id`, variables `$name.id`, or `%id` and `$id` without a
-name; floats in hexadecimal, exactly; a location `@1:12` is line 12 of the file declared as 1. docs/ir.md has it all.
+Stage: represent. The text is for readers, for bug reports and, without names and locations, the key of the cache of
+compiled programs. Values are written `%name.id`, variables `$name.id`, or `%id` and `$id` without a name. Floats are
+hexadecimal and exact. A location `@1:12` is line 12 of the file declared as 1. docs/ir.md describes the whole syntax.
 
     module double
     input x: Attrib1f
@@ -13,8 +13,8 @@ name; floats in hexadecimal, exactly; a location `@1:12` is line 12 of the file 
       store $y.0 = %2
     }
 
-The printer takes any module, also one that breaks the rules, so that the verifier can show it: what has no text of its
-own stands in angle brackets.
+The printer takes any module, also one that breaks the rules, so that the verifier can show it. A part without a syntax
+is printed in angle brackets.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Type
 
 LETTERS: Final = "xyzw"
-"""The components, as swizzles and stores name them."""
+"""The names of components in swizzles and stores."""
 
 Anchor = tuple[str, int]
 """The content of a line: ("statement", n), the n-th in program order, ("until", n) for a Loop's last line,
@@ -63,7 +63,7 @@ _INDENT = "  "
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of the text: its depth, what it says, and what it shows."""
+    """One line of the text, with its depth and the `Anchor` of the printed object."""
 
     depth: int
     text: str
@@ -87,7 +87,7 @@ def lines(module: Module, names: bool = True, locations: bool = True) -> list[Li
 
 
 def quote(text: str) -> str:
-    """Return a name as it stands in the text: bare if it is a plain word, else in quotes with escapes."""
+    """Return a name as printed: unquoted if it is an identifier, else in quotes with escapes."""
     return text if _BARE.fullmatch(text) else _string(text)
 
 
@@ -102,14 +102,14 @@ def _escape(character: str) -> str:
 
 
 def unquote(text: str) -> str:
-    """Return the name that `quote` wrote; ValueError for an escape that names no character."""
+    """Return the name from the text of `quote`; ValueError for an escape of a character that does not exist."""
     if not text.startswith('"'):
         return text
     return _ESCAPED.sub(lambda m: chr(int(m[1], 16)) if m[1] else m[2], text[1:-1])
 
 
 class _Printer:
-    """One print of one module."""
+    """Prints one module once."""
 
     def __init__(self, names: bool, locations: bool) -> None:
         self.names = names
@@ -123,7 +123,7 @@ class _Printer:
         self.slots = 0
 
     def module(self, module: Module) -> list[Line]:
-        """Return all lines. The functions are printed first, because they tell which files there are."""
+        """Return all lines. The functions are printed first, because they determine the list of files."""
         for i, function in enumerate(module.functions):
             self.function(i, function)
             self.references[function.name] = function
@@ -152,7 +152,7 @@ class _Printer:
         self.out.append(Line(0, "}"))
 
     def body(self, region: Iterable[Stmt]) -> None:
-        """Print every statement, without recursion: what is still to come lies on a stack, last first."""
+        """Print every statement, without recursion; a stack holds the statements still to print, the last first."""
         pending: list[tuple[int, Stmt | Line]] = [(1, s) for s in reversed(tuple(region))]
         while pending:
             depth, item = pending.pop()
@@ -180,7 +180,7 @@ class _Printer:
             pending.extend(reversed(nested))
 
     def statement(self, statement: Stmt) -> str:
-        """Return the statement's line, of an If or Loop the first one."""
+        """Return the text of the statement's line, or of the first line of an If or Loop."""
         match statement:
             case Let(value):
                 return f"{self.declared(value, located=False)} = {self.operation(statement)}{self.at(value.loc)}"
@@ -229,7 +229,7 @@ class _Printer:
                 return f"{quote(op)} <{attr!r}> {args}".rstrip()
 
     def arguments(self, name: str, args: tuple[int, ...]) -> list[str]:
-        """Return a Call's arguments. A function that is not there, or takes fewer, is shown as taking values."""
+        """Return a Call's arguments; those of an unknown function, or beyond its inputs, are printed as values."""
         callee = self.references.get(name)
         ports = callee.inputs if callee else ()
         return [
@@ -238,7 +238,7 @@ class _Printer:
         ]
 
     def declared(self, thing: Value | Variable, located: bool = True) -> str:
-        """Return a value or variable where it is made."""
+        """Return the text of a value or variable at its definition."""
         at = self.at(thing.loc) if located else ""
         if isinstance(thing, Value):
             return f"{self.value(thing.id)}: {thing.type!r}{at}"

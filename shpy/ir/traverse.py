@@ -1,7 +1,6 @@
-"""Ways through a function's tree of statements, for passes and checks.
+"""Traversals of a function's tree of statements, for passes and checks.
 
-Stage: represent. Nothing here changes the meaning of what it visits; everything is in program order, an If or Loop
-before what is inside it.
+Stage: represent. They visit statements in program order, an If or Loop before the statements inside it.
 
     deepest = [s for s in walk(function.body) if isinstance(s, Loop)]
     without_stores = rewrite(function.body, lambda s: None if isinstance(s, Store) else s)
@@ -18,11 +17,11 @@ from shpy.ir.ops import LANE_OPS
 from shpy.ir.types import Base
 
 _LEAVES = (Let, Store)
-"""Nearly all statements."""
+"""The statements without regions that are most frequent."""
 
 
 def regions_of(statement: Stmt) -> tuple[Region, ...]:
-    """Return the regions directly inside a statement: then, orelse; or body, continuing; or none."""
+    """Return the regions directly inside a statement: (then, orelse), (body, continuing) or ()."""
     match statement:
         case If(_, then, orelse):
             return then, orelse
@@ -60,9 +59,9 @@ def map_regions(statement: Stmt, f: Callable[[Region], Region]) -> Stmt:
 
 
 def rewrite(region: Region, f: Callable[[Stmt], Stmt | Iterable[Stmt] | None]) -> Region:
-    """Replace every statement, innermost first, by what `f` gives: one, several, or none (None).
+    """Replace every statement, innermost first, by the result of `f`: a statement, several, or None to remove it.
 
-    An If or Loop comes to `f` with its regions already rewritten. The same object if nothing changed.
+    The regions of an If or Loop are rewritten before `f` gets it. Returns the same object if nothing changed.
     """
     made: list[Stmt] = []
     changed = False
@@ -92,8 +91,8 @@ def results(statement: Stmt) -> tuple[Value, ...]:
 def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tuple[int, ...]:
     """Return the ids of the values that the statement itself reads (a Loop: its `until`).
 
-    A Call's arguments are values or variables as its function says; without `callees` all are taken for values, as they
-    are in a module whose functions take values only.
+    The function of a Call determines which arguments are values and which are variables. Without `callees` all count as
+    values, as in a module whose functions take values only.
     """
     match statement:
         case Let(_, _, args):
@@ -113,7 +112,7 @@ def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tupl
 
 
 def defined(function: Function) -> Iterator[Value]:
-    """Yield every value of the function: its inputs by value, then those that statements assign."""
+    """Yield every value of the function: inputs by value first, then the values that statements assign."""
     for port in function.inputs:
         if isinstance(port, Value):
             yield port
@@ -122,7 +121,7 @@ def defined(function: Function) -> Iterator[Value]:
 
 
 def variables_of(function: Function) -> Iterator[Variable]:
-    """Yield every slot of the function: inputs by reference, outputs, the others."""
+    """Yield every slot of the function: inputs by reference, outputs, then other variables."""
     for port in function.inputs:
         if isinstance(port, Variable):
             yield port
@@ -144,7 +143,7 @@ def continues(loop: Loop) -> bool:
 
 
 def is_straight(body: Iterable[Stmt]) -> bool:
-    """Return whether a body only computes and stores: such a function can be called as an expression."""
+    """Return whether a body has only Lets and Stores, so that the function can be called as an expression."""
     return all(isinstance(s, Store) or (isinstance(s, Let) and s.op not in LANE_OPS) for s in body)
 
 
@@ -176,13 +175,13 @@ def limited_loops(module: Module) -> tuple[Loop, ...]:
 
 
 def grid_rank(module: Module) -> int | None:
-    """Return how many axes the module asks a run to have, by `grid_index` or `grid_shape`; None if it asks for none."""
+    """Return the number of axes that `grid_index` or `grid_shape` require of a run; None without these operations."""
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     return next((let.value.type.size for let in lets if let.op in ("grid_index", "grid_shape")), None)
 
 
 def bases_of(module: Module) -> set[Base]:
-    """Return the bases of all that a module computes and holds."""
+    """Return the bases of all values, variables, params and tables of a module."""
     held = [p.type for p in module.params] + [t.type for t in module.tables]
     for function in module.functions:
         held += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]

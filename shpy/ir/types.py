@@ -1,7 +1,7 @@
 """Types of the IR: a base and a size, nothing else.
 
-Stage: represent. Matrices, structs and kinds (Point, Normal, ...) are taken apart by `lang`; what is left here is
-what every target has: a scalar, or a vector of two to four of them. `Type` objects are unique, so `is` compares them.
+Stage: represent. `lang` splits matrices, structs and kinds (Point, Normal, ...) into the types that every target has:
+scalars, and vectors of two to four scalars. `Type` objects are unique, so `is` compares them.
 
 >>> vec(Base.F, 3)
 f3
@@ -31,7 +31,7 @@ INTS: Final = frozenset({Base.I, Base.U})
 
 
 class Type:
-    """A scalar (size 1) or vector (size 2 to 4) of one base. Made by `vec`, one object a type."""
+    """A scalar (size 1) or vector (size 2 to 4) of one base. `vec` returns the only object of each type."""
 
     __slots__ = ("base", "size")
     base: Base

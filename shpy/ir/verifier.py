@@ -1,7 +1,7 @@
-"""Checks that a module keeps the rules of the IR, and shows the first finding inside the listing.
+"""Check that a module keeps the rules of the IR, and show the first violation inside the listing.
 
-Stage: verify. It takes a module, as recorded, parsed or rewritten by a pass, and gives nothing: it raises
-`VerifyError`, whose message ends with the lines around the finding, marked. docs/ir.md states the rules.
+Stage: verify. It takes a module, as recorded, parsed or rewritten by a pass, and returns nothing. It raises
+`VerifyError`, whose message ends with the lines around the violation, which is marked. docs/ir.md states the rules.
 
     there is no value %7
         function main(%x.0: f) -> ($y.0: f) {
@@ -52,7 +52,7 @@ _BOOL = vec(Base.B)
 
 
 def verify(module: Module) -> None:
-    """Raise VerifyError at the first breach of a rule."""
+    """Raise VerifyError for the first violation of a rule."""
     checker = _Module(module)
     try:
         checker.check()
@@ -71,7 +71,7 @@ class _Finding(Exception):
 
 
 def _listing(listed: list[Line], anchor: Anchor) -> str:
-    """Return the marked line, those around it, and the heads of everything that it is nested in."""
+    """Return the marked line, the lines around it, and the first lines of the enclosing statements."""
     marked = next((n for n, line in enumerate(listed) if line.anchor == anchor), 0)
     depth = listed[marked].depth
     heads: list[int] = []
@@ -96,7 +96,7 @@ def _listing(listed: list[Line], anchor: Anchor) -> str:
 
 
 def _repeated(names: Iterable[str]) -> tuple[int, str] | None:
-    """Return the place of the first name that came before, and the name."""
+    """Return the index of the first repeated name, and the name."""
     seen: set[str] = set()
     for n, name in enumerate(names):
         if name and name in seen:
@@ -106,7 +106,7 @@ def _repeated(names: Iterable[str]) -> tuple[int, str] | None:
 
 
 class _Module:
-    """The rules of declarations, and the way through the functions."""
+    """Checks the rules of declarations, and then each function."""
 
     def __init__(self, module: Module) -> None:
         self.module = module
@@ -173,7 +173,7 @@ class _Module:
             self.scope.tables[table.name] = table
 
     def check_entry(self) -> None:
-        """Check that the entry's inputs and outputs are the ports; a lowered one may also give its status, an i."""
+        """Check that the entry has the module's inputs and outputs; a lowered one may have a status, an i, as well."""
         entry, anchor = self.module.entry, ("function", len(self.module.functions) - 1)
         if any(isinstance(port, Variable) for port in entry.inputs):
             raise _Finding("the entry takes its inputs by value", anchor, entry.loc)
@@ -187,7 +187,7 @@ class _Module:
 
 
 class _Function:
-    """The rules of one function, in the order of its text."""
+    """Checks the rules of one function, in the order of its text."""
 
     def __init__(self, parent: _Module, index: int, function: Function) -> None:
         self.parent = parent
@@ -197,11 +197,11 @@ class _Function:
         self.loc = function.loc
         self.visible: dict[int, Type] = {}
         self.made: set[int] = set()
-        self.asking: set[int] = set()  # what any_lane made
+        self.asking: set[int] = set()  # the results of any_lane
         self.opened: list[list[int]] = [[]]
         self.depth = 0
         self.loops = 0
-        self.targets = 0  # of these loops, those that a Break here may leave
+        self.targets = 0  # the number of these loops that a Break may leave here
         self.in_continuing = False
 
     def fail(self, message: str, loc: Loc | None = None, cure: str | None = None) -> NoReturn:
@@ -231,7 +231,7 @@ class _Function:
             self.declare(slot)
 
     def check_pure(self) -> None:
-        """Straight-line code with one output and inputs by value. Its statements are seen to as they come."""
+        """Check that a pure function has one output and inputs by value; `check_in_pure` checks its statements."""
         if len(self.function.outputs) != 1:
             self.fail(f"a pure function has one output, not {len(self.function.outputs)}")
         if any(isinstance(port, Variable) for port in self.function.inputs):
@@ -243,7 +243,7 @@ class _Function:
         if slot.length is not None and slot.length < 1:
             self.fail("an array has at least one element", slot.loc)
         if slot.length is not None and slot.length > MAX_ARRAY:
-            # Drivers take minutes, or fall over: every element that runs at the same time has an array of its own.
+            # Drivers take minutes or crash, since each element that runs at the same time has its own array.
             self.fail(
                 f"an array of one element's own has at most {MAX_ARRAY} elements, not {slot.length}",
                 slot.loc,
@@ -270,7 +270,7 @@ class _Function:
     # Regions
 
     def check_region(self, region: Region) -> None:
-        """Check the statements; the values that they make stay visible until `close`."""
+        """Check the statements; the values that they assign stay visible until `close`."""
         if self.depth > MAX_REGION_DEPTH:
             cure = "put the inner part into a subroutine, or test several conditions in one"
             self.fail(f"regions are nested more than {MAX_REGION_DEPTH} deep", cure=cure)
@@ -319,7 +319,7 @@ class _Function:
                 self.check_exit(statement)
 
     def check_in_pure(self, statement: Stmt) -> None:
-        """Straight-line code, but for what is skipped when no element needs it."""
+        """Check that a statement is straight-line code, or an If of an `any_lane` without `orelse`."""
         if isinstance(statement, Let) and statement.op == "all_lanes":
             self.fail("a pure function asks for any_lane only", cure="any_lane of the opposite")
         if isinstance(statement, Let) and statement.op in ("any_lane", "lane_any"):
