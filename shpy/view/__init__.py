@@ -4,17 +4,17 @@ Stage: above all others but the command line. Three parts know each other by mes
 
     page (HTML, CSS, JavaScript)  ──WebSocket──  server (this process)  ──socket──  worker (a child process)
 
-- The *page* draws frames and sends what the user does. It needs nothing but what the server sends.
-- The *server* keeps the state of the view, hands it to whoever joins, and watches the files. It runs no code of the
+- The *page* draws frames and sends the user's actions. It depends on the server alone.
+- The *server* keeps the state of the view, sends it to each new page, and watches the files. It runs no code of the
   user's: `hub` distributes messages, `workers` starts and ends child processes, `server` speaks HTTP and checks Host
   and Origin.
-- A *worker* records one version of the file, and computes frames until the next version has its first picture. So an
-  error leaves the last good picture alive, and an endless loop ends with its process. `child` is its loop, `session`
-  its contents; another package can bring a session of its own.
+- A *worker* records one version of the file, and computes frames until the next version has its first picture. So the
+  last good picture survives an error, and an endless loop ends with its process. `child` is the loop of a worker,
+  `session` its contents; another package can provide a session of its own.
 
-A message is a header in JSON with bytes behind it, on both ways (`wire`).
+In both directions a message is a header in JSON, followed by bytes (`wire`).
 
-What another package needs for a view of its own is `sh.view.View`, `serve`, `add_serving` for its command line, the
+Another package builds a view of its own with `sh.view.View`, `serve`, `add_serving` for its command line, the
 folder `PAGE` of the page's files, and for its sessions `explain`, `noted`, `files_read`, `available`, `preferred` and
 `warm`.
 """

@@ -1,8 +1,8 @@
 """The worker: a process that records one version of a file and computes its frames.
 
-Stage: view. The server starts it with the number of a socket, and with the module of the session. It warms up, waits
-for the request to open a file, and then computes frames as long as the page takes them: of those that it sent, two at
-most are not acknowledged.
+Stage: view. The server starts it with the file descriptor of a socket and the name of the session's module. It warms
+up, waits for the request to open a file, and then computes frames as long as the page acknowledges them: at most two
+frames are sent before one of them is acknowledged.
 
     python -m shpy.view.child 5 shpy.view.session
 """
@@ -22,7 +22,7 @@ from typing import Any, Final
 from shpy.view.wire import Line
 
 _AHEAD: Final = 2
-"""Frames that are sent before one of them is acknowledged."""
+"""The most frames that are sent and not yet acknowledged."""
 
 
 class Worker:
@@ -41,7 +41,7 @@ class Worker:
     def _read(self) -> None:
         while (message := self.line.receive()) is not None:
             self.inbox.put(message)
-        os._exit(0)  # the server is gone: whatever the user's code does, it ends
+        os._exit(0)  # the server is gone, so the process ends, whatever the user's code is doing
 
     def run(self) -> None:
         """Answer messages and compute frames until the server is gone."""
@@ -87,7 +87,7 @@ class Worker:
         try:
             session = self.module.Session(request, lambda: self.inbox.put({"do": "wake"}), self.line.send)
             session.set(message["state"])
-        except BaseException as error:  # of the user's own lines: SystemExit too
+        except BaseException as error:  # the user's code may raise SystemExit too
             self.line.send({"kind": "error", "stage": "recording", **self.module.explain_opening(error, request)})
             return
         self.session = session
@@ -108,7 +108,7 @@ class Worker:
         return True
 
     def _guarded(self, work: Any, message: dict[str, Any] | None) -> bool:
-        """Run it; send the error where it raises one."""
+        """Call `work`; return whether it succeeded, and send its error if not."""
         try:
             work()
             return True
@@ -126,13 +126,13 @@ class Worker:
             header = {"kind": "answer", "about": message["about"], "page": message["page"]}
             self.line.send({**header, "problem": explained["message"], "cure": explained["cure"]})
             return
-        self.faulty = explained["message"]  # until the state changes: each frame would say the same
+        self.faulty = explained["message"]  # until the state changes, since each frame would raise the same error
         self.line.send({"kind": "error", "stage": "running", **explained})
 
 
 def main(descriptor: int, name: str) -> None:
     """Run a worker on this socket until the server closes it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends its workers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
     os.environ.setdefault("SHPY_QUIET", "1")  # the page says what compiles
     line = Line(socket.socket(fileno=descriptor))
     module = importlib.import_module(name)

@@ -24,7 +24,7 @@ from shpy.view.server import LOOPBACK, View, serve
 
 
 def add_view(commands: Any) -> None:
-    """Add it to the commands of `shpy`."""
+    """Add `view` to the commands of `shpy`."""
     command = commands.add_parser(
         "view",
         help="a live page in the browser: recorded again on save, sliders, the trace of a pixel",
@@ -58,7 +58,7 @@ def size(text: str) -> tuple[int, int]:
 
 
 def view(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; return 0, or 2 where there is no file, or the server cannot start."""
+    """Serve the page until Ctrl-C; return 0, or 2 if there is no such file or the server cannot start."""
     try:
         path, program = _file(options.file)
         request = {"path": str(path), "name": path.name, "program": program}
@@ -72,7 +72,7 @@ def view(options: argparse.Namespace) -> int:
 
 
 def _file(words: str) -> tuple[Path, str | None]:
-    """Return the file and the name of a program in it; ShpyError where there is no file."""
+    """Return the file and the name of a program in it; ShpyError if there is no such file."""
     path, _, name = words.rpartition(":")
     if not path or not path.endswith(".py"):
         path, name = words, ""

@@ -1,7 +1,7 @@
-"""Params as controls: sliders, colour pickers and switches, described in what JSON can hold.
+"""Params as controls: sliders, colour pickers and switches, described by values that JSON can hold.
 
-Stage: view. A control has `name`, `title`, `description`, `form`, the `first` and the present `value` as lists of
-components, and for numbers `range` and `step`. Where a Param has no range, the slider spans a guess around its value.
+Stage: view. A control has `name`, `title`, `description`, `form`, the `first` and the current `value` as lists of
+components, and for numbers `range` and `step`. If a Param has no range, the slider covers a guess around its value.
 
     controls = Controls(program.params)
     controls.describe()             # [{"name": "sea_level", "form": "number", "value": [0.02], …}]
@@ -21,7 +21,7 @@ from shpy.lang.data.params import Param
 from shpy.lang.values.value import Value
 
 _STEPS: Final = 200
-"""Positions of a slider whose Param says no step."""
+"""The number of steps of a slider whose Param has no step."""
 
 
 class Controls:
@@ -32,18 +32,18 @@ class Controls:
         self._first = self.values()
 
     def values(self) -> dict[str, list[Any]]:
-        """Return the present values, each a list of components, by name."""
+        """Return the current values by name, each a list of components."""
         return {name: np.atleast_1d(param.value).tolist() for name, param in self._params.items()}
 
     def describe(self) -> list[dict[str, Any]]:
-        """Return the controls as they are now."""
+        """Return the current controls."""
         return [{**_described(name, param), "first": self._first[name]} for name, param in self._params.items()]
 
     def assign(self, values: Mapping[str, Any]) -> list[str]:
-        """Set Params by name, by None to their first value; return the messages of those that refuse their value.
+        """Set Params by name, None to their first value; return a message for each Param that refuses its value.
 
-        A page may send the values of an earlier version of the file, whose Params had other names, sizes and ranges:
-        unknown names are left out.
+        A page may send the values of an earlier version of the file, whose Params had other names, sizes and ranges, so
+        unknown names are ignored.
         """
         refused = []
         for name, value in values.items():
@@ -84,7 +84,7 @@ def _form(param: Any) -> str:
 
 
 def _guess(value: Any) -> tuple[float, float]:
-    """Return a range for numbers that have none: from 0 to twice the largest, on both sides where one is negative."""
+    """Return a range for a Param without one: 0 to twice the largest number, and as far below 0 if one is negative."""
     numbers = np.asarray(value, float)
     numbers = numbers[np.isfinite(numbers)]
     most = float(np.abs(numbers).max(initial=0)) or 0.5
@@ -98,7 +98,7 @@ def _round_step(step: float) -> float:
 
 
 def _typed(param: Any, value: Any) -> Any:
-    """Return a list of components as the Param takes it."""
+    """Return a list of components converted to a value that the Param accepts."""
     parts = value if isinstance(value, list) else [value]
     if param.type.is_bool:
         parts = [bool(part) for part in parts]

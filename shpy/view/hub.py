@@ -1,10 +1,11 @@
 """The hub: the state of a view, the worker that draws it, and the pages that show it.
 
 Stage: view, in the server. All pages show the same view. A page that has not acknowledged its last frame gets no
-other one until it has: frames are left out, never queued. The worker goes on as soon as one page is ready.
+other one until it has: then it gets the latest, and earlier ones are dropped. The worker continues as soon as one page
+is ready.
 
-    file changes ─► a warm worker opens it ─► its first frame ─► it replaces the worker before, which ends
-                                          └─► an error: the worker before goes on, and pages show the error
+    file changes ─► a warm worker opens it ─► its first frame ─► it replaces the previous worker, which ends
+                                          └─► an error: the previous worker continues, and pages show the error
 """
 
 from __future__ import annotations
@@ -22,31 +23,31 @@ from shpy.view.workers import Pool, Worker
 _POLL: Final = 0.02
 """Seconds between two checks of the files' times."""
 _PING: Final = 0.5
-"""Seconds between two questions whether a worker answers."""
+"""Seconds between two pings of a worker."""
 _SLOW: Final = 1.5
-"""Seconds without an answer after which pages say that a worker is busy."""
+"""Seconds without an answer to a ping after which pages show that a worker is busy."""
 
 
 class Page(Protocol):
-    """A page that is connected."""
+    """A connected page."""
 
     number: int
 
     def send(self, message: bytes) -> None:
-        """Send a message, later, without waiting."""
+        """Queue a message, without waiting."""
 
     def offer(self, frame: bytes) -> None:
-        """Send a frame, or leave it out while an earlier one is not acknowledged."""
+        """Send a frame, or keep only the latest while an earlier one is not acknowledged."""
 
     def acknowledge(self) -> None:
-        """Note that the page has drawn its last frame."""
+        """Record that the page has drawn its last frame."""
 
 
 class Hub:
     """The view of one file."""
 
     def __init__(self, module: str, request: dict[str, Any], state: dict[str, Any]) -> None:
-        # Python names modules by the folder of the file itself, where a link leads to it.
+        # Python resolves links to find the folder of a script, from which it imports modules.
         self.request = {**request, "path": str(Path(request["path"]).resolve())}
         self.state = state
         self.pages: dict[int, Page] = {}
@@ -77,7 +78,7 @@ class Hub:
             self._ping()
 
     def _changed(self) -> bool:
-        """Return whether a file has another time or size than before; one that is gone for the moment has not."""
+        """Return whether the time or size of a file has changed; a missing file counts as unchanged."""
         found = {path: _stamp(path) for path in self._watched}
         changed = {path: stamp for path, stamp in found.items() if stamp not in (None, self._watched[path])}
         self._watched.update(changed)
@@ -88,21 +89,21 @@ class Hub:
             self._watched.setdefault(path, _stamp(path))
 
     async def record(self) -> None:
-        """Have a warm worker record the present version; the one before draws on until that has a picture."""
+        """Let a warm worker record the current version; the previous one draws until the new one has a picture."""
         self._drop_recording()
         stamp = _stamp(Path(self.request["path"]))
         age = time.time() - stamp[0] / 1e9 if stamp else 0.0
-        self._cancel(None)  # the processor is for the new version
+        self._cancel(None)  # the new version needs the processor
         self._broadcast(wire.pack({"kind": "recording", "age": max(0.0, min(age, 10.0))}))
         worker = await self._pool.take()
         self._drop_recording()  # the file may have changed again meanwhile
         self._recording = worker
         if worker.status is not None:
-            self._ended(worker)  # before anybody listened to it
+            self._ended(worker)  # it ended before its end could be heard
         worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
 
     def stop(self) -> None:
-        """End the worker that is busy: the one that records, else the one that draws."""
+        """End the busy worker: the one that records, else the one that draws."""
         if self._recording is not None:
             self._drop_recording()
         elif self._drawing is not None:
@@ -122,7 +123,7 @@ class Hub:
     # Workers
 
     def _ping(self) -> None:
-        """Ask the worker from time to time whether it answers, and tell the pages for how long it has not."""
+        """Ping the worker at intervals, and tell the pages for how long it has not answered."""
         worker, now = self._recording or self._drawing, time.monotonic()
         if now - self._pinged < _PING:
             return
@@ -141,7 +142,7 @@ class Hub:
             self._go_on(self._drawing)
 
     def _heard(self, worker: Worker, message: bytes | None) -> None:
-        """Take a message of a worker; None where its process has ended."""
+        """Handle a message of a worker; None means that its process has ended."""
         if worker not in (self._recording, self._drawing):
             return
         if message is None:
@@ -166,13 +167,13 @@ class Hub:
                 self._broadcast(message)
 
     def _take_error(self, worker: Worker, header: wire.Header, message: bytes) -> None:
-        """Show an error; a worker that could not record, or has no first picture, is of no more use."""
+        """Show an error; drop a worker that could not record, or has no first picture while another one draws."""
         self._watch_files(header.get("files", ()))
         self._error, self._failed = message, worker
         self._broadcast(message)
         if worker is self._recording:
             if self._described is not None and self._drawing is None:
-                self._promote(worker)  # its controls may mend what went wrong
+                self._promote(worker)  # a change of its controls may remove the error
             else:
                 self._drop_recording()
             self._go_on(self._drawing)
@@ -181,7 +182,7 @@ class Hub:
         fresh = worker is self._recording
         if fresh:
             self._promote(worker)
-        # A frame of the version before says nothing of an error in the file.
+        # A frame of the previous version does not show that the error in the file is gone.
         if self._error is not None and (fresh or worker is self._failed):
             self._error = None
             self._broadcast(wire.pack({"kind": "well"}))
@@ -193,7 +194,7 @@ class Hub:
             page.offer(message)
 
     def _promote(self, worker: Worker) -> None:
-        """Let the worker that has recorded draw, and end the one before."""
+        """Let the worker that has recorded draw, and end the previous one."""
         if self._drawing is not None:
             self._drawing.kill()
         self._drawing, self._recording = worker, None
@@ -223,7 +224,7 @@ class Hub:
     # Pages
 
     def join(self, page: Page) -> None:
-        """Show the view to one more page."""
+        """Add a page and send it the state of the view."""
         self.pages[page.number] = page
         page.send(wire.pack({"kind": "hello", "page": page.number, "request": self.request, "state": self.state}))
         for message in (self._recorded, self._error):
@@ -233,7 +234,7 @@ class Hub:
             page.offer(self._frame)
 
     def leave(self, page: Page) -> None:
-        """Forget a page that is gone."""
+        """Remove a page that has left."""
         if self.pages.pop(page.number, None) is not None:
             self._cancel(page.number)
 
@@ -266,7 +267,7 @@ class Hub:
         drawing = self._drawing
         if drawing is not None and worker == drawing.number:
             self._seen = worker, max(number, self._seen[1] if self._seen[0] == worker else 0)
-            if self._recording is None:  # else the processor is for the new version
+            if self._recording is None:  # else the new version needs the processor
                 self._go_on(drawing)
 
     def _set(self, page: Page, changes: dict[str, Any]) -> None:
@@ -280,7 +281,7 @@ class Hub:
                 other.send(told)
 
     def _cancel(self, page: int | None) -> None:
-        """End the search that a page has asked for; None: every search."""
+        """Cancel the search of a page; None: all searches."""
         self._forward({"do": "cancel", "page": page})
 
     def _forward(self, message: wire.Header) -> None:
@@ -294,7 +295,7 @@ class Hub:
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return the time and size of a file; None where there is no file, as while an editor replaces it."""
+    """Return the time and size of a file; None if it does not exist, as while an editor replaces it."""
     with suppress(OSError):
         state = path.stat()
         return state.st_mtime_ns, state.st_size

@@ -1,8 +1,8 @@
-"""The compiled forms of one program: the one that was asked for, and numpy's until it is there.
+"""The compiled forms of one program: the wanted form, and numpy's until that is compiled.
 
-Stage: view. Each form compiles in a thread. numpy's is quick, for no driver compiles it; OpenCL's driver takes a
-second, or more, and GLSL's puts most of its work off to the first frame. The wanted form begins to compile when numpy's
-first frame is done, so that both do not share the interpreter's lock.
+Stage: view. Each form compiles in a thread. numpy's compiles fast, since it needs no driver. OpenCL's driver takes a
+second or more, and GLSL's postpones most of its work to the first frame. The wanted form begins to compile when numpy's
+first frame is done, so that the two do not compete for the interpreter's lock.
 
     kernels = Kernels(program, wake)
     kernels.best(Form("opencl", "strict"))       # its kernel and form once it is compiled, numpy's before
@@ -22,9 +22,9 @@ from shpy.errors import ShpyError
 from shpy.program import Program
 
 QUICK: Final = "numpy"
-"""The backend that draws while the driver of another one compiles."""
+"""The backend that draws while another one's driver compiles."""
 _HEAD_START: Final = 0.25
-"""Seconds that the quick form has for its first frame before the wanted one begins to compile all the same."""
+"""Seconds after which the wanted form begins to compile even if the quick one has not drawn its first frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Kernels:
         self._later: dict[Form, threading.Timer] = {}
 
     def best(self, wanted: Form) -> tuple[Any, Form]:
-        """Return the wanted kernel, else the quick one; waits for the quick one, raises where both are refused."""
+        """Return the wanted kernel if compiled, else wait for the quick one; raise if both are refused."""
         there, quick = self._found.get(wanted), Form(QUICK, wanted.math)
         if there is None or isinstance(there, Exception):
             meanwhile = self._wait(quick)
@@ -65,33 +65,33 @@ class Kernels:
             self._wait(Form(QUICK, wanted.math))
 
     def exactly(self, form: Form) -> Any:
-        """Return the kernel of a form, compiled now where it is not there; raises where it is refused."""
+        """Return the kernel of a form, after compiling it if need be; raise the error if it is refused."""
         found = self._wait(form)
         if isinstance(found, Exception):
             raise found
         return found
 
     def refused(self, form: Form) -> Exception | None:
-        """Return the error with which the target refused a form; None where it did not."""
+        """Return the error with which the target refused a form, else None."""
         found = self._found.get(form)
         return found if isinstance(found, Exception) else None
 
     def waiting(self, form: Form) -> float | None:
-        """Return the seconds for which a form has been compiling; None where it is not."""
+        """Return the seconds for which a form has been compiling; None if it is not compiling."""
         begun = self._begun.get(form)
         if form in self._found or (begun is None and form not in self._later):
             return None
         return time.monotonic() - begun if begun is not None else 0.0
 
     def _wait(self, form: Form) -> Any:
-        """Return the kernel of a form, or the error with which it is refused, once it is there."""
+        """Wait for a form; return its kernel or the error with which it was refused."""
         self.begin(form)
         with self._done:
             self._done.wait_for(lambda: form in self._found)
         return self._found[form]
 
     def _begin_later(self, form: Form) -> None:
-        """Begin to compile a form when it is wanted again, after a frame of the quick one, or `_HEAD_START` later."""
+        """Begin to compile a form at the second call, after a frame of the quick one, or `_HEAD_START` later."""
         if form in self._later or form in self._begun:
             self.begin(form)
             return
@@ -110,7 +110,7 @@ class Kernels:
     def _compile(self, form: Form) -> None:
         try:
             made: Any = self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
-        except Exception as error:  # of a driver too: the page shows it, and other forms go on
+        except Exception as error:  # also from a driver: the page shows it, and other forms continue
             made = error
         with self._done:
             self._found[form] = made
@@ -120,17 +120,17 @@ class Kernels:
 
 @cache
 def available() -> tuple[str, ...]:
-    """Return the names of the backends that there are here."""
+    """Return the names of the backends that are available here."""
     return tuple(info.name for info in backends() if info.available)
 
 
 def preferred() -> str:
-    """Return the fastest backend that there is here."""
+    """Return the fastest backend that is available here."""
     return next(name for name in ("opencl", "glsl", "numpy") if name in available())
 
 
 def warm() -> None:
-    """Load what compiling loads, and open the devices, by a small program on each backend."""
+    """Compile a small program on each backend, which loads modules and opens devices."""
     import numpy as np
 
     import shpy as sh

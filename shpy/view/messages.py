@@ -1,4 +1,4 @@
-"""Messages of a page, checked: only what is listed here reaches the hub.
+"""Check the messages of a page: only messages listed here reach the hub.
 
 Stage: view, in the server.
 
@@ -24,7 +24,7 @@ _COMPONENTS: Final = 16
 
 
 class Refused(ValueError):
-    """A message that no page of ours sends."""
+    """The error for a message that our pages never send."""
 
 
 def _number(value: Any) -> bool:
@@ -95,7 +95,7 @@ _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
 
 
 def checked(text: str | bytes) -> dict[str, Any]:
-    """Return the message; raises Refused for one that no page sends."""
+    """Return the message; raise Refused for a message that our pages never send."""
     try:
         message = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:

@@ -31,7 +31,7 @@ _ALONE: Final = "a program of pixels; or shpy.testing.first_divergence for a ste
 
 
 class Asked(Protocol):
-    """The parts of a session that questions need."""
+    """The part of a session's interface that questions use."""
 
     subject: Subject
     output: Any
@@ -46,7 +46,7 @@ class Asked(Protocol):
 
 
 def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    """Return the answer, and bytes that belong to it. Raises what the run raises."""
+    """Return the answer and its bytes. Errors of a run pass through."""
     match question:
         case {"about": "value", "at": at}:
             return value(session, at), b""
@@ -59,7 +59,7 @@ def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], An
 
 
 def value(session: Asked, at: list[int]) -> dict[str, Any]:
-    """Return the numbers of a pixel, as the last frame has them."""
+    """Return the numbers of a pixel in the last frame."""
     if session.output is None:
         return {"at": at, "value": None}
     row, column = _scaled(at, session.size, session.moment.size)
@@ -96,9 +96,9 @@ def trace(session: Asked, at: list[int]) -> dict[str, Any]:
 
 
 def compare(session: Asked, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
-    """Return how the picture in the wanted form differs from that in another one: three pictures, behind each other.
+    """Return the differences between the picture in the wanted form and in another one, and three pictures in a row.
 
-    They are both pictures and their difference, white where it is largest.
+    These are both pictures and their difference, which is white where it is largest.
     """
     moment, subject = session.wanted_moment(), session.subject
     if not isinstance(subject, Still):
@@ -122,7 +122,7 @@ def compare(session: Asked, other: Form, page: int) -> tuple[dict[str, Any], byt
         "ulp": float(np.max(steps(*outputs), initial=0)) if outputs[0].dtype.kind == "f" else None,
         "searching": bool(places.any()),
     }
-    # The smallest difference is to be seen, too.
+    # Even the smallest difference has to be visible.
     shade = np.where(places, 0.35 + 0.65 * np.nan_to_num(apart / (largest or 1), nan=1.0), 0)
     pictures = [pixels(output, encode=session.encode) for output in outputs] + [pixels(shade)]
     if header["searching"]:

@@ -1,8 +1,8 @@
-"""The files that a worker reads while it opens a view: the page is drawn anew when one of them changes.
+"""Track the files that a worker reads while it opens a view, so that a change of one of them starts a new version.
 
-Stage: view. Pictures, tables and modules of the user's count, wherever they lie, and also where they are missing: the
-page is drawn once they are there. Python's own files and those of packages that were imported before do not, nor does a
-file that is also written meanwhile: it would change with each reading.
+Stage: view. Pictures, tables and modules of the user's count, wherever they are, even missing ones: the file is
+recorded again once they exist. Files of Python and of packages imported before do not count, nor does a file that is
+also written meanwhile, since it would change at each reading.
 
     with noted(Path("shader.py")):
         ...                        # runs the file
@@ -22,14 +22,14 @@ _read: set[str] = set()
 _written: set[str] = set()
 _folder: str | None = None
 _foreign: tuple[str, ...] = ()
-"""The folders whose files are nobody's to change: Python's, the system's, and of packages imported before the file."""
+"""The folders whose files the user does not edit: of Python, the system, and packages imported before the file."""
 _SYSTEM: Final = ("/dev", "/etc", "/lib", "/lib64", "/proc", "/run", "/sys", "/usr", "/var")
 
 
 @contextmanager
 def noted(path: Path) -> Iterator[None]:
     """Record the file and the files that the block reads, and forget those recorded before."""
-    global _folder, _foreign  # an audit hook is the process's, and stays
+    global _folder, _foreign  # an audit hook belongs to the process and cannot be removed
     folder = os.path.realpath(path.parent)
     before = set(sys.modules)
     _hook()
@@ -51,13 +51,13 @@ def noted(path: Path) -> Iterator[None]:
 
 
 def files_read() -> tuple[Path, ...]:
-    """Return the files of the user's that this process has read last, also where reading one failed."""
+    """Return the user's files that the last `noted` block has read or failed to read."""
     return tuple(Path(file) for file in sorted(_read - _written) if not os.path.isdir(file))
 
 
 def _heard(event: str, given: tuple[Any, ...]) -> None:
-    """Take an event of Python's audit: a file that is opened, or takes another one's place."""
-    folder = _folder  # once: another thread may end the block meanwhile
+    """Handle an audit event of Python: a file is opened, or renamed to replace another."""
+    folder = _folder  # read once, since another thread may end the block meanwhile
     if folder is None:
         return
     if event == "open" and isinstance(given[0], str):
@@ -89,7 +89,7 @@ def _places_of_module(error: Exception, folder: str) -> tuple[str, ...]:
 
 
 def _foreign_folders() -> tuple[str, ...]:
-    """Return the folders, with a separator behind, of Python, the system, and the packages that are imported by now."""
+    """Return the folders, each ending in a separator, of Python, the system, and all packages imported so far."""
     packages = (getattr(module, "__path__", ()) for name, module in list(sys.modules.items()) if "." not in name)
     roots = {*_SYSTEM, sys.prefix, sys.base_prefix, *(path for paths in packages for path in paths)}
     return tuple(os.path.join(root, "") for root in roots)
@@ -99,7 +99,7 @@ _hooked = False
 
 
 def _hook() -> None:
-    """Listen to the events of this process; that cannot be undone, so it happens once."""
+    """Install the audit hook of this process; it cannot be removed, so that happens only once."""
     global _hooked
     if not _hooked:
         _hooked = True

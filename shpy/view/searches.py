@@ -1,7 +1,7 @@
 """The searches for the first statement at which two forms of a picture diverge, each for the page that asked for it.
 
-Stage: view. A search takes about twenty runs of a program that watches itself: of a large one, minutes. It works in a
-thread, and a page that no longer waits for it cancels it: it ends before its next compilation or run.
+Stage: view. A search takes about twenty runs of an instrumented program, which takes minutes for a large one. It runs
+in a thread. A page that no longer needs it cancels it; it then ends before its next compilation or run.
 
     searches = Searches(tell)
     searches.begin(page, program, moment, (Form("numpy", "strict"), Form("opencl", "fast")), element=17)
@@ -20,11 +20,11 @@ from shpy.view.kernels import Form
 
 
 class Cancelled(Exception):
-    """Nobody waits for the search any longer."""
+    """The search was cancelled."""
 
 
 class Searches:
-    """At most one search for each page; `tell` sends a header to the server."""
+    """The running searches, at most one for each page; `tell` sends a header to the server."""
 
     def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
         self._tell = tell

@@ -44,7 +44,7 @@ _HEADERS: Final = {
 }
 _TYPES: Final = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _CLOSING: Final = 0.5
-"""Seconds that pages have to close when the server ends."""
+"""Seconds within which pages have to close when the server ends."""
 _POLICY: Final = 1008
 """The code of a WebSocket that is closed because a message, or the page itself, is refused."""
 
@@ -68,7 +68,7 @@ class View:
 
 
 class _Page:
-    """A connected page: messages to it wait in order, and of frames the latest alone."""
+    """A connected page: messages are queued in order, but of frames only the latest is kept."""
 
     _numbers = itertools.count(1)
 
@@ -79,11 +79,11 @@ class _Page:
         self._drawing = False
 
     def send(self, message: bytes) -> None:
-        """Send a message, later, without waiting."""
+        """Queue a message, without waiting."""
         self._messages.put_nowait(message)
 
     def offer(self, frame: bytes) -> None:
-        """Send a frame, or keep it, in place of an earlier one, while the page has not drawn its last."""
+        """Send a frame; while the page draws an earlier one, keep the frame in place of any other kept one."""
         if self._drawing:
             self._waiting = frame
         else:
@@ -91,21 +91,21 @@ class _Page:
             self.send(frame)
 
     def acknowledge(self) -> None:
-        """Note that the page has drawn its last frame; sends the latest one since."""
+        """Record that the page has drawn its last frame, and send the kept one."""
         self._drawing, frame, self._waiting = False, self._waiting, None
         if frame is not None:
             self.offer(frame)
 
     async def deliver(self, send: Callable[[bytes], Awaitable[None]]) -> None:
-        """Send the waiting messages, until the connection ends."""
+        """Send queued messages until the connection ends."""
         while True:
             await send(await self._messages.get())
 
 
 def allowed_host(host: str, *, beyond: bool) -> bool:
-    """Return whether a Host header names this machine: loopback, or with `beyond` any address written in numbers.
+    """Return whether a Host header names this machine: loopback, or with `beyond` its host name or a numeric address.
 
-    A name could be another site's, which it points to this machine (DNS rebinding).
+    Any other name could belong to another site that resolves it to this machine (DNS rebinding).
     """
     name = urlsplit(f"//{host}").hostname or ""
     if name in (LOOPBACK, "localhost", "::1"):
@@ -199,7 +199,7 @@ def missing() -> ShpyError:
 
 
 def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callable[[str], None] = print) -> None:
-    """Serve the view until Ctrl-C; `said` gets the lines to print.
+    """Serve the view until Ctrl-C; `said` is called with each line to print.
 
     Port 0 takes a free one. An address beyond loopback is warned of: whoever reaches it sees and changes the view.
     Raises ShpyError where the port is taken or a package is missing.
@@ -240,8 +240,8 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
 def _signals_kept(server: uvicorn.Server) -> Iterator[None]:
     """Let Ctrl-C and SIGTERM end the server, and raise them again when it has ended.
 
-    uvicorn does so once its loop runs; an interrupt while Python makes the loop would leave parts of it behind. Threads
-    other than the main one get no signals.
+    uvicorn does so once its event loop runs. Before, an interrupt while Python creates the loop would leave it
+    unfinished. Threads other than the main one get no signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

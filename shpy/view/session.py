@@ -29,24 +29,24 @@ from shpy.view.source import explain, open_file
 from shpy.view.subject import subject_of
 
 _QUICK: Final = 0.15
-"""Seconds that a frame may take before a coarse one comes first."""
+"""Seconds above which a frame is preceded by a coarse one."""
 _COARSE: Final = 0.03
-"""Seconds that a coarse frame is to take."""
+"""The intended seconds of a coarse frame."""
 _FIRST: Final = 96
-"""Pixels along the longer side of the first picture, whose time is not known yet."""
+"""Pixels along the longer side of the first picture, when the time per pixel is unknown."""
 _LONGEST: Final = 0.25
-"""Seconds by which time goes on from frame to frame at most: a long computation is no leap."""
+"""The most seconds by which time advances between frames, so that it does not jump after a long computation."""
 _REST: Final = 3.0
-"""Times of a quick frame that pass until the next one while the wanted kernel compiles, which needs the processor."""
+"""The pause after a quick frame, in durations of the frame, while the wanted kernel compiles on the same processor."""
 
 
 class Session:
-    """The frames of one program or chain, as the state of the view asks for them."""
+    """The frames of one program or chain for the state of the view."""
 
     def __init__(
         self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
     ) -> None:
-        """Record the file: raises whatever its lines raise. `tell` sends a header to the server."""
+        """Record the file; errors of its code pass through. `tell` sends a header to the server."""
         self.searches = Searches(tell)
         begun = time.monotonic()
         self.opened = open_file(Path(request["path"]))
@@ -69,7 +69,7 @@ class Session:
         self._cost: dict[Form, float] = {}
 
     def describe(self) -> dict[str, Any]:
-        """Return what the page has to know of this version: its names, controls and choices."""
+        """Return the description of this version for the page: its names, controls and choices."""
         return {
             "program": self.name,
             "programs": list(self.opened.shown),
@@ -84,11 +84,11 @@ class Session:
         }
 
     def files(self) -> list[str]:
-        """Return the files whose next version is to be recorded."""
+        """Return the files whose changes require a new recording."""
         return [str(path) for path in files_read()]
 
     def set(self, changes: dict[str, Any]) -> list[str]:
-        """Change the state of the view; return the messages of Params that refuse their value."""
+        """Change the state of the view; return a message for each Param that refuses its value."""
         size = changes.get("size", self.size)
         self.size = int(size[0]), int(size[1])
         self.form = Form(changes.get("backend") or self.form.backend, changes.get("math") or self.form.math)
@@ -101,7 +101,7 @@ class Session:
             self.mouse = x, y, press_x, press_y
         self.playing = changes.get("playing", self.playing)
         self._clock = time.monotonic()
-        self._changed, self._rest = True, 0.0  # whoever moves a slider waits for no rest
+        self._changed, self._rest = True, 0.0  # a moved slider ends the pause
         return self.controls.assign(changes.get("params", {}))
 
     def reset(self) -> None:
@@ -115,7 +115,7 @@ class Session:
         self._single = self._changed = True
 
     def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
-        """Return the header and the pixels (height, width, 4) of the next frame; None while there is nothing new."""
+        """Return the header and the pixels (height, width, 4) of the next frame; None if nothing has changed."""
         kernels = self.subject.kernels
         if self._rests():
             if kernels is not None:
@@ -129,7 +129,7 @@ class Session:
         size = self._coarse_size() if self._changed else self.size
         moment = self._moment(size)
         if kernels is not None:
-            kernels.wait_for_any(self.form)  # which is no part of the frame's time
+            kernels.wait_for_any(self.form)  # not part of the frame's time
         begun = time.monotonic()
         output, form = self.subject.draw(moment, self.form)
         seconds = time.monotonic() - begun
@@ -155,18 +155,18 @@ class Session:
         return header, pixels(output, encode=self.encode)
 
     def woken(self) -> None:
-        """Compute the picture again where the wanted kernel has become ready; the end of a rest changes nothing."""
+        """Compute the picture again if the wanted kernel has become ready; at the end of a pause do nothing."""
         self._changed |= self._drawn != self.form and self.subject.waiting(self.form) is None
 
     def _pause(self, seconds: float) -> None:
-        """Compute no frame for so long, or until the wanted kernel is ready."""
+        """Compute no frame for these seconds, or until the wanted kernel is ready."""
         self._rest = time.monotonic() + seconds
-        timer = threading.Timer(seconds + 0.001, self._wake)  # behind the end of the rest: it wakes once
+        timer = threading.Timer(seconds + 0.001, self._wake)  # just after the end, since it wakes only once
         timer.daemon = True
         timer.start()
 
     def _rests(self) -> bool:
-        """Return whether a rest goes on; it ends early where the wanted kernel is ready."""
+        """Return whether a pause lasts; it ends early if the wanted kernel is ready."""
         return time.monotonic() < self._rest and self.subject.waiting(self.form) is not None
 
     def _go_on(self) -> None:
@@ -189,7 +189,7 @@ class Session:
         return Moment(size, self.time, self.frame, (x, y, press_x, press_y))
 
     def _coarse_size(self) -> tuple[int, int]:
-        """Return the size of the next frame: smaller than the full one where that would take long."""
+        """Return the size of the next frame: smaller than the full one if that would take long."""
         count = self.size[0] * self.size[1]
         if not self.subject.coarse:
             return self.size
@@ -198,16 +198,16 @@ class Session:
         if known:
             cost = known[0] * count
             quick = 2 * _QUICK if self.playing and self.subject.moves else _QUICK
-            # Of a few pixels, the time is that of the call: fewer would not be faster.
+            # A few pixels take as long as the call itself, so fewer would not be faster.
             scale = 1.0 if cost < quick else min(1.0, max(least, (_COARSE / cost) ** 0.5))
         return max(1, round(scale * self.size[0])), max(1, round(scale * self.size[1]))
 
     def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-        """Return the answer to a question about the picture, with bytes behind it."""
+        """Return the answer to a question about the picture, and its bytes."""
         return questions.answer(self, question)
 
     def cancel(self, page: int | None) -> None:
-        """End the search that a comparison of this page began; None: of every page."""
+        """Cancel the search that a comparison of this page began; None: those of all pages."""
         self.searches.cancel(page)
 
     def explain(self, error: BaseException) -> dict[str, Any]:
@@ -221,5 +221,5 @@ def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, 
 
 
 def warm() -> None:
-    """Load what a session will need."""
+    """Load the modules and devices that a session will need."""
     warm_backends()

@@ -1,6 +1,6 @@
-"""The user's file in a worker: its programs and chains, and what is wrong with it.
+"""The user's file in a worker: its programs and chains, and its errors.
 
-Stage: view. A file is run as `python file.py` would run it, but for what stands under `if __name__ == "__main__"`.
+Stage: view. A file is run as by `python file.py`, but without the code under `if __name__ == "__main__"`.
 
     opened = open_file(Path("shader.py"))
     opened.pick(None)            # the last program or chain of the file that can be shown
@@ -24,7 +24,7 @@ from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
 
 START, SHOW = "start", "show"
-"""The names of the function that gives a chain its first streams, and of the program that makes colours of them."""
+"""The names of the function that returns a chain's first streams, and of the program that converts them to colours."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Opened:
 
     @property
     def start(self) -> Any:
-        """The function of (height, width) that gives a chain's first streams; None where there is none."""
+        """The function of (height, width) that returns a chain's first streams; None if the file has none."""
         found = self.names.get(START)
         return found if callable(found) and not isinstance(found, Program) else None
 
     @property
     def shown(self) -> dict[str, Program | Chain]:
-        """Everything in the file that can be shown, by name."""
+        """All programs and chains in the file that can be shown, by name."""
         found: dict[str, Program | Chain] = {}
         for name, value in self.names.items():
             if name.startswith("_") or value in found.values():
@@ -58,11 +58,11 @@ class Opened:
         return self.start is not None and bool(unfilled(program))
 
     def pick(self, name: str | None) -> tuple[str, Program | Chain]:
-        """Return the name and the program or chain to show; raises ShpyError where there is none."""
+        """Return the name and the program or chain to show; raise ShpyError if there is none."""
         shown = self.shown
         if name is None:
             if shown:
-                # A chain is there to be run on, and programs beside it are its parts.
+                # The programs in a file with a chain are usually its parts.
                 chains = [n for n, v in shown.items() if isinstance(v, Chain)]
                 last = (chains or list(shown))[-1]
                 return last, shown[last]
@@ -77,7 +77,7 @@ class Opened:
 
 
 def _refuse_all(opened: Opened) -> NoReturn:
-    """Raise the error that says why nothing in the file can be shown."""
+    """Raise an error with the reason why nothing in the file can be shown."""
     programs = [v for v in opened.names.values() if isinstance(v, Program)]
     if programs:
         check_pictures(programs[-1], (1, 1))
@@ -88,7 +88,7 @@ def _refuse_all(opened: Opened) -> NoReturn:
 
 
 def open_file(path: Path) -> Opened:
-    """Run the file and return what it defines. Raises whatever its lines raise."""
+    """Run the file and return its names. Errors of its code pass through."""
     import_from(path.parent)
     with noted(path):
         names = runpy.run_path(str(path))
@@ -100,7 +100,7 @@ def explain(error: BaseException, path: Path) -> dict[str, Any]:
     place = _place(error, path)
     cure = getattr(error, "cure", None)
     if cure is None and isinstance(error, CompileError):
-        cure = "another backend, at the top of the page"  # a driver says what it refuses, never what to write instead
+        cure = "another backend, at the top of the page"  # an error of a driver has no cure of its own
     message = getattr(error, "message", None) or (error.msg if isinstance(error, SyntaxError) else str(error))
     return {
         "type": type(error).__name__,
@@ -113,7 +113,7 @@ def explain(error: BaseException, path: Path) -> dict[str, Any]:
 
 
 def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
-    """Return the file and line of an error: its own, or the last line of the user's files that it passed."""
+    """Return the file and line of an error: its own, or the innermost line of the user's files in its traceback."""
     loc = getattr(error, "loc", None)
     if loc is not None:
         return loc.file, loc.line
@@ -121,7 +121,7 @@ def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
         return error.filename, error.lineno
     frames = traceback.extract_tb(error.__traceback__)
     known = {os.path.realpath(p) for p in (path, *files_read())}
-    # Code has its file as it was named, perhaps from the folder of the process or by a link.
+    # The file name in a traceback may be relative, or that of a link.
     passed = ((os.path.realpath(f.filename), f.lineno) for f in reversed(frames))
     return next(((file, line) for file, line in passed if file in known and line), None)
 

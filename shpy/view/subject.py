@@ -1,6 +1,6 @@
-"""The subject of a view: a program that is drawn, or a chain that runs on and is drawn after its steps.
+"""The subject of a view: a program that is drawn, or a chain that is drawn after each of its steps.
 
-Stage: view. A subject gives the output of the run for a moment, as floats: (height, width) or (height, width, n).
+Stage: view. A subject returns the output of its run at a moment, as floats: (height, width) or (height, width, n).
 
     subject = Still(program, wake)
     subject.draw(Moment((640, 360)), Form("opencl", "strict"))     # (output, the form that was there)
@@ -24,7 +24,7 @@ from shpy.view.source import SHOW, START, Opened
 
 
 class Subject(Protocol):
-    """A program or a chain, as a session draws it."""
+    """The interface by which a session draws a program or a chain."""
 
     moves: bool
     """The picture changes by itself as time goes on."""
@@ -38,7 +38,7 @@ class Subject(Protocol):
 
     @property
     def kernels(self) -> Kernels | None:
-        """The kernels that make the colours; None where a stream's numbers are shown as they are."""
+        """The kernels that compute the colours; None if the numbers of a stream are shown directly."""
 
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
@@ -103,7 +103,7 @@ class Still:
 
 
 class Ongoing:
-    """A chain whose streams go on from frame to frame, drawn by the program `show` or as its last stream is."""
+    """A chain that continues its streams from frame to frame; `show` draws them, or the last stream is the picture."""
 
     params: Mapping[str, Any]
     moves: bool = True
@@ -126,7 +126,7 @@ class Ongoing:
         self._ready: dict[tuple[Form, tuple[int, int]], Exception | bool] = {}
 
     def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
-        """Return the colours of the present streams."""
+        """Return the colours of the current streams."""
         streams = self._present(moment)
         if self.kernels is None:
             return np.asarray(streams[self.shown]), wanted
@@ -137,7 +137,7 @@ class Ongoing:
         return np.asarray(first_output(kernel(**given))), form
 
     def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
-        """Go on by some steps, and return True; return False while neither the wanted form nor a quick one is there."""
+        """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
         streams = self._present(moment)
         forms = tuple(dict.fromkeys((wanted, Form(QUICK, wanted.math))))
         for form in reversed(forms):
@@ -148,7 +148,7 @@ class Ongoing:
         return bool(ready)
 
     def _is_ready(self, form: Form, size: tuple[int, int]) -> bool:
-        """Return whether the kernels of a form are compiled; raises where the target refuses them."""
+        """Return whether the kernels of a form are compiled; raise the error if the target refuses them."""
         found = self._ready[form, size]
         if isinstance(found, Exception):
             raise found
@@ -161,11 +161,11 @@ class Ongoing:
             threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
 
     def _compile(self, key: tuple[Form, tuple[int, int]], moment: Moment, streams: dict[str, Any]) -> None:
-        """Compile the kernels by one run, whose streams are thrown away."""
+        """Compile the kernels by one run, whose results are discarded."""
         try:
             self._run(moment, key[0], streams)
             self._ready[key] = True
-        except Exception as error:  # of a driver too: the page shows it
+        except Exception as error:  # also from a driver: the page shows it
             self._ready[key] = error
         self._wake()
 
@@ -175,7 +175,7 @@ class Ongoing:
         return self.chain.run(backend=form.backend, **placed).streams
 
     def _present(self, moment: Moment) -> dict[str, Any]:
-        """Return the streams; those of another size begin anew."""
+        """Return the streams; restart from the first ones if the size has changed."""
         if self._streams is None or self._size != moment.size:
             self._streams, self._size = self._begin(moment), moment.size
         return self._streams
@@ -196,11 +196,11 @@ class Ongoing:
         self._streams = None
 
     def waiting(self, wanted: Form) -> float | None:
-        """Return 0 while the wanted form compiles; None where it does not."""
+        """Return 0 while the wanted form compiles, else None."""
         return 0.0 if self._ready.get((wanted, self._size or (0, 0)), True) is False else None
 
     def refused(self, wanted: Form) -> Exception | None:
-        """Return the error with which a target refuses `show`; one of the chain's own kernels is raised."""
+        """Return the error with which a target refuses `show`; `advance` raises that of one of the chain's kernels."""
         return self.kernels.refused(wanted) if self.kernels else None
 
     def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:

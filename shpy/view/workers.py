@@ -23,7 +23,7 @@ from typing import Final
 from shpy.view import wire
 
 Heard = Callable[["Worker", bytes | None], None]
-"""The function for each message of a worker; None where its process has ended."""
+"""The function that is called with each message of a worker, and with None when its process has ended."""
 
 _LATEST: Final = 5.0
 """Seconds until the next worker warms up where the one before has no full picture: it takes long, or never comes."""
@@ -37,13 +37,13 @@ class Worker:
         ours, theirs = socket.socketpair()
         with theirs:
             command = [sys.executable, "-m", "shpy.view.child", str(theirs.fileno()), module]
-            # Of a session of its own, so that a terminal's Ctrl-C reaches the server alone.
+            # In a session of its own, so that a terminal's Ctrl-C reaches only the server.
             self.process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), start_new_session=True)
         ours.setblocking(False)
         self._socket = ours
         self.number = next(_numbers)
         self.asked: float | None = None
-        """When the question was asked that has no answer yet."""
+        """The time of the ping that has no answer yet."""
         self._heard = heard
         self.warm = asyncio.Event()
         self._writer: asyncio.StreamWriter | None = None
@@ -52,16 +52,16 @@ class Worker:
     async def _listen(self) -> None:
         reader, self._writer = await asyncio.open_connection(sock=self._socket)
         with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
-            wire.unpack(await wire.receive(reader))  # that it is warm
+            wire.unpack(await wire.receive(reader))  # the message that it is warm
             self.warm.set()
             while True:
                 self._heard(self, await wire.receive(reader))
         self.warm.set()
-        await asyncio.to_thread(self.process.wait)  # it closes the socket a moment before it has a status
+        await asyncio.to_thread(self.process.wait)  # the socket closes a moment before the process has a status
         self._heard(self, None)
 
     def send(self, header: wire.Header) -> None:
-        """Send a message; a worker that has ended takes none."""
+        """Send a message; do nothing if the worker has ended."""
         if self._writer is not None and not self._writer.is_closing():
             wire.send(self._writer, header)
 
@@ -77,7 +77,7 @@ class Worker:
             self._writer.close()
         else:
             self._socket.close()
-        self.process.kill()  # the pool waits for its end, for that of a large process takes a while
+        self.process.kill()  # the pool waits for the end, which takes a while for a large process
 
 
 class Pool:
@@ -109,7 +109,7 @@ class Pool:
         """Return a warm worker; the next one starts at `refill`, or after a while."""
         worker = self._start()
         await worker.warm.wait()
-        if worker is not self._spare:  # somebody else took it meanwhile
+        if worker is not self._spare:  # another caller took it meanwhile
             return await self.take()
         self._spare = None
         self._later = asyncio.get_running_loop().call_later(_LATEST, self._start)
