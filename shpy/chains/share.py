@@ -36,7 +36,7 @@ class Share:
     of: Condition | None
 
     def count(self, place: Place, streams: Mapping[Any, Stream]) -> tuple[int, bool]:
-        """Return the number of elements that are ready, and whether it reaches the share at which the member runs."""
+        """Return the number of ready elements, and whether it reaches the share at which the member runs."""
         ready = _marks(self.condition, place, streams)
         if ready is None:
             return 0, False
@@ -104,7 +104,7 @@ def _check_condition(condition: Any) -> None:
 
 
 def _marks(condition: Condition, place: Place, streams: Mapping[Any, Stream]) -> Stream | None:
-    """Return the bools of a condition; None where a stream is missing."""
+    """Return the bools of a condition; None if a stream is missing."""
     if isinstance(condition, str):
         return streams.get(condition)
     names: Iterable[str] = condition.recorded.inputs

@@ -294,7 +294,7 @@ class Stream(StreamReductions, Shown):
         return found.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
 
     def _shared(self) -> list[Any]:
-        """Return the native object of each leaf; from now on runs write this memory, and put no other in its place."""
+        """Return the native object of each leaf; from now on runs write into this memory and never replace it."""
         self._owned = False
         return [m.native for m in self._memories]
 
@@ -336,7 +336,7 @@ class StreamLeaf:
         return self.stream.shape
 
     def replace(self, memory: Memory) -> None:
-        """Let the leaf have other memory; what the user's own library owns gets a copy of the elements."""
+        """Replace the leaf's memory; if another library shares that, copy the elements into it instead."""
         stream = self.stream
         if stream._owned:
             stream._memories[self.index] = memory

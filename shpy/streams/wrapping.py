@@ -1,4 +1,4 @@
-"""Reads off arrays and textures of other libraries what a stream over their memory is.
+"""Find the backend, shape and type of a stream over an array or texture of another library.
 
 Stage: run.
 

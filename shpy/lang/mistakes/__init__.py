@@ -1,1 +1,1 @@
-"""Mistakes of the user, found in the text or the bytecode of a function, and explained: what to write instead."""
+"""Mistakes of the user, found in the text or the bytecode of a function, and explained with a cure."""

@@ -1,15 +1,15 @@
-"""Names that a block rebinds, found without the text of the function: by its frame and its bytecode.
+"""Find names that a block rebinds without the text of the function, from its frame and its bytecode.
 
-Stage: record, while blocks open and close. Where there is text, `source_check` finds the mistake before anything runs;
-in a REPL, under `exec` and `python -c` there is none. There the local names of the user's frames are compared at the
-exit of each block with those at its entry, and the bytecode tells which of them is read afterwards.
+Stage: record, while blocks open and close. If there is text, `check_source` finds the mistake before anything runs. In
+a REPL, under `exec` and `python -c` there is no text. There the local names of the user's frames are compared at the
+exit of each block with those at its entry, and the bytecode shows which of them are read afterwards.
 
     with SH_IF(x > 1):
         x = x - 1           # x is another object now, and `return x` reads it: RecordError
     return x
 
-A name that is first bound inside the block, or bound anew before it is read again, is innocent. Of what a name holds,
-the items of lists and dicts and the attributes of objects are compared too, one level deep.
+A name that is first bound inside the block, or bound again before it is read, is no mistake. The items of lists and
+dicts and the attributes of objects are compared too, one level deep.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _GONE = object()
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A local name, or an item (its key, and the length of a list) or attribute of what the name holds."""
+    """A local name, or an item (its key, and the length of a list) or attribute of the object with that name."""
 
     name: str
     key: tuple[Any, int | None] | None = None
@@ -54,7 +54,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A frame at the entry of a block: where it was, and what its places held."""
+    """The state of a frame at the entry of a block: its position, and the contents of its places."""
 
     frame: FrameType
     offset: int
@@ -68,7 +68,7 @@ def entered() -> list[Entry]:
 
 
 def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, test: Callable[[], Any] | None) -> None:
-    """Raise RecordError where a block rebound what is read after it, or in the next iteration of its loop.
+    """Raise RecordError if a block rebound a place that is read after it, or in the next iteration of its loop.
 
     `test` is the callable that a loop evaluates in every iteration.
     """
@@ -99,7 +99,7 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
 
 
 def _declaration(place: Place, old: Any, new: Any) -> str:
-    """Return the cure: a store, and a declaration before the block where there is nothing to store into."""
+    """Return the cure: a store, and a declaration before the block if the place held no value."""
     if old is None:
         return findings.stored(f"make `{place}` a value", f"{place}[:] = …")
     if not isinstance(old, _NUMBERS):
@@ -112,7 +112,7 @@ def _declaration(place: Place, old: Any, new: Any) -> str:
     return findings.stored(f"`{local} = {made}({old})`", f"{local}[:] = …")
 
 
-# What a frame holds
+# Contents of a frame
 
 
 @lru_cache(maxsize=1024)
@@ -125,7 +125,7 @@ def _places(frame: FrameType) -> Iterator[tuple[Place, Any]]:
     for name, thing in dict(frame.f_locals).items():
         yield Place(name), thing
         if type(thing) is list:
-            # Another length is a list that Python fills or empties, not items that are stored.
+            # If the length differs, Python has filled or emptied the list: its items were not rebound.
             yield from ((Place(name, (k, len(thing))), x) for k, x in enumerate(thing))
         elif type(thing) is dict:
             yield from ((Place(name, (k, None)), x) for k, x in thing.items())
@@ -135,9 +135,9 @@ def _places(frame: FrameType) -> Iterator[tuple[Place, Any]]:
 
 
 def _matters(x: Any) -> bool:
-    """Return whether what a place holds as a block opens can be mistaken for what it holds afterwards.
+    """Return whether a place with this content at the entry of a block has to be compared at its exit.
 
-    A value of a block that is closed cannot: to use it is an error in any case.
+    A value of a closed block need not be, since each use of it is an error anyway.
     """
     if isinstance(x, Symbolic):
         return not is_value(x) or all(v._frame is None or not v._frame.homes[v._variable].closed for v in leaves_of(x))
@@ -152,7 +152,7 @@ def _rebound(old: Any, new: Any) -> bool:
     return old is not None and isinstance(new, _NUMBERS) and bool(new != old)
 
 
-# What the bytecode reads
+# Reads in the bytecode
 
 
 @lru_cache(maxsize=256)
@@ -207,8 +207,8 @@ def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | 
 def _targets(instructions: tuple[dis.Instruction, ...], k: int, index: dict[int, int], place: Place) -> Iterator[int]:
     """Yield the targets of the jump at `k`, besides its successor.
 
-    Python's own loops are taken to run once at least, and the body of an `if` that binds the place to be run: they
-    are decided while recording, and conditions that go together must not look like a mistake.
+    Python's own loops are assumed to run at least once, and the body of an `if` that binds the place to run. They are
+    decided while recording, and correlated conditions must not look like a mistake.
     """
     target = index[instructions[k].argval]
     if instructions[k].opname == "FOR_ITER":
@@ -238,7 +238,7 @@ def _line_of_store(code: CodeType, start: int, end: int, place: Place) -> int:
 
 
 def _returns(code: CodeType, offset: int) -> bool:
-    """Return whether the block is left by Python's `return`: what it gives back is on the stack already."""
+    """Return whether Python's `return` leaves the block; the returned object is on the stack already."""
     names = [i.opname for i in _instructions(code)[_after(_instructions(code), offset) :]]
     text = " ".join(names[:64])
     return re.match(r"POP_TOP (SWAP |(LOAD_CONST ){3}(PRECALL )?CALL POP_TOP )*RETURN_VALUE", text) is not None

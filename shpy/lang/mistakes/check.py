@@ -1,17 +1,16 @@
-"""A look at the text of the user's function before it is run, for mistakes that running it could not show.
+"""Check the text of the user's function before it is run, for mistakes that running it could not show.
 
-Stage: record, first of all. Takes the function that `sh.program` decorates; raises `RecordError` with the line and the
-cure, or says nothing. Recording runs Python once: a name that a block rebinds keeps the block's value, whether or not
-the block will run, and `y = x` gives one value two names. Both are visible in the text alone.
+Stage: record, first of all. Takes the function that `sh.program` decorates, and raises `RecordError` with the line and
+the cure if there is a mistake. Recording runs Python once: a name that a block rebinds keeps the block's value, whether
+or not the block will run, and `y = x` gives one value two names. Both are visible only in the text.
 
     def wrong(x: sh.Attrib1f):
         with SH_IF(x > 1):
             x = x - 1           # RecordError: … write instead: x[:] = x - 1
         return x
 
-Without text (a REPL, `exec`) nothing is said here: `rebinding` then compares names while the function runs. What is
-legitimate in some program is not reported: the check knows only what is certain, and the recorder finds the rest by
-scope.
+Without text (a REPL, `exec`) this check is skipped: `bytecode` then compares names while the function runs. Only
+certain mistakes are reported, nothing that is legitimate in some program; the recorder finds the rest by scope.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Constructs of Python that ask a value for what it cannot give while recording: an `if`, a `min`, a list's index.
+"""Explain errors of Python constructs that need a number or bool while recording: an `if`, a `min`, a list's index.
 
-Stage: record. The value's `__bool__` knows only that Python wants to know whether it is true; the text says for which
-construct, and so which cure fits. Takes the line that runs; gives the sentence and what to write, or None.
+Stage: record. The value's `__bool__` cannot know which construct called it. The text of the running line shows the
+construct, and so the cure. Takes that line; returns a sentence and the cure, or None.
 
     if 0 < x < 1:       # explain(loc, "bool") → ("Python's `0 < x < 1` …", "with SH_IF((0 < x) & (x < 1)):")
     n = int(x)          # explain(loc, "int") → ("`int(x)` …", "sh.Attrib1i(x)")
@@ -66,7 +66,7 @@ _UNSEEN: dict[str, Hint] = {
 
 @dataclass(frozen=True, slots=True)
 class _Site:
-    """A place where Python asks: the construct, what it tests, and the outermost construct that must be rewritten."""
+    """A place where Python needs a bool or number: the construct, the tested expression, and the node to rewrite."""
 
     node: ast.AST
     tested: ast.expr
@@ -83,9 +83,9 @@ def refuse(value: AbstractValue, asked: str) -> NoReturn:
 
 
 def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint | None:
-    """Return why Python wanted a bool or a number on this line; `frame` is the user's, where known.
+    """Return why Python needed a bool or a number on this line; `frame` is the user's, if known.
 
-    `asked` is what it wanted: bool, int, float, index, round or math.
+    `asked` is the kind of the request: bool, int, float, index, round or math.
     """
     if loc is None:
         return None
@@ -102,7 +102,7 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
             return None
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
         return _conversion_hint(site.tested, spelling, index.id if isinstance(index, ast.Name) else "i")
-    except RecursionError:  # an expression deeper than Python's stack: the error comes without this hint
+    except RecursionError:  # the expression is deeper than Python's stack, so the error has no hint
         return None
 
 
@@ -173,7 +173,7 @@ def _in_order(root: ast.AST) -> Iterator[ast.AST]:
 
 
 def _tests(root: ast.AST, whole: ast.AST | None = None) -> Iterator[_Site]:
-    """Yield the places where Python asks whether something is true, in the order of evaluation."""
+    """Yield the places where Python tests an expression for truth, in the order of evaluation."""
     match root:
         case ast.If() | ast.While() | ast.Assert():
             yield from _tests(root.test, root)

@@ -91,9 +91,9 @@ State: TypeAlias = "dict[str, tuple[Fact, ...]]"
 def joined(start: State, ends: list[State], when: int) -> State:
     """Return the state where Python's branches, or a loop's exits, join.
 
-    A place that any branch assigned has the assignments of those branches only, as if the others were never taken:
+    If any branch assigned a place, it has the assignments of those branches only, as if the others were never taken.
     Python's `if` is decided once, while recording, and correlated conditions must not look like mistakes. Aliases
-    that only some branches made are forgotten: choosing a variable that way is legitimate.
+    that only some branches made are dropped, since it is legitimate to choose a variable that way.
     """
     facts = dict(start)
     for place in dict.fromkeys(p for end in ends for p in end):

@@ -1,6 +1,6 @@
 """The kind of an expression of the text: a value of the language, a host number, another host object, or unknown.
 
-Stage: record. Only what is certain is said; the checks take `UNKNOWN` as innocent wherever they can.
+Stage: record. A kind is given only if it is certain; the checks accept `UNKNOWN` wherever they can.
 
     sh.Point3f(1, 2, 3) → VALUE, "sh.Point3f"   p + d → VALUE   len(a) * 2 → NUMBER   {"k": 1} → HOST   f(x) → UNKNOWN
 """
@@ -57,7 +57,7 @@ VALUE, NUMBER, HOST, UNKNOWN = Known(Kind.VALUE), Known(Kind.NUMBER), Known(Kind
 
 @dataclass(frozen=True)
 class Judge:
-    """Tells kinds; `look` says what is known of a local name or path (`self.k`), None if nothing is."""
+    """Finds the kinds of expressions; `look` returns the `Known` of a local name or path (`self.k`), or None."""
 
     scope: Scope
     look: Callable[[str], Known | None]

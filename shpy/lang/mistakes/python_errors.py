@@ -42,7 +42,7 @@ _OF_ARRAYS = {
 
 
 _OFTEN = 50
-"""Calls of a function from one line of its own, in a stack, that make it a recursion without an end."""
+"""The number of calls of a function from one of its own lines in a stack, from which it counts as endless recursion."""
 _ENDLESS = "Python calls it while the program is recorded, and no condition on values ends that"
 _STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, if depth > 0: f(x, depth - 1)"
 
@@ -50,7 +50,7 @@ _STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, 
 def explain_python_error(
     error: TypeError | AttributeError | NameError | RecursionError, recorded: str
 ) -> ShpyError | None:
-    """Return shpy's error at the user's line; None for an error that is the user's own affair.
+    """Return shpy's error at the user's line; None for an error that is unrelated to the language.
 
     `recorded` is the name of the function that is recorded.
     """

@@ -1,6 +1,6 @@
-"""The user's own expression, rewritten as the language wants it: what the cures quote.
+"""Rewrite the user's expression in the operators of the language, for the texts of cures.
 
-Stage: record. Takes an expression's tree; gives text.
+Stage: record. Takes an expression's tree; returns text.
 
     a < b < c → (a < b) & (b < c)      x and not y → x & ~y      1 if c else 2 → sh.cond(c, 1, 2)
 """
@@ -55,7 +55,7 @@ class _Rewriter(ast.NodeTransformer):
         return ast.Call(function, [node.test, node.body, node.orelse], [])
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
-        """Keep a lambda unchanged: its body is another function's."""
+        """Keep a lambda unchanged, since its body belongs to another function."""
         return node
 
 

@@ -1,7 +1,7 @@
 """The blocks under the constructs of control flow: regions that open and close, loops, and loops that count.
 
-Stage: record. A block is a context manager: it opens a region of the recording, and when it closes, its `finish` leaves
-a statement behind.
+Stage: record. A block is a context manager: it opens a region of the recording, and when it closes, its `finish`
+appends a statement.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BOOL, _INT = vec(Base.B), vec(Base.I)
 
 
 class _Construct(type):
-    """The class of blocks: one that was made and is never opened is an error at the end of its function."""
+    """The metaclass of blocks: a block that is created but never opened is an error at the end of its function."""
 
     def __call__(cls, *args: Any, **named: Any) -> Any:
         block = super().__call__(*args, **named)
@@ -77,7 +77,7 @@ class Block(metaclass=_Construct):
     def abandon(self, kind: type[BaseException]) -> None:
         """Drop the block that an exception leaves, and refuse the program if its function catches the exception.
 
-        It cannot be refused here: an error that is raised while a generator is closed does not reach the user.
+        The program is refused later, since an error that is raised while a generator is closed does not reach the user.
         """
         frame = self.frame
         left = f"{kind.__name__} left this {self.what} before its end and was caught outside of it"
@@ -92,7 +92,7 @@ class Block(metaclass=_Construct):
             del frame.blocks[place:], frame.scopes[place + 1 :]
 
     def finish(self, region: Region) -> None:
-        """Leave the statement behind."""
+        """Append the block's statement."""
         raise RecordError(f"{self.what} cannot stand alone")
 
     def __enter__(self) -> Any:
@@ -147,7 +147,7 @@ class LoopBlock(Block):
         self.until = value if value >= 0 else None
 
     def finish(self, region: Region) -> None:
-        """Leave the Loop."""
+        """Append the Loop."""
         self.frame.append(Loop(region, self.continuing, self.until, self.turns, self.loc))
 
 

@@ -1,11 +1,11 @@
-"""Claims of a module that comes as text: each is checked before anything relies on it.
+"""Check the claims of a module that comes as text before anything relies on them.
 
-Stage: record, where nothing was recorded. Takes a verified module that anybody may have written; gives one that can be
-run, or raises VerifyError. The verifier knows the rules that hold for every module, also between passes; here are those
-of a whole program: ports have the types that their kinds name, names build structures, the status is the passes' own.
+Stage: record, for modules that were not recorded. Takes a verified module of any origin; returns one that can be run,
+or raises VerifyError. The verifier checks the rules of every module, also between passes. This file checks those of a
+whole program: ports have the types that their kinds name, names form structures, and only passes add a status.
 
-A loop's `turns` is a promise that no target checks. Where the loop does not show that it keeps it, the promise is
-dropped, and the loop has a budget like any other.
+A loop's `turns` is a promise that no target checks. If the loop does not provably keep it, the promise is dropped, and
+the loop limit applies to the loop.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Chain:
         self.variables = 0
 
     def add(self, branch: Branch) -> None:
-        """Add a link; past the length of a segment, links go behind the flag `matched`."""
+        """Add a link; links beyond the length of a segment are tested only if the flag `matched` is not set."""
         if len(self.segments[-1]) == _CHAIN:
             self.segments.append([])
             if self.matched is None:
@@ -70,7 +70,7 @@ class Chain:
         return Let(const, "const", (), (int(value),)), Store(self.matched, const.id)
 
     def rebuild(self) -> None:
-        """Put the chain, as it is now, into its scope."""
+        """Replace the chain's statements in its scope by those of the current links."""
         statements: list[Stmt] = []
         if self.matched is not None:
             statements.extend(self._set(False))

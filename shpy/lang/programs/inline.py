@@ -192,7 +192,7 @@ def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
         slots[v.id] = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
         frame.names[slots[v.id]] = v.name
         if frame.scope.loops and v.length is None:
-            # A slot is zero when its function starts; here that is anew in each iteration.
+            # A slot is zero when its function starts, so in a loop it is set to zero in each iteration.
             frame.store(slots[v.id], emitter.const(v.type, (0,) * v.type.size))
     values: dict[int, int] = {}
     for port, arg in zip(entry.inputs, args, strict=True):

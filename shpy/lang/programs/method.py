@@ -1,7 +1,7 @@
-"""Programs that are methods: recorded for each instance, when it is first asked for one.
+"""Programs that are methods, recorded for each instance at the first access.
 
-Stage: record. What the instance holds is known while its program is recorded, as globals are for a function: numbers
-become constants, Params and Tables stay data. An attribute that is changed later does not change the program.
+Stage: record. The attributes of the instance are known while its program is recorded, as globals are for a function:
+numbers become constants, Params and Tables stay data. A later change of an attribute does not change the program.
 
     class Shader:
         def __init__(self, gain):
@@ -105,7 +105,7 @@ class PerInstance:
         return made
 
     def _keep(self, instance: Any, made: Any) -> None:
-        """Hold it until the instance goes."""
+        """Keep the recording until the instance is deleted."""
         key, forget = id(instance), self._made.pop
         try:
             reference = weakref.ref(instance, lambda _: forget(key, None))

@@ -39,7 +39,7 @@ InputType = Layout | TableType | TextureType
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A module with what the host must know to run it; `defaults` are the values of inputs that a call leaves out."""
+    """A module with the data that the host needs to run it; `defaults` are the values of inputs that a call omits."""
 
     module: Module
     inputs: dict[str, InputType]
@@ -76,7 +76,7 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
 
 
 def _is_open(annotation: Any) -> bool:
-    """Return whether an annotation leaves open what a function gives back: a dict has no types for its names."""
+    """Return whether an annotation leaves the type of a result open, as a dict does, which does not list its names."""
     open_types = (None, type(None), Any, dict, list, tuple)
     return annotation in open_types or typing.get_origin(annotation) in (dict, list)
 
@@ -124,7 +124,7 @@ def _is_type(annotation: Any, name: str) -> bool:
 
 
 def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
-    """Call f; an error that knows no line of its own gets `loc`, which is the function's."""
+    """Call f; an error without a line gets `loc`, the line of the function."""
     try:
         return f(*args)
     except ShpyTypeError as error:

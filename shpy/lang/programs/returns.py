@@ -19,9 +19,9 @@ from shpy.lang.values.value import Value
 
 
 class Returns:
-    """The outputs of `frame`. `layout` is what the annotation says, or None until the first value says it.
+    """The outputs of `frame`. `layout` is that of the annotation, else None until the first value determines it.
 
-    `bodies` is the code of the function that is recorded, where SH_RETURN may stand.
+    `bodies` is the code of the recorded function, in which SH_RETURN may be used.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Returns:
         self.frame.append(If(condition, tuple(scope.statements), (), exit.loc))
 
     def store(self, value: Any) -> None:
-        """Store the value's leaves into the outputs; the first decides what they are, if no annotation did."""
+        """Store the value's leaves into the outputs; without an annotation the first value determines their types."""
         if value is None:
             if self.layout is not None:
                 raise RecordError(
@@ -111,13 +111,13 @@ class Returns:
         for name, kind, cls in leaves(self.layout, ""):
             slot = self.frame.variable(cls.type, name="", loc=self.frame.loc)
             self.frame.homes[slot] = self.frame.scopes[0]
-            # The user's own variable keeps its name; what is copied out of it is the result.
+            # The user's own variable keeps its name, so its copy in the output is named `result`.
             self.frame.names[slot] = name if name and not name.isdigit() else f"result{name}"
             self.slots.append(slot)
             self.ports.append((name or "0", kind))
 
     def finish(self, value: Any) -> None:
-        """Record the function's own return; an error where it can fall off the end without a value."""
+        """Record the function's own return; raise RecordError if it can reach its end without a value."""
         self._check_wrappers()
         body = tuple(self.frame.scopes[0].statements)
         if value is not None:
@@ -131,7 +131,7 @@ class Returns:
 
 
 def _check_count(what: str, layout: Layout, value: Any) -> None:
-    """Raise RecordError for several values where the annotation names one, and for another number than it names."""
+    """Raise ShpyTypeError if the number of values differs from that of the annotation."""
     several = isinstance(value, tuple | list)
     match layout:
         case Leaf(cls):
@@ -160,7 +160,7 @@ def _spoken(frame: FrameType) -> tuple[str, str]:
 
 
 def ends(region: Region) -> bool:
-    """Return whether nothing runs on past the region's end."""
+    """Return whether control never reaches the region's end."""
     if not region:
         return False
     last = region[-1]

@@ -81,9 +81,9 @@ class Subroutine:
         return recorded.call(recording.frame, given)
 
     def _key(self, given: dict[str, Any]) -> Hashable | None:
-        """Return what decides which recording fits a call: types of values, snapshots of all else that is read.
+        """Return the key of the recording for a call: the types of values, and snapshots of all other objects read.
 
-        None where something has no snapshot: the function is then recorded for each call.
+        Returns None if an object has no snapshot: the function is then recorded for each call.
         """
         kinds = tuple((name, _kind(value)) for name, value in given.items())
         hosts = [value for (_, kind), value in zip(kinds, given.values(), strict=True) if kind is None]
@@ -91,7 +91,7 @@ class Subroutine:
         return None if seen is None else (self, kinds, seen)
 
     def _argument(self, name: str, value: Any) -> Any:
-        """Make a number for an annotated parameter a value of its type; other host objects stay what they are."""
+        """Return a number for an annotated parameter as a value of that type; return other host objects unchanged."""
         assert self._hints is not None
         hint = self._hints.get(name)
         plain = literal(value) is not None or sequence(value) is not None
@@ -139,7 +139,7 @@ def _kind(value: Any) -> Hashable | None:
 
 
 def _parameter(frame: Frame, name: str, value: Any) -> Any:
-    """Make the object that stands for an argument inside the function: fresh slots."""
+    """Return an object with fresh slots, which represents an argument inside the function."""
     loc = frame.loc
     if isinstance(value, Array):
         slots = [
@@ -172,7 +172,7 @@ def _slots(value: Any) -> list[int]:
 
 
 class Recorded:
-    """A subroutine as one program calls it: its function, and how to pass what it takes."""
+    """A subroutine recorded for one program: its function, and how each argument is passed."""
 
     def __init__(self, frame: Frame, inside: dict[str, Any], *, alone: bool = False) -> None:
         returns: Returns = frame.returned
@@ -205,7 +205,7 @@ class Recorded:
         self.function: Function = replace(frame.finish(tuple(inputs), tuple(returns.slots), pure), alone=alone)
 
     def content(self) -> tuple[Hashable, ...]:
-        """Return all of it but the name: recordings of one content are one function."""
+        """Return everything but the name; recordings with equal contents share one function."""
         return self.layout, self.function.loc, replace(self.function, name="")
 
     def call(self, frame: Frame, given: dict[str, Any]) -> Any:

@@ -24,7 +24,7 @@ Handle = Any
 
 
 class Emitter(Protocol):
-    """Takes operations, gives handles."""
+    """Emits operations and returns handles of their results."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
         """Apply a row of the op table to typed handles."""
@@ -119,7 +119,7 @@ class DeferredEmitter:
 
 
 def nodes_of(root: Node) -> Iterator[Node]:
-    """Return the nodes of an expression, each once, operands before what takes them."""
+    """Return the nodes of an expression, each once, operands before the nodes that use them."""
     seen: set[int] = set()
     pending = [(root, False)]
     while pending:

@@ -112,7 +112,7 @@ def loc_in(file: str, line: int) -> Loc:
 
 @contextmanager
 def at(loc: Loc | None) -> Iterator[None]:
-    """Have what is recorded meanwhile belong to `loc`: used where the user's function has returned already."""
+    """Give statements recorded in the block the location `loc`, after the user's function has returned."""
     _thread.elsewhere.append(loc)
     try:
         yield

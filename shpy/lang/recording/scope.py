@@ -23,7 +23,7 @@ from shpy.parsing import parse
 
 
 class _Unresolved:
-    """The answer when text alone does not say."""
+    """The type of `UNRESOLVED`, for names whose objects the text alone does not determine."""
 
 
 UNRESOLVED = _Unresolved()

@@ -1,6 +1,6 @@
 """Rules for operands that meet: literals, mixing of bases, broadcasting, kinds.
 
-Stage: record. Takes what stands beside an operator, gives types; `values.py` and `builtins.py` then emit.
+Stage: record. Takes the operands of an operator and returns types; `values.py` and `builtins.py` then emit.
 
 An int literal takes the other operand's type, a float literal widens ints to `f`, True and False are `b`; bases mix
 h -> f -> d, ints widen to at least `f`, `i` with `u` and anything with `b` are errors.
@@ -28,7 +28,7 @@ _SPOKEN = {Base.F: "f", Base.D: "d", Base.H: "h", Base.I: "i", Base.U: "u", Base
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """Numbers that the host knows: `weak` is "int", "float" or "bool"."""
+    """Numbers of the host; `weak` is their kind: "int", "float" or "bool"."""
 
     weak: str
     components: tuple[Any, ...]

@@ -1,7 +1,7 @@
-"""Dependent uniforms: what operators and functions give for Params outside a program.
+"""Dependent uniforms: the results of operators and functions on Params outside a program.
 
 Stage: record. The operations are kept as an expression. A program that uses the result has one uniform for it, which is
-computed before each run from what the Params are then.
+computed before each run from the current values of the Params.
 
     freq = sh.Param(sh.Attrib1f, 2.0)
     freq2 = sh.sqrt(freq) * 2      # a uniform that follows freq
@@ -24,7 +24,7 @@ from shpy.lang.recording.recorder import Frame, current_frame
 
 
 class Evaluator(Protocol):
-    """Computes a dependent uniform from what its sources are now, at a kernel's precision and in its mode."""
+    """Computes a dependent uniform from its sources' current values, at a kernel's precision and in its mode."""
 
     def __call__(self, uniform: Dependent, precision: str, math: str) -> NDArray[Any]:
         """Return the value, of shape () or (size,)."""
@@ -34,7 +34,7 @@ _evaluators: list[Evaluator] = []
 
 
 def evaluate_with(evaluator: Evaluator) -> None:
-    """Have dependent uniforms computed by `evaluator`: it stands above the language, since it runs programs."""
+    """Set the evaluator of dependent uniforms, which is defined in a higher layer since it runs programs."""
     _evaluators[:] = [evaluator]
 
 
@@ -92,7 +92,7 @@ class Dependent:
         return _evaluators[0](self, precision, math)
 
     def __reduce__(self) -> Any:
-        steps = list(nodes_of(self.root))  # one after the other: an expression may be deep
+        steps = list(nodes_of(self.root))  # iteratively, since an expression may be deep
         places = {id(node): k for k, node in enumerate(steps)}
         flat = [(n.op, tuple(places[id(a)] for a in n.args), n.type, n.attr, n.source) for n in steps]
         return _again, (type(self).__bases__[1], flat, self.name)

@@ -1,4 +1,4 @@
-"""Exact snapshots of host objects: what the recording of a function depends on besides its symbolic arguments.
+"""Exact snapshots of the host objects on which the recording of a function depends.
 
 Stage: record. Two snapshots are equal if the objects have the same types and bits, at every depth: 0.0 is not -0.0, and
 (1,) is not (1.0,). The snapshot of a function holds its code, its defaults, and the closure cells and globals that its
@@ -26,9 +26,9 @@ from shpy.lang.values.value import Value
 
 _MOST_PARTS: Final = 4096
 _MOST_BYTES: Final = 1 << 20
-"""Larger objects have no snapshot: recording a function again is quicker than comparing them."""
+"""The largest object with a snapshot; for larger ones recording again is faster than comparing."""
 _EXACT: Final = frozenset({NoneType, bool, int, str, bytes, type(...)})
-"""Types whose objects are the same wherever `==` holds between two of one type."""
+"""Types of which two objects are identical in all respects if `==` holds between them."""
 _PURE: Final = (builtins, math, operator)
 _IMPURE: Final = frozenset(
     {"__import__", "breakpoint", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals", "open", "vars"}
