@@ -25,7 +25,7 @@ class _Pause:
         self.was_on = False
 
     def enter(self) -> None:
-        """Enter a block; the first one turns the garbage collector off."""
+        """Enter a block; the first block disables the garbage collector."""
         with self.lock:
             if not self.threads:
                 self.was_on = gc.isenabled()
@@ -33,7 +33,7 @@ class _Pause:
             self.threads.append(threading.get_ident())
 
     def leave(self) -> None:
-        """Leave a block; the last one restores the collector's state."""
+        """Leave a block; the last block restores the collector's state."""
         with self.lock:
             self.threads.remove(threading.get_ident())
             self._restore()

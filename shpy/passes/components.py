@@ -29,7 +29,7 @@ from shpy.ir.traverse import rewrite, walk
 
 COMPONENTS = "xyzw"
 SCALED = frozenset({"length", "distance", "normalize"})
-"""Operations on whole vectors that a target may have itself."""
+"""Operations on whole vectors that some targets have."""
 _KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
 _SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
 GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise) - SCALED

@@ -20,7 +20,7 @@ from shpy.ir.traverse import walk
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
 _CHOOSING = frozenset({"cond", "construct", "splat", "swizzle", "component", "neg", "abs", "min", "max"})
-"""Operations that give one of their operands, or its opposite: they make no zero of numbers that are not zero."""
+"""Operations that return an operand, its negation or its absolute value: the result is zero only if an operand is."""
 _FETCHED = frozenset({"load", "param", "table", "half"})
 _UNKNOWN = frozenset({"table", "call", "grid_index"})
 _MINUS_ZERO = 1 << 63

@@ -33,7 +33,7 @@ def parsed(file: str) -> ast.Module | None:
     if lines:
         try:
             tree = parse("".join(lines))
-        except (SyntaxError, ValueError, RecursionError, MemoryError):  # `rebinding` checks frames instead
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # `bytecode` checks frames instead
             tree = None
     _files[file] = (lines, tree)
     return tree
