@@ -289,7 +289,7 @@ class Compiler:
         return run
 
     def call(self, name: str, args: tuple[int, ...], results: tuple[Value, ...]) -> Step:
-        """Return the step of a Call; references are copied in and out, since no variable is passed twice in one call."""
+        """Return the step of a Call; references are copied in and out, since a call passes no variable twice."""
         callee = self.functions[name]
         ports = callee.function.inputs
         into: list[tuple[int, int]] = []
