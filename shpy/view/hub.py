@@ -188,8 +188,6 @@ class Hub:
             self._broadcast(wire.pack({"kind": "well"}))
         self.state.update(time=header["time"], frame=header["frame"])
         self._frame = message
-        if self._recording is None and not header["coarse"] and header["waiting"] is None:
-            self._pool.refill()  # until then the processor is for the new version
         for page in self.pages.values():
             page.offer(message)
 

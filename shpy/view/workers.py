@@ -4,9 +4,8 @@ Stage: view, in the server. A worker is a process with a socket; it runs `child`
 it. A warm worker has imported shpy and opened the devices, so it records a file within milliseconds.
 
     pool = Pool("shpy.view.session", heard)
-    worker = await pool.take()              # the warm one
+    worker = await pool.take()              # the warm one; another one warms up
     worker.send({"do": "open", …})
-    pool.refill()                           # it has its picture: another one warms up
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from shpy.view import wire
 Heard = Callable[["Worker", bytes | None], None]
 """The function that is called with each message of a worker, and with None when its process has ended."""
 
-_LATEST: Final = 5.0
-"""Seconds until the next worker warms up where the one before has no full picture: it takes long, or never comes."""
+_HEAD_START: Final = 1.0
+"""Seconds in which a worker that records has the processor for itself, before the next one warms up."""
 _numbers = itertools.count(1)
 
 
@@ -83,8 +82,7 @@ class Worker:
 class Pool:
     """The workers of one module of sessions, with one warm spare.
 
-    After `take` there is no spare until `refill`, or for `_LATEST` seconds: the worker that was taken, and the driver
-    that compiles its kernel, have the processor.
+    After `take` there is no spare for `_HEAD_START` seconds, so that the worker that was taken has the processor.
     """
 
     def __init__(self, module: str, heard: Heard) -> None:
@@ -106,18 +104,14 @@ class Pool:
         return self._spare
 
     async def take(self) -> Worker:
-        """Return a warm worker; the next one starts at `refill`, or after a while."""
+        """Return a warm worker; the next one starts once this one has had the processor for a while."""
         worker = self._start()
         await worker.warm.wait()
         if worker is not self._spare:  # another caller took it meanwhile
             return await self.take()
         self._spare = None
-        self._later = asyncio.get_running_loop().call_later(_LATEST, self._start)
+        self._later = asyncio.get_running_loop().call_later(_HEAD_START, self._start)
         return worker
-
-    def refill(self) -> None:
-        """Start a spare worker, if there is none."""
-        self._start()
 
     def close(self) -> None:
         """End all workers."""

@@ -11,7 +11,7 @@ import shpy as sh
 from benchmarks.pages import wait_until
 from shpy.screen import Moment, run_at
 from shpy.testing import observers
-from shpy.view import hub, wire
+from shpy.view import hub
 from shpy.view.kernels import Form
 from shpy.view.searches import Searches
 
@@ -106,22 +106,16 @@ class Pool:
     """A pool of workers that never start."""
 
     def __init__(self, module, heard):
-        self.refills = 0
+        pass
 
     async def take(self):
         return Worker()
-
-    def refill(self):
-        self.refills += 1
 
 
 class Page:
     number = 7
 
     def send(self, message):
-        pass
-
-    def offer(self, frame):
         pass
 
 
@@ -140,24 +134,3 @@ def test_the_worker_that_draws_is_told_to_cancel(monkeypatch, tmp_path, what):
     else:
         asyncio.run(found.record())
     assert found._drawing.sent == [{"do": "cancel", "page": None if what == "saved" else 7}]
-
-
-def test_another_worker_warms_up_once_the_new_version_has_its_full_picture(monkeypatch, tmp_path):
-    monkeypatch.setattr(hub, "Pool", Pool)
-    path = tmp_path / "shader.py"
-    path.write_text("")
-    found = hub.Hub("shpy.view.session", {"path": str(path)}, {"params": {}})
-    found._drawing = Worker()
-    found._drawing.kill = lambda: None
-    asyncio.run(found.record())
-
-    def frame(worker, coarse, waiting):
-        header = {"kind": "frame", "time": 0.0, "frame": 0, "coarse": coarse, "waiting": waiting}
-        found._heard(worker, wire.pack(header))
-        return found._pool.refills
-
-    fresh = found._recording
-    assert frame(found._drawing, False, None) == 0  # of the version before
-    assert frame(fresh, True, None) == 0
-    assert frame(fresh, False, "opencl") == 0
-    assert frame(fresh, False, None) == 1
