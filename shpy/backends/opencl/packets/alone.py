@@ -1,7 +1,7 @@
-"""The loop over the lanes of a packet that each run a function alone.
+"""The loop that calls a function for the lanes of a packet one after the other.
 
-Stage: emit. What varies is stored to arrays, one number a lane; the function of one element is called for each active
-lane; its results are loaded again. Lanes that are not active give 0.
+Stage: emit. Varying arguments are stored to arrays, one number per lane. The function of one element is called for each
+active lane, and its results are loaded from arrays. Inactive lanes give 0.
 
     block = each_lane("find_alone", active, [x], [length], [table], 16)
 """
@@ -37,7 +37,7 @@ _LANE = Name(INT, "k")
 def each_lane(
     one: str, active: Name, inputs: Sequence[Name], outputs: Sequence[Name], context: Sequence[Name], lanes: int
 ) -> Block:
-    """Return the statements of a function that runs `one` for each lane of the mask `active`, one of its parameters.
+    """Return the statements of a function that calls `one` for each lane of the mask `active`, one of its parameters.
 
     Names have the types of one element. A single result is returned; several are stored through pointers.
     """
@@ -82,7 +82,7 @@ def _one_lane(one: str, inputs: Sequence[Name], outputs: Sequence[Name], context
 
 
 def _array(e: Name) -> Name:
-    """Return the array that holds one number a lane."""
+    """Return the array that holds one number per lane."""
     return Name(e.type, f"{e.text}_of")
 
 
@@ -92,17 +92,17 @@ def _one(e: Name) -> str:
 
 
 def _held(type: Type) -> Type:
-    """Return the type of a lane's number: packets of bools are masks."""
+    """Return the type of a lane's number in an array: bools are stored as masks, which are ints."""
     return type.based(Base.I) if type.is_bool else type
 
 
 def _memory(way: str, lanes: int, type: Type, *args: Expr) -> Expr:
-    """Return OpenCL's function that loads or stores as many numbers."""
+    """Return the call of OpenCL's function that loads or stores `lanes` numbers (`way`: `vload` or `vstore`)."""
     return tree.call(f"{way}{lanes}", type, *args)
 
 
 def _loaded(e: Name, lanes: int) -> Expr:
-    """Return the packet of a result."""
+    """Return the expression that loads a result as a packet."""
     type = lanes_of(e.type.base, lanes)
     if lanes <= LONGEST:
         return _memory("vload", lanes, type, number(0), _array(e))

@@ -62,24 +62,24 @@ from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import vectorize
 
 _LARGE: Final = 400
-"""A kernel of more statements is a function that the kernel calls: PoCL generates the code of a kernel three times.
+"""The most statements of an entry that is not a function of its own: PoCL generates the code of a kernel three times.
 
-Functions of so many are not inlined either.
+Other functions with more statements are not inlined.
 """
 
 
 def print_packets(
     module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, faults: Collection[str] = ()
 ) -> Kernel:
-    """Print the kernel of a prepared module for packets of `lanes` elements; CompileError for what OpenCL cannot do.
+    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
 
-    `faults`: what the compiler gets wrong, of FAULTS.
+    `faults` are the compiler's faults, of FAULTS.
     """
     called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
     if called:
-        module = inline_calls(module, lambda f: f.name in called)  # what an element runs alone calls nothing else
+        module = inline_calls(module, lambda f: f.name in called)  # functions that lanes run one after the other call no others
     scalar = optimise(take_apart(module))
-    # What hides a vector is arithmetic on it, which packets take apart too.
+    # A hidden zero adds arithmetic on vectors, which has to be split too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
     packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
     columns = lanes if _stay_together(packets) else QUAD
@@ -87,9 +87,9 @@ def print_packets(
 
 
 def _stay_together(module: Module) -> bool:
-    """Return whether lanes do not diverge and read no places of their own: then a block is of no use.
+    """Return whether lanes neither diverge nor gather from tables; blocks then have no advantage over rows.
 
-    What a function without stores does apart is for numbers that are rare.
+    Divergence inside functions without stores does not count, because rare numbers cause it.
     """
     lets = [(f.name, s) for f in module.functions for s in walk(f.body) if isinstance(s, Let)]
     pure = {str(s.attr) for _, s in lets if s.op == "call"}
@@ -102,7 +102,7 @@ def _is_large(function: Function) -> bool:
 
 
 class PacketMaker(KernelMaker):
-    """Makes one module of packets one kernel; `ports` has its inputs and outputs before they were taken apart."""
+    """The emitter of a kernel of packets; `ports` has the entry's inputs and outputs before they were split into scalars."""
 
     prologue: PacketPrologue
     body: ClassVar[type[ClBody]] = PacketBody
@@ -139,10 +139,10 @@ class PacketMaker(KernelMaker):
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
         self.words = Words()
-        """The text for vectors of more numbers than OpenCL C has."""
+        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
 
     def kernels_around(self, text: Callable[[str], str]) -> Kernel:
-        """Return kernels that call the entry as a function of packets; `text` gives them for its name."""
+        """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
         entry = self.module.entry
         self.place = {}
         self.add_functions()
@@ -163,16 +163,19 @@ class PacketMaker(KernelMaker):
         return super().needs_doubles() or self.prologue.doubles
 
     def declared(self) -> Sequence[str]:
-        """Return declarations of vectors of more numbers than OpenCL C has."""
+        """Return declarations of vectors longer than OpenCL C's."""
         if self.lanes <= LONGEST:
             return ()
         self.words.add_text(self.prologue.text())
         return ["", *declare_wide(self.words, self.lanes).splitlines()]
 
-    # What a function needs besides its arguments
+    # The extra arguments of functions
 
     def needed(self, let: Let) -> Needs | None:
-        """Return what an operation needs: blocks of the grid its shape, to number the rows of an image's planes too."""
+        """Return the tables, params and grid variables that an operation reads; None without any.
+
+        Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through all planes.
+        """
         found = needed_by(let)
         if found is None or let.op not in ("grid_index", "grid_shape", "neighbour"):
             return found
@@ -184,24 +187,24 @@ class PacketMaker(KernelMaker):
         return replace(found, grid=found.grid | shape, ranks=frozenset({rank}))
 
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return the arguments to pass on to a function; the entry's own function computes its place in the grid."""
+        """Return the extra arguments of a function; the entry's own function computes its index in the grid itself."""
         found = super().handed(function)
         if function != self.module.entry.name or not self.place:
             return found
         return (*self.place, *(e for e in found if e != self.grid[INDEX]))
 
     def declares(self, e: Name) -> Parameter:
-        """Return the parameter by which something is handed on."""
+        """Return the parameter for an extra argument."""
         return Parameter(self.place[e], e.text) if e in self.place else super().declares(e)
 
     def array(self, type: Type, qualifier: str = "") -> Pointer:
-        """Return the type of an array in memory; vectors of three are kept as four."""
+        """Return the type of an array in memory; vectors of three are padded to four."""
         return super().array(type.sized(4) if type.size == 3 else type, qualifier)
 
     # Functions
 
     def stands_apart(self, function: Function) -> bool:
-        """Return whether the compiler is told not to inline the function."""
+        """Return whether the compiler must not inline the function."""
         return super().stands_apart(function) or _is_large(function)
 
     def spelled(self, made: tree.Function) -> None:
@@ -211,7 +214,7 @@ class PacketMaker(KernelMaker):
         super().spelled(made)
 
     def add(self, function: Function, name: str) -> None:
-        """Add a function to the text; for one that each lane runs alone, the loop over the lanes too."""
+        """Add a function to the text; for one that lanes run one after the other, add the loop over the lanes too."""
         if not function.alone:
             super().add(function, name)
             return
@@ -237,37 +240,37 @@ class PacketMaker(KernelMaker):
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function.
 
-        The entry's own function makes its packet again: a struct of vectors that is handed over waits for memory.
+        The entry's own function makes its packet again, because a struct of vectors would be passed through memory.
         """
         if function != self.module.entry.name or not self.place:
             return ()
         return (self._make_packet(), *self._find_place())
 
-    # What a work item does with its packet
+    # The statements of a work item
 
     def is_apart(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls."""
         return _is_large(entry) or super().is_apart(entry)
 
     def direct(self, entry: Function) -> Collection[int]:
-        """Return no output: each is written for all lanes, at the end."""
+        """Return no output, because the kernel writes each for all lanes at its end."""
         return ()
 
     def begin_kernel(self) -> None:
-        """Ask for the packet."""
+        """Add the struct of a packet to the prologue."""
         self.prologue.packet()
 
     def stored(self, type: Type) -> Type:
-        """Return the type of an array that holds an input or output: one of numbers."""
+        """Return the type of an array that holds an input or output: an array of scalars."""
         return type.scalar
 
     def nothing(self, body: ClBody, type: Type) -> Expr:
-        """Return an input that is not used."""
+        """Return a zero as the argument for an input that is not used."""
         zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
         return zero if isinstance(type, Lanes) else Construct(type, (zero,))
 
     def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
-        """Return the elements of an input."""
+        """Return the expression that reads the packet's elements of an input."""
         read = self.prologue.memory("read", type.base, type.size)
         return tree.call(read, rows_of(type.base, type.size, self.lanes), array, step, self.packet)
 
@@ -283,12 +286,12 @@ class PacketMaker(KernelMaker):
             body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
 
     def _wide(self, body: ClBody, variable: Variable) -> Expr:
-        """Return an output, for each lane."""
+        """Return an output as a packet; a uniform one is broadcast."""
         e, type = body.slots[variable.id], variable.type
         return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))
 
     def find_element(self, *, apart: bool) -> Block:
-        """Return the statements by which a work item finds its packet; they end it if that has no element."""
+        """Return the statements that compute a work item's packet, and that end the work item if the packet is empty."""
         if self.listed:
             number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
             start: Expr = tree.infix("*", number_of, number(self.lanes))
@@ -304,14 +307,14 @@ class PacketMaker(KernelMaker):
         return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))
 
     def _find_place(self) -> Block:
-        """Return the statement that finds the lanes' own index, where that is asked for."""
+        """Return the statement that computes the lanes' index in the grid, or none if no operation reads it."""
         index = self.grid[INDEX]
         if INDEX not in self.needs[self.module.entry.name].grid:
             return ()
         return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
 
     def _grid_of_lanes(self, type: Type) -> Expr:
-        """Return the lanes' index along each axis; an image's rows are numbered through all its planes."""
+        """Return the lanes' index along each axis; `y` of the packet counts rows through all planes."""
         lanes = lanes_of(Base.I, self.lanes)
         x, y = (Member(lanes, self.packet, axis) for axis in "xy")
         if self.grid_rank == 1:

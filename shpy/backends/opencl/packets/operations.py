@@ -1,4 +1,4 @@
-"""Operations on packets. Most are those of OpenCL C's vectors; this module has the others.
+"""Operations on packets: those that differ from the operations on OpenCL C's vectors.
 
 Stage: emit. A packet is a vector with a number for each lane (`widen`), so `z_x * z_x + 4.0f` reads as it does for one
 element. Bools are masks: ints, -1 for true. `ClBody` writes the operations on uniform values.
@@ -25,7 +25,7 @@ _PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "lde
 
 
 class _PacketUnit(ClUnit):
-    """The kernel of packets, as far as operations know it."""
+    """The part of a packet kernel's state that operations use."""
 
     prologue: PacketPrologue
     packet: Name
@@ -33,7 +33,7 @@ class _PacketUnit(ClUnit):
 
 
 class PacketBody(ClBody):
-    """Makes the tree of one function of packets."""
+    """The builder of the tree of one function of packets."""
 
     unit: _PacketUnit
 
@@ -48,11 +48,11 @@ class PacketBody(ClBody):
         return [a for a in s.args if s.op != "construct" or isinstance(self.types[a], Rows)]
 
     def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a zero for what is the same for all lanes; exits by what varies ask whether any lane leaves."""
+        """Return a hidden zero for a uniform type, else None: exits by a varying condition test whether any lane leaves."""
         return None if isinstance(type, Lanes | Rows) else super().unknown_zero(type)
 
     def splat_of(self, e: Expr) -> Expr | None:
-        """Return the scalar that may stand for a packet; a bool is no mask."""
+        """Return the scalar that may take the place of a packet; None for bools, which are not masks."""
         return None if e.type.is_bool else e.splat
 
     def _components(self, value: int, components: Collection[int], lanes: Type) -> list[Expr]:
@@ -60,7 +60,7 @@ class PacketBody(ClBody):
         return [tree.picked(self.exprs[value], (k,), lanes) for k in components]
 
     def op_construct(self, let: Let) -> Expr:
-        """Return a packet of vectors, from packets of their components: vectors among the parts are picked apart."""
+        """Return a packet of vectors from packets of their components; a vector among the operands is split first."""
         type = let.value.type
         if not isinstance(type, Rows):
             return super().op_construct(let)
@@ -72,7 +72,7 @@ class PacketBody(ClBody):
         return self.construct(type, *parts)
 
     def op_splat(self, let: Let) -> Expr:
-        """Spread what is the same for all lanes, or repeat one number for each component."""
+        """Broadcast a uniform value to all lanes, or repeat one packet for each component."""
         type, source = let.value.type, self.types[let.args[0]]
         if not isinstance(type, Rows):
             return super().op_splat(let)
@@ -93,7 +93,7 @@ class PacketBody(ClBody):
     # Operations
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
-        """Name OpenCL's function, the compiler's, or one of the prologue."""
+        """Return the name of OpenCL's function, of the compiler's, or of one of the prologue."""
         type = types[0]
         ours = op in _PROLOGUE if op not in ("min", "max") else type.is_float
         ours = ours or (op == "pow" and type.base is Base.D)
@@ -107,7 +107,7 @@ class PacketBody(ClBody):
         return tree.prefix("~", e)
 
     def op_cond(self, let: Let) -> Expr:
-        """Return a choice by a mask, or by what holds for all lanes."""
+        """Return a choice by a mask, or by a uniform condition."""
         if isinstance(let.value.type, Lanes) and not isinstance(self.types[let.args[0]], Lanes):
             c, a, b = self.args(let)
             return tree.choice(c, a, b)
@@ -118,19 +118,19 @@ class PacketBody(ClBody):
         return self.ours(let.op, self.types[let.args[0]], BOOL, self.arg(let.args[0]))
 
     def op_lane_mask(self, let: Let) -> Expr:
-        """Return the lanes that hold an element."""
+        """Return the mask of the lanes that hold an element."""
         return Member(let.value.type, self.unit.packet, "active")
 
     # Tables and the grid
 
     def read(self, array: Expr, index: Expr, type: Type) -> Expr:
-        """Return an element of a table, in which vectors of three are kept as four."""
+        """Return an element of a table; its vectors of three are padded to four."""
         if type.size != 3:
             return super().read(array, index, type)
         return Member(type, super().read(array, index, type.sized(4)), "xyz")
 
     def op_table(self, let: Let) -> Expr:
-        """Return an element for all lanes, or one for each."""
+        """Return one element for all lanes, or a gather of one per lane."""
         type, name, unit = let.value.type, str(let.attr), self.unit
         if not isinstance(type, Lanes | Rows):
             return super().op_table(let)
@@ -153,13 +153,13 @@ class PacketBody(ClBody):
         return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)
 
     def grid(self, op: str, type: Type) -> Expr:
-        """Return a variable of the kernel, or the lanes' own index."""
+        """Return the kernel's variable for the shape or for the lanes' index."""
         return self.unit.grid[op]
 
     # Local arrays
 
     def declare_zero(self, variable: Variable) -> None:
-        """Declare a variable; a long array has one more element, for lanes that store nowhere."""
+        """Declare a variable; a long array gets one more element, into which lanes store that are out of range."""
         length = variable.length or 0
         if isinstance(variable.type, Lanes) and length > IN_REGISTERS:
             variable = replace(variable, length=length + 1)
@@ -180,7 +180,7 @@ class PacketBody(ClBody):
         return self.unit.prologue.array(way, variable.type.base, variable.length or 0, varies)
 
     def _index(self, index: int, variable: Variable) -> Expr:
-        """Return each lane's index as an int; a uint that is too large for one is out of range all the same."""
+        """Return each lane's index as an int; a uint is clamped to the length first, which is out of range as well."""
         e, type = self.arg(index), self.types[index]
         if type.base is not Base.U:
             return e

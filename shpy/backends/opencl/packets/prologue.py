@@ -1,8 +1,8 @@
-"""The prologue of a packet's kernel: operations on packets that OpenCL C does badly, or not as the op table says.
+"""The prologue of a packet's kernel: operations on packets that OpenCL C lacks, or computes slowly or otherwise.
 
-Stage: emit. Texts are written with FLOAT, INT, UINT, DOUBLE for `float16` and so on, or with T for the type at hand
-and MASK for what a comparison of two T gives. Only what is used is printed. Clang has functions that PoCL compiles to
-fewer instructions than OpenCL's own (`Abilities`); whether a device has them is found by asking it once.
+Stage: emit. Texts have FLOAT, INT, UINT, DOUBLE for `float16` and so on, or T for the type of the operands and MASK for
+the type of a comparison of two T. Only functions that are used are printed. Clang has functions that PoCL compiles to
+fewer instructions than OpenCL's own (`Abilities`); a trial, made once, shows whether a device has them.
 
 >>> prologue = PacketPrologue(8, Abilities())
 >>> prologue.use("lane_any", lanes_of(Base.B, 8))
@@ -30,21 +30,21 @@ from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologu
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
-"""Local arrays of so many elements at most are chosen from by comparing; longer ones are memory."""
+"""The most elements of a local array whose element is chosen by comparisons; longer arrays lie in memory."""
 
 SIGNS: Final = {
     4: "__builtin_ia32_movmskps(as_float4(mask))",
     8: "__builtin_ia32_movmskps256(as_float8(mask))",
     16: "__builtin_ia32_cvtd2mask512(mask)",
 }
-"""By lanes: the signs of a mask as the bits of a number, which x86 makes in one instruction, or in none."""
+"""The signs of a mask as the bits of a number, by the number of lanes: x86 takes one instruction for it, or none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """A compiler's extensions of OpenCL C: `__builtin_reduce_or`, those of ELEMENTWISE, `__builtin_shufflevector`.
+    """The extensions of a compiler: `__builtin_reduce_or`, the functions of ELEMENTWISE, `__builtin_shufflevector`.
 
-    `signs`: the widths of which it has the functions of SIGNS; `wider`: those of WIDER whose vectors it takes.
+    `signs` are the widths for which it has the functions of SIGNS; `wider` are the widths of WIDER that it has.
     """
 
     reduce: bool = False
@@ -99,7 +99,7 @@ FLOAT {name}(FLOAT x) {
     return vload_half{lanes}(0, (half *)&bits);
 }""",
 }
-"""By operation and base; those of F serve D too."""
+"""Texts of functions by operation and base; those of F serve D too."""
 
 _TRIGONOMETRIC: Final = """\
 // Lanes near zero and those far from it one after the other: PoCL loses the near ones beside a far one.
@@ -117,7 +117,7 @@ _SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
 class PacketPrologue(Prologue):
     """The functions that one packet's kernel uses, in the order of the first use.
 
-    A packet has `columns` neighbouring elements in each row. `listed`: packets are parts of a list of live elements.
+    A packet has `columns` neighbouring elements in each row. If `listed`, it holds consecutive elements of a list.
     """
 
     def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False) -> None:
@@ -128,7 +128,7 @@ class PacketPrologue(Prologue):
         self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
 
     def use(self, op: str, type: Type) -> str:
-        """Ask for the function that does `op` for a first argument of `type`; return its name."""
+        """Add the function that computes `op` for a first argument of `type`; return its name."""
         if not isinstance(type, Lanes):
             return super().use(op, type)
         if op == "lane_any":
@@ -144,7 +144,7 @@ class PacketPrologue(Prologue):
         return self._ask(name, lambda n: self._filled(text, n, type))
 
     def wants(self, op: str, type: Type) -> bool:
-        """Return whether `op` needs a function of ours: OpenCL's own gives other results for this type."""
+        """Return whether `op` needs a function of the prologue, because OpenCL's own gives other results for this type."""
         return not isinstance(type, Lanes) and super().wants(op, type)
 
     def _ask(self, name: str, text: Callable[[str], str]) -> str:
@@ -180,15 +180,15 @@ class PacketPrologue(Prologue):
     # Types and memory
 
     def struct(self, type: Type) -> str:
-        """Ask for the struct of a packet of vectors; return its name."""
+        """Add the struct of a packet of vectors; return its name."""
         return self._ask(spelled_wide(type), lambda _: struct_text(type))
 
     def packet(self) -> None:
-        """Ask for the packet of a work item."""
+        """Add the struct of a work item's packet."""
         self._ask("sh_packet", lambda _: self._memory.packet())
 
     def memory(self, way: str, base: Base, size: int) -> str:
-        """Ask for the function that can `read`, `write` or `gather`; return its name."""
+        """Add the function for a `way` of `read`, `write` or `gather`; return its name."""
         if size > 1:
             self.struct(rows_of(base, size, self.lanes))
         name = f"sh_{way}_{base.value}{size if size > 1 else ''}"
@@ -196,9 +196,9 @@ class PacketPrologue(Prologue):
         return self._ask(name, lambda n: text(n, base, size))
 
     def near(self, rank: int, base: Base, size: int, *, wraps: bool) -> str:
-        """Ask for the function that reads a table at the packet's own place, moved, and modulo something if it `wraps`.
+        """Add the function that reads a table at an offset from the packet's own place; return its name.
 
-        Gives its name.
+        If it `wraps`, it takes the indices modulo an argument.
         """
         self.packet()
         gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
@@ -207,12 +207,12 @@ class PacketPrologue(Prologue):
         return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat, wrap))
 
     def _wrap(self) -> str:
-        """Ask for the function that takes indices of neighbours modulo a number."""
+        """Add the function that takes indices of neighbours modulo a number; return its name."""
         modulo = self.use("floormod", rows_of(Base.I, 1, self.lanes))
         return self._ask("sh_wrap_lanes", lambda n: _wrap(n, modulo, self.lanes))
 
     def flat_lanes(self, rank: int) -> str:
-        """Ask for the function that finds the places of elements in a table of two or three axes."""
+        """Add the function that computes flat indices in a table of two or three axes; return its name."""
         index = rows_of(Base.I, rank, self.lanes)
         self.struct(index)
         return self._ask(f"sh_at{rank}_lanes", lambda n: _flat(n, spelled_wide(index), rank, self.lanes))
@@ -220,9 +220,9 @@ class PacketPrologue(Prologue):
     # Local arrays
 
     def array(self, way: str, base: Base, length: int, varies: bool = True) -> str:
-        """Ask for the function that can `pick` from a local array, or `put` into it, at an index for each lane.
+        """Add the function that can `pick` from a local array, or `put` into it, at an index per lane; return its name.
 
-        With `varies` false the array has one number for all lanes.
+        If `varies` is false, the elements of the array are uniform.
         """
         name = f"sh_{way}_{base.value}{length}{'' if varies else '_uniform'}"
         texts = {"pick": _pick if varies else _pick_uniform, "put": _put}
@@ -268,12 +268,12 @@ int{lanes} {name}(int{lanes} i, int n) {{
 
 
 def _tests(scalar: str, lanes: int) -> str:
-    """Return a statement that makes `i` as wide as what is chosen by it."""
+    """Return a statement that converts the index `i` to integers as wide as the elements of the array."""
     return f"    long{lanes} n = convert_long{lanes}(i);\n" if scalar == "double" else f"    int{lanes} n = i;\n"
 
 
 def _choice(parts: Iterable[str]) -> str:
-    """Return the part whose number is `n`, the nearest for a number that is out of range."""
+    """Return the expression that chooses part number `n`; if `n` is out of range, it chooses the nearest part."""
     *others, last = parts
     return "".join(f"n {'==' if k else '<='} {k} ? {part} : " for k, part in enumerate(others)) + last
 

@@ -1,16 +1,16 @@
 """The prologue of a packet's kernel, part two: how the lanes of a packet read and write memory.
 
-Stage: emit. A packet is one row of elements, or a few rows of four, `row` elements apart: a block of an image, or, with
-`row` 4, as many neighbours in a list. A row packet of a kernel that does not ask for its place in the grid is a part of
-a list, whatever the shape: only the list's end has to be tested. Each method of `PacketMemory` gives the text of
-functions for one type:
+Stage: emit. A packet is one row of elements, or a few rows of four that are `row` elements apart: a block of an image,
+or, with `row` 4, consecutive elements of a list. In a kernel that does not read its place in the grid, a packet of one
+row is a part of a list, whatever the shape is: only the end of the list has to be tested. Each method of `PacketMemory`
+returns the text of functions for one type:
 
     float16x2 sh_read_f2(__global const float *a, int step, sh_packet p)      an input; step 0: the same for all
     void sh_write_f2(__global float *a, float16x2 v, sh_packet p)             an output; lanes without an element: not
     float16x3 sh_gather_f3(__global const float4 *a, int16 at)                elements of a table, rows of four at once
 
-Numbers that lie side by side are loaded four at a time and sorted by shuffles of two vectors, which are spelled out:
-PoCL makes chains of inserts of what is only a list of components (40 ns where shuffles take 20, for 16 float4s).
+Consecutive numbers are loaded four at a time and sorted by explicit shuffles of two vectors, because PoCL compiles a
+plain list of components to a chain of inserts (40 ns where shuffles take 20, for 16 float4s).
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ _HEX: Final = "0123456789abcdef"
 _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
 INLINE: Final = "__attribute__((always_inline))"
-"""Before functions that take a packet, which is many registers, or an array that is to be registers."""
+"""The attribute of functions that take a packet, which fills many registers, or an array that should be in registers."""
 
 Pick = tuple[str, int]
 """A vector's name, and a place in each group of four of its numbers."""
 
 
 def spelled_wide(type: Type) -> str:
-    """Spell `float16` for a packet of numbers (bools are ints, -1 for true), `float16x3` for one of vectors."""
+    """Return `float16` for a packet of numbers (bools are ints, -1 for true), `float16x3` for a packet of vectors."""
     lanes = getattr(type, "lanes", None)
     base = SCALARS[Base.I if type.is_bool else type.base]
     return f"{base}{type.size}" if lanes is None else f"{base}{lanes}x{type.size}"
 
 
 def lane_of(lane: int, lanes: int, count: int = 1) -> str:
-    """Return the text that picks `count` lanes from this one on: `.s4567`, and `.hi.s4567` of the upper 16."""
+    """Return the text that picks `count` lanes from `lane` on: `.s4567`, or `.hi.s4567` from the upper 16."""
     halves = ""
     while lanes > LONGEST:
         lanes //= 2
@@ -82,10 +82,10 @@ def _place(place: str, size: int, component: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PacketMemory:
-    """Writes the functions for packets of `lanes`; `shuffle` if the compiler has `__builtin_shufflevector`.
+    """The writer of functions for packets of `lanes`; `shuffle` tells whether the compiler has `__builtin_shufflevector`.
 
-    A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. `listed`: packets
-    are parts of a list of live elements.
+    A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it holds
+    consecutive elements of a list.
     """
 
     lanes: int
@@ -163,7 +163,7 @@ typedef struct {{
 }}"""
 
     def read(self, name: str, base: Base, size: int) -> str:
-        """Return `sh_read_f2` and the function for packets that are not whole."""
+        """Return `sh_read_f2`, and the function that reads the lanes of an incomplete packet one by one."""
         lanes, element, fields = self.lanes, element_name(base), _fields(size)
         result = spelled_wide(rows_of(base, size, lanes))
         same = [f"v{f} = {self._loaded(f'({element}{lanes})(a[{k}])', base)};" for k, f in enumerate(fields)]
@@ -255,12 +255,12 @@ typedef struct {{
 
     @property
     def _which(self) -> str:
-        """The parameter that tells which elements a packet holds that is not whole."""
+        """The parameter that tells which elements an incomplete packet holds."""
         return "int left" if self.listed else f"int{self.lanes} at"
 
     @property
     def _partial(self) -> str:
-        """The condition that a packet is not whole."""
+        """The condition that a packet is incomplete."""
         return f"p.left < {self.lanes}" if self.listed else "!p.whole"
 
     def gather(self, name: str, base: Base, size: int) -> str:
@@ -283,8 +283,8 @@ typedef struct {{
     def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str, wrap: str) -> str:
         """Return `sh_near2_f`, which reads a table beside the packet's own place, contiguous elements as a vector.
 
-        The first lane's index tells whether all are inside, because no index wraps around between them. With a function
-        to `wrap` indices, they are taken modulo `n` where they are not inside.
+        The first lane's index tells whether all lanes are in range, because no index wraps around between them. With a
+        function to `wrap` indices, indices that are out of range are taken modulo `n`.
         """
         lanes, element = self.lanes, element_name(base)
         held = {3: 4}.get(size, size)
@@ -306,7 +306,7 @@ typedef struct {{
             moved = f"{wrap}(y, n.x), {wrap}(x, n.y)" if wrap else "y, x"
             slow = f"{gather}(a, {flat}((int{lanes}x2){{{moved}}}, size))"
         if wrap:
-            # A packet beyond the border lies inside after one period. So far from 2^31 no index wraps around within it.
+            # A packet beyond the border is in range after one period. So far from 2^31 no index wraps around within it.
             place += [
                 f"{index} end = clamp(n, 0, size), period = n < 1 << 29 ? max(n, 0) : ({index})(0), at = {first};",
                 f"at += (at < 0 ? period : ({index})(0)) - (at >= period ? period : ({index})(0));",
@@ -350,11 +350,11 @@ typedef struct {{
     # Shuffles
 
     def _loaded(self, text: str, base: Base) -> str:
-        """Return the data that were read, as a packet holds them."""
+        """Return the expression that converts loaded data to a packet: bytes of bools become masks."""
         return f"convert_int{self.lanes}({text} != (uchar)0)" if base is Base.B else text
 
     def _shuffled(self, element: str, picks: Iterable[Pick]) -> str:
-        """Return a packet of numbers of two vectors at most, picked within each group of four."""
+        """Return the expression that picks numbers of at most two vectors within each group of four."""
         chosen, groups = list(picks), range(self.lanes // 4)
         if not self.shuffle:
             numbers = ", ".join(f"{name}{lane_of(4 * g + k, self.lanes)}" for g in groups for name, k in chosen)
@@ -376,7 +376,7 @@ typedef struct {{
         return lines, self._shuffled(element, [(f"{name}{half}", at) for half in (0, 1) for at in (0, 2)])
 
     def _if_list(self, size: int, *statements: str) -> list[str]:
-        """Return the statements for numbers of a packet that follow one another, as in a list."""
+        """Return the statements in a branch for a block of consecutive elements, as in a list; none where no branch is needed."""
         if size > 1 or self.lanes == self.columns:
             return []
         return [f"    if (p.row == {self.columns}) {{", *(f"        {s}" for s in statements), "    }"]
@@ -395,7 +395,7 @@ typedef struct {{
         return lines + self._columns(element, base, size)
 
     def _columns(self, element: str, base: Base, size: int) -> list[str]:
-        """Return statements that make components of `ra`, `rb`, ...: groups of lanes with four numbers of a row."""
+        """Return statements that make components of `ra`, `rb`, ...; each group of four lanes has four numbers of a row there."""
         if size == 4:
             return self._transposed(element, base, size)
         lines = []
@@ -422,7 +422,7 @@ typedef struct {{
         return lines
 
     def _start(self, size: int, quad: int) -> str:
-        """Return the text of the place at which four lanes begin that lie side by side."""
+        """Return the text of the address at which row `quad` of the packet, four lanes, begins."""
         step = quad * size
         if self.lanes == self.columns:
             return f"a + {step * QUAD}" if step else "a"

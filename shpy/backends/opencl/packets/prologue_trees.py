@@ -4,8 +4,8 @@ Stage: emit. A work item takes `each` neighbouring elements, block after block. 
 the tree halves their number: the even lanes of two packets are combined with the odd ones. So the order is that of the
 definition (`collectives.trees`), whatever the width, and a stream of few elements is one dispatch.
 
-Sums are limited by memory. A processor's own prefetcher does not keep up with the branches between blocks, so each loop
-asks for what it reads some time later.
+Memory limits the speed of sums. A processor's own prefetcher does not keep up with the branches between blocks, so each
+loop prefetches what it reads some time later.
 
     TreePrologue(maker.prologue, NodeTypes((F,), (F,), lifted=False)).text("add_pairs")
 """
@@ -30,7 +30,7 @@ SCAN: Final = "sh_scan"
 _BLOCK_NUMBERS: Final = 1024
 """Numbers of a block: the nodes of its levels stay in the cache next to a core."""
 _AHEAD: Final = 16384
-"""Bytes between what a loop reads and what it asks for: sums of ten million take 0.68 of the time, with 4,096 0.85."""
+"""Bytes between reading and prefetching in a loop: sums of ten million take 0.68 of the time (0.85 with 4,096 bytes)."""
 _LINE: Final = 64
 """Bytes of a line of a cache."""
 
@@ -246,13 +246,13 @@ __kernel void sh_scan(GIVEN, ulong count, ulong each, int parts, int exclusive, 
 
 
 def tree_block(types: NodeTypes) -> int:
-    """Return the elements of a block: a power of two, fewer where each is many numbers."""
+    """Return the number of elements of a block: a power of two, smaller if an element has many numbers."""
     numbers = sum(t.size for t in types.made)
     return max(64, _BLOCK_NUMBERS >> (numbers - 1).bit_length())
 
 
 class TreePrologue:
-    """Writes the kernels that call a program of two nodes, whose numbers are packets."""
+    """The writer of the kernels that call a program of two nodes, whose numbers are packets."""
 
     def __init__(self, prologue: PacketPrologue, types: NodeTypes) -> None:
         self.prologue, self.node_types, self.lanes = prologue, types, prologue.lanes
@@ -324,7 +324,7 @@ class TreePrologue:
         return [f"// {told}", f"INLINE sh_node sh_{name}({parameters}) {{", *_filled(values), "}", ""]
 
     def _picking(self, name: str, lanes: Sequence[int]) -> list[str]:
-        """Return a function that picks lanes of two packets; the second one's numbers follow those of the first."""
+        """Return a function that picks lanes of two packets; lane numbers from the width on are lanes of the second packet."""
         values = []
         for k, type in enumerate(self.parts):
             a, b = f"a.part{k}", f"b.part{k}"
@@ -337,7 +337,7 @@ class TreePrologue:
         return self._making("", name, "sh_node a, sh_node b", values)[1:]
 
     def _calls(self, inner: str) -> str:
-        """Return `sh_combine` and the same for the neighbours in two packets."""
+        """Return `sh_combine`, and `sh_neighbours`, which combines neighbouring lanes of two packets."""
         parts = [f"{name}.part{k}" for name in "ab" for k in range(len(self.parts))]
         lifted = self.node_types.lifted
         given = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
@@ -355,7 +355,7 @@ class TreePrologue:
         ])  # fmt: skip
 
     def _called(self, inner: str, arguments: Sequence[str], *, last: bool) -> list[str]:
-        """Call the program; return the last node of its results, or the first one."""
+        """Return lines that call the program and return the last node of its results, or the first one."""
         made = [f"&made.part{k}" for k in range(len(self.parts))]
         if self.node_types.lifted:
             unused = [f"&unused.part{k}" for k in range(len(self.parts))]
@@ -367,7 +367,7 @@ class TreePrologue:
         return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
 
     def _reads(self, inner: str) -> str:
-        """Return `sh_given`, the nodes of the elements from `first` to before `end`, and `sh_made`, those of parts."""
+        """Return `sh_given` and `sh_made`, which read the nodes of elements, or of parts, from `first` to before `end`."""
         types = self.node_types
         lines, numbers = self._leaves("given", types.element)
         if types.lifted:
@@ -433,7 +433,7 @@ class TreePrologue:
         return "\n".join([head, "    sh_packet packet = sh_packet_at(first, end);", *lines, "}", ""])
 
     def _rows(self, parts: Sequence[str], types: Sequence[Type]) -> list[str]:
-        """Return the parts as leaves: those of a vector together."""
+        """Return the parts as leaves; the parts of a vector form one struct."""
         found, rest = [], iter(parts)
         for t in types:
             of = [next(rest) for _ in range(t.size)]
@@ -450,6 +450,6 @@ class TreePrologue:
 
 
 def _filled(values: Sequence[str]) -> list[str]:
-    """Return the lines that give a node of values."""
+    """Return the lines that make a node of these values and return it."""
     stores = [f"    made.part{k} = {value};" for k, value in enumerate(values)]
     return ["    sh_node made;", *stores, "    return made;"]

@@ -1,8 +1,8 @@
 """Vectors of 32 and 64 numbers: clang's own types, and OpenCL's functions by halves.
 
-Stage: emit. OpenCL C ends at vectors of 16 numbers. clang has vectors of any length, with the operators, comparisons
-and parts (`.lo`, `.hi`) of OpenCL's, so a packet's kernel reads the same at every width. Only names are missing: this
-prologue declares those that the kernel uses.
+Stage: emit. OpenCL C ends at vectors of 16 numbers. clang has vectors of any length, with OpenCL's operators,
+comparisons and parts (`.lo`, `.hi`), so a packet's kernel reads the same at every width. Only the names of types and
+functions are missing: this prologue declares those that the kernel uses.
 
 >>> words = Words()
 >>> words.add_text("float32 y = floor(x);")
@@ -33,7 +33,7 @@ _HEAD: Final = (
 _OVER: Final = "__attribute__((overloadable))"
 _SCALARS: Final = ("float", "double", "int", "uint", "long", "ulong", "uchar", "ushort")
 _FLOATS: Final = {"float": "int", "double": "long"}
-"""The types that functions of floats take, and what their comparisons give."""
+"""The types of floats, and the type that a comparison of each gives."""
 _INTS: Final = ("int", "uint")
 
 _UNARY: Final = (
@@ -47,9 +47,9 @@ _TESTS: Final = ("isnan", "isinf")
 
 
 def try_wide(n: int) -> str:
-    """Statements on a `float16 *a` that need all of clang that packets of n lanes do.
+    """Return statements on a `float16 *a` that use every feature of clang that packets of n lanes need.
 
-    They double the odd ones of 16 numbers and reverse their order.
+    They double the odd ones of 16 numbers and reverse the order of all.
     """
     pieces = ", ".join(["a[0]"] * (n // LONGEST))
     reverse = ", ".join(map(str, range(n - 1, -1, -1)))
@@ -67,11 +67,11 @@ class Words:
 
     def __init__(self) -> None:
         self.types: set[str] = set()
-        """Names of types, and of functions that are called after one."""
+        """Names of types, and names of functions, which may contain the name of a type."""
         self.functions: set[str] = set()
 
     def add_function(self, made: tree.Function, speller: Speller) -> None:
-        """Add what a function of the output tree names."""
+        """Add the names that a function of the output tree uses."""
         types = {p.type for p in made.parameters} | ({made.result} if made.result else set())
         for s in tree.statements_of(made.body):
             if isinstance(s, tree.Declare):
@@ -86,19 +86,19 @@ class Words:
         self.types |= self.functions
 
     def add_text(self, text: str) -> None:
-        """Add what text of the prologue names."""
+        """Add the names that a text of the prologue uses."""
         self.functions |= set(re.findall(r"\b(\w+)\(", text))
         self.types |= set(re.findall(r"\w+", text))
 
     def has_type(self, scalar: str, n: int) -> bool:
-        """Return whether the type of n such numbers is named, or a struct or conversion of them."""
+        """Return whether the text uses the vector of n such scalars, a struct of it, or a conversion to it."""
         type = f"{scalar}{n}"
         structs = {f"{type}x{size}" for size in (2, 3, 4)}
         return not self.types.isdisjoint({type, f"as_{type}", f"convert_{type}", f"convert_{type}_sat", *structs})
 
 
 def declare_wide(words: Words, lanes: int) -> str:
-    """Declare the types and functions of vectors of `lanes` numbers that a kernel names; '' up to LONGEST.
+    """Return declarations of the types and functions of vectors of `lanes` numbers that a kernel uses; '' up to LONGEST.
 
     Functions of 64 numbers call those of 32.
     """

@@ -17,7 +17,7 @@ from shpy.ir.types import Type
 
 
 class PacketSpeller(ClSpeller):
-    """OpenCL C with structs of packets, which `struct` declares."""
+    """The speller of OpenCL C with structs of packets; `struct` declares the struct of a type and returns its name."""
 
     def __init__(self, struct: Callable[[Type], str]) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class PacketSpeller(ClSpeller):
         return self.struct(type) if isinstance(type, Rows) else super().base_name(type)
 
     def construct(self, e: Construct) -> tuple[str, Level]:
-        """Spell a vector or a packet of them."""
+        """Spell a vector, or a struct of packets."""
         if isinstance(e.type, Rows):
             return f"({self.type_name(e.type)}){{{self.listed(e.args)}}}", Level.POSTFIX
         return super().construct(e)

@@ -28,10 +28,10 @@ from shpy.passes.vectorize import vectorize
 def print_trees(
     module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, faults: Collection[str] = ()
 ) -> Kernel | None:
-    """Print the kernels of a prepared program of two nodes; None for what they cannot run.
+    """Return the kernels of a prepared program of two nodes; None with tables, params, binary16 or uniform outputs.
 
-    The program has the parts of two nodes as inputs and those of one as outputs. Where elements are lifted, an element
-    and its index come before these, and what they give before the result. `faults`: see `print_packets`.
+    The inputs are the parts of two nodes, and the outputs are those of one. If elements are lifted, an element and its
+    index precede these inputs, and the node of that element precedes the result. `faults`: see `print_packets`.
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
         return None

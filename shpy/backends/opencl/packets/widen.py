@@ -1,15 +1,15 @@
-"""Types of packets, and a vectorised module with these types: the last step before packets are printed.
+"""Types of packets, and the last pass before packets are printed: it gives a vectorised module these types.
 
-Stage: improve, after `take_apart` and `vectorize`. What varies from lane to lane gets a type that says so; what is the
-same for all lanes keeps its own, and is spread where a varying operation takes it:
+Stage: improve, after `take_apart` and `vectorize`. A varying value gets the type of a packet. A uniform value keeps its
+type, and is broadcast where a varying operation takes it:
 
     %3: f = load $z_x                  %3: f16 = load $z_x           (float16: one number a lane)
     %4: f = const 0x1p+2         ->    %4: f = const 0x1p+2
     %5: b = gt %3, %4                  %6: f16 = splat %4
                                        %5: b16 = gt %3, %6           (int16: -1 where it holds)
 
-A vector that comes from elsewhere is `Rows`, a struct with a packet for each component: `p.x`, `p.y`. Functions are
-copied for packets; a pure one keeps its own form for arguments that do not vary.
+A vector that `take_apart` leaves, such as an input, is `Rows`, a struct with a packet for each component: `p.x`, `p.y`.
+Each function gets a form for packets; a pure one keeps its own form too, for uniform arguments.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
 
 WIDTHS = (4, 8, 16)
-"""Lanes that a packet may have: OpenCL C has vectors of so many numbers, and rows of four fill them."""
+"""Possible numbers of lanes of a packet: OpenCL C has vectors of these lengths, and rows of four fill them."""
 WIDER = (32, 64)
-"""Lanes that a packet may have where the driver's compiler takes clang's vectors (see `prologue_wide`)."""
+"""Possible numbers of lanes where the driver's compiler has clang's vectors (see `prologue_wide`)."""
 
 
 class Lanes(Type):
-    """One number of `base` for each lane: `size` is the number of lanes, as in OpenCL's `float16`. By `lanes_of`."""
+    """The type of one number of `base` per lane, as OpenCL's `float16`; `size` is the number of lanes. See `lanes_of`."""
 
     __slots__ = ()
 
@@ -49,7 +49,7 @@ class Lanes(Type):
 
 
 class Rows(Type):
-    """A vector of `size` components for each of `lanes` lanes, component by component. By `rows_of`."""
+    """The type of a vector of `size` components for each of `lanes` lanes, one packet per component. See `rows_of`."""
 
     __slots__ = ("lanes",)
     lanes: int
@@ -63,13 +63,13 @@ class Rows(Type):
 
 @cache
 def lanes_of(base: Base, lanes: int) -> Lanes:
-    """Return the type of a number for each of `lanes` lanes; one object a type."""
+    """Return the type of a number for each of `lanes` lanes; equal types are one object."""
     return Lanes(base, lanes)
 
 
 @cache
 def rows_of(base: Base, size: int, lanes: int) -> Type:
-    """Return the type of a vector of `size` (1 to 4) for each of `lanes` lanes; one object a type."""
+    """Return the type of a vector of `size` (1 to 4) for each of `lanes` lanes; equal types are one object."""
     if size == 1:
         return lanes_of(base, lanes)
     made = Rows(base, size)
@@ -78,7 +78,7 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
 
 
 def widen(vector: VectorModule, lanes: int) -> Module:
-    """Return the module with types that tell what varies. Its pure functions come twice, as far as they are used."""
+    """Return the module with packet types for varying values; pure functions have a uniform and a varying form, as used."""
     functions = vector.module.functions
     names = {f.name for f in functions}
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
@@ -93,7 +93,7 @@ def widen(vector: VectorModule, lanes: int) -> Module:
 
 
 class _Uniform(Rewriter):
-    """A pure function for arguments that do not vary, calling others of that kind: all lanes are as one."""
+    """The form of a pure function for uniform arguments; it calls other uniform forms, and `lane_any` is its operand."""
 
     def __init__(self, function: Function, functions: Functions, names: dict[str, str]) -> None:
         super().__init__(replace(function, name=names[function.name]), functions)
@@ -107,7 +107,7 @@ class _Uniform(Rewriter):
 
 
 def _everything_varies(function: Function) -> LaneFacts:
-    """Return the facts of a pure function whose arguments vary: all slots vary, and all that is computed from both."""
+    """Return the facts of a pure function with varying arguments: all slots vary, and so does all that depends on either."""
     slots = frozenset(v.id for v in (*function.outputs, *function.variables))
     varying = {v.id for v in function.inputs}
     for s in walk(function.body):
@@ -117,7 +117,7 @@ def _everything_varies(function: Function) -> LaneFacts:
 
 
 class _Widener:
-    """Gives the values of one function their types, and spreads uniform operands."""
+    """The rewriter of one function: it gives values their types and broadcasts uniform operands."""
 
     def __init__(
         self, function: Function, facts: LaneFacts, lanes: int, uniform: dict[str, str], alone: set[str]
@@ -150,7 +150,7 @@ class _Widener:
         return replace(variable, type=self.wide(variable.type)) if variable.id in self.varying_slots else variable
 
     def spread(self, value: int) -> int:
-        """Return the value as one for each lane."""
+        """Broadcast a uniform value to all lanes; return the id of the result, or of a value that varies already."""
         if value in self.varying:
             return value
         return self.b.let("splat", value, type=self.wide(self.b.type_of(value))).id

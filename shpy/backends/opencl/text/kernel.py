@@ -1,7 +1,7 @@
-"""The OpenCL C kernel of a prepared module, one element a work item.
+"""The OpenCL C kernel of a prepared module, one element per work item.
 
-Stage: emit. There are no globals in OpenCL C: tables, params and the grid are handed on to the functions that need
-them. An entry that returns early is a function of its own, which the kernel calls.
+Stage: emit. OpenCL C has no global variables, so the kernel passes tables, params and the grid to the functions that
+need them. An entry that returns early becomes a function that the kernel calls.
 
     print_kernel(prepared.module).text
 """
@@ -51,14 +51,14 @@ SIZE: Final = Own("size_t")
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """The text of a kernel, its name, where each line comes from, and whether it needs doubles.
+    """The text of a kernel, its name, the source line of each line, and whether it needs doubles.
 
-    Arguments, in this order: the number of elements, and the first element of this dispatch (ulong); the grid's shape
-    if `grid` (its rank) is not 0; for each of `inputs` (positions in the entry's) a pointer and a step (1, or 0 for a
-    uniform one); for each of `tables` a pointer and its shape; each of `params`; a pointer for each output. A kernel of
-    packets of `lanes` elements, of which `columns` lie side by side, takes after the number of elements the first
-    packet, or line of packets, of this dispatch, and, unless it is `listed`, the length of a row (ints), and tables of
-    three components as tables of four.
+    The kernel's arguments are, in this order: the number of elements and the first element of this dispatch (ulong);
+    the grid's shape if `grid` (its rank) is not 0; a pointer and a step for each of `inputs` (positions among those of
+    the entry; the step is 1, or 0 for a uniform input); a pointer and a shape for each of `tables`; each of `params`;
+    a pointer for each output. A packet has `lanes` elements, `columns` of them side by side. A kernel of packets takes,
+    after the number of elements, the first packet (or line of packets) of this dispatch and, unless it is `listed`, the
+    length of a row (ints). Its tables of three components are padded to four.
     """
 
     text: str
@@ -77,16 +77,16 @@ class Kernel:
 def print_kernel(
     module: Module, math: Math = "strict", *, elementwise: bool = False, faults: Collection[str] = ()
 ) -> Kernel:
-    """Print the kernel of a prepared module; CompileError for an operation that OpenCL C cannot express.
+    """Return the kernel of a prepared module; raise CompileError for an operation that OpenCL C cannot express.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: the names in FAULTS that the compiler has.
+    `elementwise` tells whether the compiler has the functions of ELEMENTWISE; `faults` are its faults, of FAULTS.
     """
     whole = hide_derivable(module) if hides_zeros(math, faults) else module
     return KernelMaker(whole, math, Prologue(), elementwise=elementwise, faults=faults).kernel()
 
 
 class KernelMaker(ClUnit):
-    """Makes one module one kernel."""
+    """The emitter of one module's kernel."""
 
     body: ClassVar[type[ClBody]] = ClBody
     work: ClassVar[str] = "element"
@@ -112,31 +112,31 @@ class KernelMaker(ClUnit):
         """The entry with its inputs and outputs as they are in memory."""
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
         self.place: dict[Name, AnyType] = {}
-        """Arguments that tell the entry's own function its place, and the types by which they are handed on."""
+        """The arguments that give the entry's own function its place in the grid, with the types of their parameters."""
         self.speller: ClSpeller = ClSpeller()
 
-    # What a kernel of packets has in its own way
+    # Methods that a kernel of packets overrides
 
     def needed(self, let: Let) -> Needs | None:
-        """Return what an operation needs besides its operands."""
+        """Return the tables, params and grid variables that an operation reads; None without any."""
         return needed_by(let)
 
     def rank(self) -> int:
-        """Return the axes of the grid; 0 if no function asks for its place in it."""
+        """Return the number of axes of the grid; 0 if no function reads its place in the grid."""
         return max((r for needs in self.needs.values() for r in needs.ranks), default=0)
 
     def declared(self) -> Sequence[str]:
-        """Return lines that declare types which the text uses and OpenCL C does not have."""
+        """Return the lines that declare the types that the text uses and OpenCL C lacks."""
         return ()
 
     def stands_apart(self, function: Function) -> bool:
-        """Return whether the compiler is told not to inline the function."""
+        """Return whether the compiler must not inline the function."""
         return function.name in self.apart
 
     # The text
 
     def kernel(self) -> Kernel:
-        """Return the whole text, and what it takes."""
+        """Emit all functions and return the kernel."""
         self.add_functions()
         entry = self.module.entry
         return self.finished(self.add_kernel(entry, self.functions[entry.name]))
@@ -147,7 +147,7 @@ class KernelMaker(ClUnit):
             self.add(function, self.functions[function.name])
 
     def finished(self, inputs: tuple[int, ...]) -> Kernel:
-        """Return the whole text of what was added, whose kernel reads these inputs."""
+        """Return the kernel with all text that was added; `inputs` are the positions of the inputs that it reads."""
         entry = self.module.entry
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math in REPRODUCIBLE else 'ON'}"]
@@ -166,16 +166,16 @@ class KernelMaker(ClUnit):
         )
 
     def needs_doubles(self) -> bool:
-        """Return whether a double occurs; CompileError for a binary16."""
+        """Return whether a double occurs; raise CompileError for a binary16."""
         found = bases_of(self.module)
         if Base.H in found:
             raise CompileError("OpenCL kernels hold no binary16", lacks="f16")
         return Base.D in found
 
-    # What a function needs besides its arguments
+    # The extra arguments of functions
 
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return what is handed on to a function."""
+        """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
         needs = self.needs[function]
         found = [self.grid[op] for op in sorted(needs.grid)]
         for table in self.module.tables:
@@ -184,7 +184,7 @@ class KernelMaker(ClUnit):
         return (*found, *(e for p, e in self.params.items() if p in needs.params))
 
     def declares(self, e: Name) -> Parameter:
-        """Return the parameter by which something is handed on; bools are handed on as ints."""
+        """Return the parameter for an extra argument; a bool is passed as an int."""
         if e in self.table_names.values():
             return Parameter(self.array(e.type, "const "), e.text)
         return Parameter(e.type.based(Base.I) if e.type.is_bool else e.type, e.text)
@@ -220,7 +220,7 @@ class KernelMaker(ClUnit):
         self.speller.function(made)
 
     def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
-        """Name the parameters of a function; variables are handed on by pointers."""
+        """Name the parameters of a function and return them; variables are passed by pointer."""
         parameters = []
         for port in ports:
             name = Name(port.type, body.scope.take(port.name, "a" if isinstance(port, Value) else "v"))
@@ -276,29 +276,29 @@ class KernelMaker(ClUnit):
         results = [tree.prefix("&", body.slots[o.id]) for o in outputs]
         body.out.append(tree.Do(tree.call(inner, BOOL, *args, *results, *handed)))
 
-    # What a work item does with its element
+    # The statements of a work item
 
     def is_apart(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls."""
         return leaves_early(entry)
 
     def direct(self, entry: Function) -> Collection[int]:
-        """Return the outputs that are written where they are stored."""
+        """Return the outputs that the kernel writes to memory at their Store instead of at its end."""
         return direct_outputs(entry, self.callees)
 
     def begin_kernel(self) -> None:
-        """Ask for what the kernel needs of the prologue before any function."""
+        """Add the parts of the prologue that have to precede all functions."""
 
     def stored(self, type: Type) -> Type:
         """Return the type of an array that holds an input or output."""
         return type
 
     def nothing(self, body: ClBody, type: Type) -> Expr:
-        """Return an input that is not used."""
+        """Return a zero as the argument for an input that is not used."""
         return body.zero(type)
 
     def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
-        """Return the element of an input."""
+        """Return the expression that reads this work item's element of an input."""
         return body.read(array, tree.infix("*", self.element, step), type)
 
     def write_outputs(self, body: ClBody) -> None:
@@ -307,7 +307,10 @@ class KernelMaker(ClUnit):
         body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
 
     def find_element(self, *, apart: bool) -> Block:
-        """Return the statements by which a work item finds its element and its place; `apart`: for a function."""
+        """Return the statements that compute a work item's element and its index in the grid.
+
+        `apart` tells whether the entry is a function that the kernel calls.
+        """
         element, index = self.element, self.grid[INDEX]
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
         outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))

@@ -1,11 +1,11 @@
-"""Operations as OpenCL C has them.
+"""The operations of OpenCL C.
 
-Stage: emit. What OpenCL C does in its own way:
+Stage: emit. OpenCL C differs from the IR in these points:
 
-- a vector of bools is a vector of ints, -1 for true; one bool is a bool;
-- signed ints wrap, which C does not promise: scalar `a + b` is computed as a uint, whose type the tree knows, and
-  vectors through `as_uint3`;
-- vectors of three are packed in memory (`vload3`, `vstore3`), those of two and four are OpenCL's own.
+- a vector of bools is a vector of ints, -1 for true; a single bool is a bool;
+- signed ints wrap in the IR, but their overflow is undefined in C: scalar `a + b` is computed as a uint, whose type the
+  tree records, and vectors are viewed as uints (`as_uint3`);
+- vectors of three are packed in memory (`vload3`, `vstore3`); vectors of two and four are OpenCL's own.
 
     add %i, 1  ->  i + 1u            lt %v, %w  ->  v < w            swizzle.x %mask  ->  mask.x != 0
 """
@@ -54,7 +54,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     "count_leading_zeros": "clz",
     "round": "rint",
 }
-"""Operations that are a function of OpenCL C with the table's meaning, transcendentals within relaxed mode's bounds."""
+"""OpenCL C's functions by operation: they have the op table's meaning, transcendentals within relaxed mode's bounds."""
 
 ELEMENTWISE: Final = {"floor": "floor", "ceil": "ceil", "trunc": "trunc", "round": "roundeven"}
 """Operations that Clang has as `__builtin_elementwise_floor` and so on.
@@ -72,14 +72,14 @@ _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
 
 def hides_zeros(math: Math, faults: Collection[str]) -> bool:
-    """Return whether a compiler with these faults must not know of a float that it is zero."""
+    """Return whether zeros of floats have to be hidden from a compiler with these faults."""
     return math != "fast" and "zeros" in faults
 
 
 class ClUnit(Unit):
-    """One kernel: names, prologue and abilities of the compiler.
+    """The state of one kernel: names, the prologue and the abilities of the compiler.
 
-    `elementwise`: the compiler has the functions of ELEMENTWISE; `faults`: the names in FAULTS that it has.
+    `elementwise` tells whether the compiler has the functions of ELEMENTWISE; `faults` are its faults, of FAULTS.
     """
 
     target = "opencl"
@@ -102,12 +102,12 @@ class ClUnit(Unit):
         """The arrays of the entry's outputs."""
 
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return what is handed on to a function."""
+        """Return the extra arguments of a function."""
         raise KeyError(function)
 
 
 class ClBody(Body):
-    """Makes the tree of one function."""
+    """The builder of one function's tree."""
 
     unit: ClUnit
     scalar_comparisons: ClassVar[bool] = True
@@ -115,7 +115,7 @@ class ClBody(Body):
     # Literals, vectors and names
 
     def literal(self, type: Type, component: float | int | bool) -> Expr:
-        """Return a number; zeros that the compiler must not know, or takes for others, come from functions."""
+        """Return a literal, or a call for a zero that is hidden from the compiler or that it would take for 0.0."""
         if component == 0 and type.is_float:
             negative = bool(np.signbit(component))
             if self.unit.hides_zeros:
@@ -126,7 +126,7 @@ class ClBody(Body):
         return Literal(type, component)
 
     def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a zero from a function of the prologue; None for floats, where all are hidden (passes/hide.py)."""
+        """Return a zero that is hidden from the compiler; None for bools, and for floats where passes/hide.py hides all zeros."""
         known = type.is_int or (type.is_float and not self.unit.hides_zeros)
         return self.ours("zero", type.scalar, type.scalar) if known else None
 
@@ -135,11 +135,11 @@ class ClBody(Body):
         return tree.call(self.unit.prologue.use(op, takes), gives, *args)
 
     def component(self, e: Expr) -> Expr:
-        """Return a scalar as it stands beside a vector: a bool is -1 or 0."""
+        """Return a scalar as an operand beside a vector: a bool becomes -1 or 0."""
         return as_component(e)
 
     def picked(self, e: Expr, components: tuple[int, ...], type: Type) -> Expr:
-        """Return `v.xy`; one component of a vector of bools is made a bool."""
+        """Return `v.xy`; one component of a vector of bools is converted to a bool."""
         made = super().picked(e, components, type)
         return as_bool(made) if type is BOOL else made
 
@@ -153,18 +153,18 @@ class ClBody(Body):
         return tree.call(self.unit.prologue.flat_index(1), UINT, index, number(length))
 
     def param(self, name: str) -> Expr:
-        """Return a uniform; a bool is handed on as an int."""
+        """Return a uniform; a bool was passed as an int."""
         e = self.unit.params[name]
         return as_bool(e) if e.type is BOOL else e
 
     def context(self, function: str) -> tuple[Expr, ...]:
-        """Return what a call hands on."""
+        """Return the extra arguments of a call."""
         return self.unit.handed(function)
 
     # Operations
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
-        """Name OpenCL's function, or one of the prologue."""
+        """Return the name of OpenCL's function, or of one of the prologue."""
         unit, type = self.unit, types[0]
         if unit.math == "fast" and op in NATIVE:
             return NATIVE[op] if type.base is Base.F else op
@@ -177,7 +177,7 @@ class ClBody(Body):
         return op if op in ("min", "max") and type.is_int else unit.prologue.use(op, type)
 
     def letters(self, op: str) -> int:
-        """Return how long the name of the function is that does an operation, nearly."""
+        """Return the approximate length of the name of the function that computes an operation."""
         return 20 + len(op) if op in ELEMENTWISE and self.unit.elementwise else super().letters(op)
 
     def as_typed(self, e: Expr, type: Type) -> Expr:
@@ -185,7 +185,7 @@ class ClBody(Body):
         return Cast(INT, e) if type is INT and e.type is UINT else e
 
     def infix(self, let: Let) -> Expr:
-        """Return `a + b`; of ints, which wrap, one operand at least is made a uint."""
+        """Return `a + b`; for ints, which wrap, at least one operand is converted to a uint."""
         type = let.value.type
         if type.base is not Base.I or let.op not in _WRAPPING:
             return super().infix(let)
@@ -213,7 +213,7 @@ class ClBody(Body):
         return tree.call(_view(type), type, tree.infix(INFIX[op], left, right, wide))
 
     def op_neg(self, let: Let) -> Expr:
-        """Return `-a`; of an int `0u - a`, which wraps."""
+        """Return `-a`; for an int, return `0u - a`, which wraps."""
         type = let.value.type
         if type.base is not Base.I:
             return super().op_neg(let)
@@ -228,14 +228,14 @@ class ClBody(Body):
         return tree.call(_view(type), type, e)
 
     def op_abs(self, let: Let) -> Expr:
-        """Return `fabs(a)`; of an int `sh_abs_i(a)`: OpenCL's is a uint, which compilers take for a positive int."""
+        """Return `fabs(a)`; for an int, `sh_abs_i(a)`, because compilers take OpenCL's, a uint, for a positive int."""
         e, type = self.arg(let.args[0]), let.value.type
         if type.base is Base.U:
             return e
         return tree.call("fabs" if type.is_float else self.unit.prologue.use("abs", type), type, e)
 
     def op_sign(self, let: Let) -> Expr:
-        """Return the sign: OpenCL's gives 0 for a NaN, but -0 for -0."""
+        """Return the sign; OpenCL's `sign` gives 0 for a NaN but -0 for -0, so 0.0 is added."""
         e, type = self.arg(let.args[0]), let.value.type
         if type.is_float:
             return tree.infix("+", tree.call("sign", type, e), self.literal(type.scalar, 0.0))
@@ -244,7 +244,7 @@ class ClBody(Body):
         return tree.call("clamp", type, e, self._each(type, -1), self._each(type, 1))
 
     def _each(self, type: Type, value: int) -> Expr:
-        """Return the number, for each component: Oclgrind takes a scalar bound for the first component alone."""
+        """Return the number for every component, because Oclgrind applies a scalar bound to the first component alone."""
         one = number(value, type.scalar)
         return one if type.size == 1 else Construct(type, (one,))
 
@@ -259,10 +259,10 @@ class ClBody(Body):
     op_isinf = op_isnan
 
     def op_cond(self, let: Let) -> Expr:
-        """Return `c ? a : b`; between two constant vectors of three `(int3)(-c) ? a : b`, by a mask.
+        """Return `c ? a : b`; for two constant vectors of three, `(int3)(-c) ? a : b`, which chooses by a mask.
 
-        LLVM 15, so PoCL 3.1, makes one bool that chooses between constant masks of three of what is tested of such a
-        choice, and its code generator ends the process over that.
+        If the result of such a choice is tested, LLVM 15, and so PoCL 3.1, rewrites the test as one bool that chooses between
+        constant masks of three. Its code generator ends the process over that.
         """
         c, a, b = self.args(let)
         type = let.value.type
@@ -272,12 +272,12 @@ class ClBody(Body):
         return super().op_cond(let)
 
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
-        """Return `c ? a : b` by the sign bits of c, which is as wide as a."""
+        """Return `c ? a : b`, a choice by the sign bits of c, whose components are as wide as those of a."""
         wide = tree.call(_conversion("long", type.size), c.type, c) if type.base is Base.D else c
         return tree.choice(wide, a, b)
 
     def op_bits_from_float(self, let: Let) -> Expr:
-        """Return the bits; of a double those of the nearest float."""
+        """Return the bits of a float; for a double, the bits of the nearest float."""
         e, type = self.arg(let.args[0]), self.types[let.args[0]]
         narrow = type.based(Base.F)
         return self.ours(let.op, narrow, let.value.type, e if type is narrow else self.convert(narrow, e, type))
@@ -303,7 +303,7 @@ class ClBody(Body):
     # Tables and the grid
 
     def table(self, let: Let, index: Expr) -> Expr:
-        """Return `noise[sh_at(i, noise_size)]`; an index that is in range anyway is taken as it is."""
+        """Return `noise[sh_at(i, noise_size)]`; an index that is known to be in range is not clamped."""
         name, unit = str(let.attr), self.unit
         rank, size = unit.tables[name].rank, unit.tables[name].size
         if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
@@ -312,11 +312,11 @@ class ClBody(Body):
         return self.read(unit.table_names[name], at, let.value.type)
 
     def table_size(self, name: str) -> Expr:
-        """Return its argument."""
+        """Return the argument that holds a table's size."""
         return self.unit.size_names[name]
 
     def grid(self, op: str, type: Type) -> Expr:
-        """Return a variable of the kernel."""
+        """Return the kernel's variable for the index or the shape."""
         rank = self.unit.grid_rank
         if type.size != rank:
             raise CompileError(f"grid_index and grid_shape are used with {rank} and {type.size} axes at once")
@@ -341,7 +341,7 @@ class ClBody(Body):
     # Functions and loops
 
     def step(self, test: Expr | None, step: Assign) -> Assign:
-        """Return `i += 1`, not `i += 1u`, where `i < n` holds: that cannot wrap."""
+        """Return `i += 1` in place of `i += 1u` where `i < n` holds, because that sum cannot wrap."""
         match test, step.value:
             case Operator(_, "<", (i, _)), Operator(_, "+", (j, Literal(value=1))) if i == j == step.target:
                 return replace(step, value=tree.infix("+", i, number(1))) if i.type is INT else step
@@ -381,15 +381,15 @@ def _is_constant(e: Expr) -> bool:
 
 
 def _view(type: Type) -> str:
-    """Name the function that takes the same bits as another type."""
+    """Return the name of the function that reinterprets bits as a type."""
     return f"as_{spelled(type)}"
 
 
 def _conversion(name: str, size: int = 1, rounding: str = "") -> str:
-    """Name the function that converts to a type."""
+    """Return the name of the function that converts to a type."""
     return f"convert_{name}{size if size > 1 else ''}{rounding}"
 
 
 def _narrow(e: Expr, type: Type) -> Expr:
-    """Return a mask as ints: comparisons of vectors of doubles give longs."""
+    """Return a mask as ints, because comparisons of vectors of doubles give longs."""
     return tree.call(_conversion("int", type.size), e.type, e) if type.base is Base.D and type.size > 1 else e

@@ -1,8 +1,8 @@
-"""The prologue of a kernel: hand-written functions for what OpenCL C does not do as the op table says.
+"""The prologue of a kernel: hand-written functions for operations that OpenCL C lacks or computes otherwise.
 
-Stage: emit. Each is written once, with `T` for its type; C has no overloading, so a form for another type has its
-own name: `sh_min` (float), `sh_min3` (float3), `sh_min_d2` (double2). Where the vector form reads otherwise it is made
-from the scalar one, component by component. Only what is used is printed.
+Stage: emit. Each function is written once, with `T` for its type. C has no overloading, so the form for each type has
+its own name: `sh_min` (float), `sh_min3` (float3), `sh_min_d2` (double2). Where a vector form cannot have the same text,
+it calls the scalar form for each component. Only functions that are used are printed.
 
 >>> prologue = Prologue()
 >>> prologue.use("min", vec("f", 3))
@@ -24,7 +24,7 @@ from shpy.backends.emit.spell_c import row_major
 from shpy.ir.types import Base, Type, vec
 
 NOINLINE: Final = "__attribute__((noinline))"
-"""Before functions that are rarely called, large, or called so often that copies of them would take long to compile."""
+"""The attribute of functions that are large, rarely called, or called from so many places that inlining compiles slowly."""
 
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
@@ -46,7 +46,7 @@ T {{name}}(T x, INT n) {{
 
 
 LDEXP: Final = {Base.F: _powers_of_two(127, 23, ""), Base.D: _powers_of_two(1023, 52, "convert_LONG")}
-"""PoCL's own rounds denormal results twice, in vectors; rusticl's makes zeros of them."""
+"""ldexp by base: PoCL's own rounds denormal results twice in vectors, and rusticl's flushes them to zero."""
 
 ANY_SIZE: Final = {
     "min": """\
@@ -147,9 +147,9 @@ T {name}(T x) {
     return x == x ? {op}(x) : x;
 }"""
 NAN_LOST: Final = frozenset({"exp", "exp2", "sinh", "tanh"})
-"""Functions that convert to an int: what that gives for a NaN is left to the compiler."""
+"""Functions whose implementation converts to an int; the compiler may give any result for a NaN there."""
 
-# Vector forms that drivers do badly: PoCL 3.1 gives sin(1e-8) = 0.008 beside a large component.
+# Vector forms that drivers compute wrongly: PoCL 3.1 gives sin(1e-8) = 0.008 beside a large component.
 _BY_COMPONENT: Final = frozenset({"sin", "cos", "tan"})
 
 _PICK: Final = """\
@@ -166,7 +166,7 @@ uint sh_at(int i, int size) {
 
 
 def spelled(type: Type) -> str:
-    """OpenCL's name of a type; a vector of bools is one of ints, -1 for true. KeyError for a binary16."""
+    """Return OpenCL's name of a type; a vector of bools is one of ints, -1 for true. Raise KeyError for a binary16."""
     if type.base is Base.B and type.size > 1:
         return f"int{type.size}"
     return SCALARS[type.base] if type.size == 1 else f"{SCALARS[type.base]}{type.size}"
@@ -179,7 +179,7 @@ class Prologue:
         self._texts: dict[str, str] = {}
 
     def use(self, op: str, type: Type) -> str:
-        """Ask for the function that does `op` for a first argument of `type`; return its name."""
+        """Add the function that computes `op` for a first argument of `type`; return its name."""
         base = "" if type.base is Base.F else f"_{type.base.value}"
         name = f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
         if name in self._texts:
@@ -202,11 +202,11 @@ class Prologue:
         return name
 
     def wants(self, op: str, type: Type) -> bool:
-        """Return whether `op` needs a function of ours: OpenCL's own gives other results for this type."""
+        """Return whether `op` needs a function of the prologue, because OpenCL's own gives other results for this type."""
         return op in NAN_LOST or (type.size > 1 and op in _BY_COMPONENT)
 
     def flat_index(self, rank: int) -> str:
-        """Use the function that computes the flat index in a table of `rank` axes, 1 to 3; return its name."""
+        """Add the function that computes the flat index in a table of `rank` axes, 1 to 3; return its name."""
         if rank == 1:
             self._texts.setdefault("sh_at", _NEAREST)
             return "sh_at"

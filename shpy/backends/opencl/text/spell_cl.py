@@ -16,7 +16,7 @@ from shpy.ir.types import Base, Type
 
 
 class ClSpeller(Speller):
-    """OpenCL C. A vector of bools is one of ints, -1 for true; a bool in it is written so."""
+    """The speller of OpenCL C. A vector of bools is a vector of ints, -1 for true, so its components are spelled as ints."""
 
     def base_name(self, type: Type) -> str:
         """Spell a type, such as `float3`."""
@@ -46,7 +46,7 @@ class ClSpeller(Speller):
 
 
 def element_type(type: Type) -> Type | Own:
-    """Return the type of an array's elements in memory: numbers of vectors of three, bytes of bools."""
+    """Return the type of an array's elements in memory: scalars for vectors of three, bytes for bools."""
     if type.is_bool:
         return Own("uchar" if type.size in (1, 3) else f"uchar{type.size}")
     return type.scalar if type.size == 3 else type
