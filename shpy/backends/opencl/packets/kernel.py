@@ -77,7 +77,8 @@ def print_packets(
     """
     called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
     if called:
-        module = inline_calls(module, lambda f: f.name in called)  # functions that lanes run one after the other call no others
+        # A function that lanes run one after the other calls no other function.
+        module = inline_calls(module, lambda f: f.name in called)
     scalar = optimise(take_apart(module))
     # A hidden zero adds arithmetic on vectors, which has to be split too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
@@ -102,7 +103,7 @@ def _is_large(function: Function) -> bool:
 
 
 class PacketMaker(KernelMaker):
-    """The emitter of a kernel of packets; `ports` has the entry's inputs and outputs before they were split into scalars."""
+    """The emitter of a kernel of packets; `ports` are the entry's inputs and outputs before the split into scalars."""
 
     prologue: PacketPrologue
     body: ClassVar[type[ClBody]] = PacketBody
@@ -174,7 +175,7 @@ class PacketMaker(KernelMaker):
     def needed(self, let: Let) -> Needs | None:
         """Return the tables, params and grid variables that an operation reads; None without any.
 
-        Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through all planes.
+        Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through planes.
         """
         found = needed_by(let)
         if found is None or let.op not in ("grid_index", "grid_shape", "neighbour"):
@@ -291,7 +292,7 @@ class PacketMaker(KernelMaker):
         return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))
 
     def find_element(self, *, apart: bool) -> Block:
-        """Return the statements that compute a work item's packet, and that end the work item if the packet is empty."""
+        """Return the statements that compute a work item's packet, and end the work item if the packet is empty."""
         if self.listed:
             number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
             start: Expr = tree.infix("*", number_of, number(self.lanes))

@@ -48,7 +48,7 @@ class PacketBody(ClBody):
         return [a for a in s.args if s.op != "construct" or isinstance(self.types[a], Rows)]
 
     def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a hidden zero for a uniform type, else None: exits by a varying condition test whether any lane leaves."""
+        """Return a hidden zero for a uniform type, else None: exits by a varying condition test if any lane leaves."""
         return None if isinstance(type, Lanes | Rows) else super().unknown_zero(type)
 
     def splat_of(self, e: Expr) -> Expr | None:

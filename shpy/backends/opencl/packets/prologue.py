@@ -144,7 +144,7 @@ class PacketPrologue(Prologue):
         return self._ask(name, lambda n: self._filled(text, n, type))
 
     def wants(self, op: str, type: Type) -> bool:
-        """Return whether `op` needs a function of the prologue, because OpenCL's own gives other results for this type."""
+        """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
         return not isinstance(type, Lanes) and super().wants(op, type)
 
     def _ask(self, name: str, text: Callable[[str], str]) -> str:

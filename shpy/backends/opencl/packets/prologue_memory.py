@@ -30,7 +30,7 @@ _HEX: Final = "0123456789abcdef"
 _XYZW: Final = "xyzw"
 _PARTS: Final = ("ra", "rb", "rc", "rd")
 INLINE: Final = "__attribute__((always_inline))"
-"""The attribute of functions that take a packet, which fills many registers, or an array that should be in registers."""
+"""The attribute of functions that take a packet, which fills many registers, or an array meant for registers."""
 
 Pick = tuple[str, int]
 """A vector's name, and a place in each group of four of its numbers."""
@@ -82,10 +82,10 @@ def _place(place: str, size: int, component: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PacketMemory:
-    """The writer of functions for packets of `lanes`; `shuffle` tells whether the compiler has `__builtin_shufflevector`.
+    """The writer of functions for packets of `lanes`; `shuffle`: the compiler has `__builtin_shufflevector`.
 
-    A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it holds
-    consecutive elements of a list.
+    A packet has `columns` neighbouring elements in each row: four for a block of the grid, else all. If `listed`, it
+    holds consecutive elements of a list.
     """
 
     lanes: int
@@ -376,7 +376,7 @@ typedef struct {{
         return lines, self._shuffled(element, [(f"{name}{half}", at) for half in (0, 1) for at in (0, 2)])
 
     def _if_list(self, size: int, *statements: str) -> list[str]:
-        """Return the statements in a branch for a block of consecutive elements, as in a list; none where no branch is needed."""
+        """Return statements in a branch for a block of consecutive elements; no statements if none is needed."""
         if size > 1 or self.lanes == self.columns:
             return []
         return [f"    if (p.row == {self.columns}) {{", *(f"        {s}" for s in statements), "    }"]
@@ -395,7 +395,7 @@ typedef struct {{
         return lines + self._columns(element, base, size)
 
     def _columns(self, element: str, base: Base, size: int) -> list[str]:
-        """Return statements that make components of `ra`, `rb`, ...; each group of four lanes has four numbers of a row there."""
+        """Return statements that make components of `ra`, `rb`, ...: there four lanes have four numbers of a row."""
         if size == 4:
             return self._transposed(element, base, size)
         lines = []

@@ -30,7 +30,7 @@ SCAN: Final = "sh_scan"
 _BLOCK_NUMBERS: Final = 1024
 """Numbers of a block: the nodes of its levels stay in the cache next to a core."""
 _AHEAD: Final = 16384
-"""Bytes between reading and prefetching in a loop: sums of ten million take 0.68 of the time (0.85 with 4,096 bytes)."""
+"""Bytes between reading and prefetching in a loop: sums of ten million take 0.68 of the time (0.85 with 4,096)."""
 _LINE: Final = 64
 """Bytes of a line of a cache."""
 
@@ -324,7 +324,7 @@ class TreePrologue:
         return [f"// {told}", f"INLINE sh_node sh_{name}({parameters}) {{", *_filled(values), "}", ""]
 
     def _picking(self, name: str, lanes: Sequence[int]) -> list[str]:
-        """Return a function that picks lanes of two packets; lane numbers from the width on are lanes of the second packet."""
+        """Return a function that picks lanes of two packets; numbers from the width on are lanes of the second one."""
         values = []
         for k, type in enumerate(self.parts):
             a, b = f"a.part{k}", f"b.part{k}"
@@ -367,7 +367,7 @@ class TreePrologue:
         return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
 
     def _reads(self, inner: str) -> str:
-        """Return `sh_given` and `sh_made`, which read the nodes of elements, or of parts, from `first` to before `end`."""
+        """Return `sh_given` and `sh_made`, which read nodes of elements, or of parts, from `first` to before `end`."""
         types = self.node_types
         lines, numbers = self._leaves("given", types.element)
         if types.lifted:

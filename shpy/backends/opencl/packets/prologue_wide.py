@@ -98,7 +98,7 @@ class Words:
 
 
 def declare_wide(words: Words, lanes: int) -> str:
-    """Return declarations of the types and functions of vectors of `lanes` numbers that a kernel uses; '' up to LONGEST.
+    """Return declarations of the types and functions that a kernel uses of vectors of `lanes`; '' up to LONGEST.
 
     Functions of 64 numbers call those of 32.
     """

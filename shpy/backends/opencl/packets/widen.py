@@ -36,7 +36,7 @@ WIDER = (32, 64)
 
 
 class Lanes(Type):
-    """The type of one number of `base` per lane, as OpenCL's `float16`; `size` is the number of lanes. See `lanes_of`."""
+    """The type of a number of `base` per lane, as OpenCL's `float16`; `size` counts the lanes. See `lanes_of`."""
 
     __slots__ = ()
 
@@ -78,7 +78,7 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
 
 
 def widen(vector: VectorModule, lanes: int) -> Module:
-    """Return the module with packet types for varying values; pure functions have a uniform and a varying form, as used."""
+    """Return the module with packet types for varying values; pure functions get the forms that are used."""
     functions = vector.module.functions
     names = {f.name for f in functions}
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
@@ -93,7 +93,7 @@ def widen(vector: VectorModule, lanes: int) -> Module:
 
 
 class _Uniform(Rewriter):
-    """The form of a pure function for uniform arguments; it calls other uniform forms, and `lane_any` is its operand."""
+    """The form of a pure function for uniform arguments: it calls other such forms, and `lane_any` is its operand."""
 
     def __init__(self, function: Function, functions: Functions, names: dict[str, str]) -> None:
         super().__init__(replace(function, name=names[function.name]), functions)
@@ -107,7 +107,7 @@ class _Uniform(Rewriter):
 
 
 def _everything_varies(function: Function) -> LaneFacts:
-    """Return the facts of a pure function with varying arguments: all slots vary, and so does all that depends on either."""
+    """Return the facts of a pure function with varying arguments: all slots vary, and all that depends on them."""
     slots = frozenset(v.id for v in (*function.outputs, *function.variables))
     varying = {v.id for v in function.inputs}
     for s in walk(function.body):

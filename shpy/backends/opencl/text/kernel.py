@@ -112,7 +112,7 @@ class KernelMaker(ClUnit):
         """The entry with its inputs and outputs as they are in memory."""
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
         self.place: dict[Name, AnyType] = {}
-        """The arguments that give the entry's own function its place in the grid, with the types of their parameters."""
+        """The arguments that pass the place in the grid to the entry's own function, with their parameters' types."""
         self.speller: ClSpeller = ClSpeller()
 
     # Methods that a kernel of packets overrides

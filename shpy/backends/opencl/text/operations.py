@@ -126,7 +126,7 @@ class ClBody(Body):
         return Literal(type, component)
 
     def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a zero that is hidden from the compiler; None for bools, and for floats where passes/hide.py hides all zeros."""
+        """Return a zero hidden from the compiler; None for bools, and for floats if passes/hide.py hides all zeros."""
         known = type.is_int or (type.is_float and not self.unit.hides_zeros)
         return self.ours("zero", type.scalar, type.scalar) if known else None
 
@@ -244,7 +244,7 @@ class ClBody(Body):
         return tree.call("clamp", type, e, self._each(type, -1), self._each(type, 1))
 
     def _each(self, type: Type, value: int) -> Expr:
-        """Return the number for every component, because Oclgrind applies a scalar bound to the first component alone."""
+        """Return the number for every component: Oclgrind applies a scalar bound to the first component alone."""
         one = number(value, type.scalar)
         return one if type.size == 1 else Construct(type, (one,))
 
@@ -261,8 +261,8 @@ class ClBody(Body):
     def op_cond(self, let: Let) -> Expr:
         """Return `c ? a : b`; for two constant vectors of three, `(int3)(-c) ? a : b`, which chooses by a mask.
 
-        If the result of such a choice is tested, LLVM 15, and so PoCL 3.1, rewrites the test as one bool that chooses between
-        constant masks of three. Its code generator ends the process over that.
+        If the result of such a choice is tested, LLVM 15, and so PoCL 3.1, rewrites the test as one bool that chooses
+        between constant masks of three. Its code generator ends the process over that.
         """
         c, a, b = self.args(let)
         type = let.value.type

@@ -1,8 +1,8 @@
 """The prologue of a kernel: hand-written functions for operations that OpenCL C lacks or computes otherwise.
 
 Stage: emit. Each function is written once, with `T` for its type. C has no overloading, so the form for each type has
-its own name: `sh_min` (float), `sh_min3` (float3), `sh_min_d2` (double2). Where a vector form cannot have the same text,
-it calls the scalar form for each component. Only functions that are used are printed.
+its own name: `sh_min` (float), `sh_min3` (float3), `sh_min_d2` (double2). A vector form that cannot have the same text
+calls the scalar form for each component. Only functions that are used are printed.
 
 >>> prologue = Prologue()
 >>> prologue.use("min", vec("f", 3))
@@ -24,7 +24,7 @@ from shpy.backends.emit.spell_c import row_major
 from shpy.ir.types import Base, Type, vec
 
 NOINLINE: Final = "__attribute__((noinline))"
-"""The attribute of functions that are large, rarely called, or called from so many places that inlining compiles slowly."""
+"""The attribute of functions that are large, rarely called, or called from so many places that inlining is slow."""
 
 SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uint", Base.B: "bool"}
 """OpenCL's name of one component."""
@@ -202,7 +202,7 @@ class Prologue:
         return name
 
     def wants(self, op: str, type: Type) -> bool:
-        """Return whether `op` needs a function of the prologue, because OpenCL's own gives other results for this type."""
+        """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
         return op in NAN_LOST or (type.size > 1 and op in _BY_COMPONENT)
 
     def flat_index(self, rank: int) -> str:

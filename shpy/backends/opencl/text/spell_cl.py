@@ -16,7 +16,7 @@ from shpy.ir.types import Base, Type
 
 
 class ClSpeller(Speller):
-    """The speller of OpenCL C. A vector of bools is a vector of ints, -1 for true, so its components are spelled as ints."""
+    """The speller of OpenCL C. A vector of bools is one of ints, -1 for true; its components are spelled as ints."""
 
     def base_name(self, type: Type) -> str:
         """Spell a type, such as `float3`."""
