@@ -1,7 +1,7 @@
-"""The kernel of a prepared module in packets, many elements a work item.
+"""The kernel of a prepared module in packets: a work item computes many elements.
 
-Stage: emit. The module is taken apart into scalars and vectorised; what varies from lane to lane becomes a `float16`,
-what does not stays a `float`, and control flow is what it was where it is the same for all:
+Stage: emit. The module is split into scalars and vectorised. A varying value becomes a `float16`, a uniform value stays
+a `float`, and uniform control flow stays as it is:
 
     __kernel void f(ulong count, int first, int row, __global const float *c_in, int c_step, __global float *y_out) {
         int2 corner = sh_corner(first, row);
