@@ -5,6 +5,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
+from patience import HANGING
 
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.opencl.device.waiting import Waiter
@@ -30,7 +31,7 @@ class Run:
 
     def wait(self):
         signal.raise_signal(signal.SIGINT)
-        self.ends.append(self.let_go.wait(20))
+        self.ends.append(self.let_go.wait(HANGING))
 
 
 class Ended:
