@@ -155,6 +155,8 @@ def writer(path: Path, size: tuple[int, int]) -> Callable[[Image, str], None]:
     Raises as `Image.save` does.
     """
     ending = path.suffix.lower()
+    if path.is_dir():
+        raise SceneError(f"{path} is a folder: name a file in it, such as {path / 'picture.png'}")
     if ending not in _WRITERS:
         raise SceneError(f"{path}: pictures are written as {', '.join(_WRITERS)}, not as {path.suffix or 'this'}")
     most = _LONGEST.get(ending)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
 import numpy as np
 
 from shpy import algebra
-from shpy.backends.base import Options, Precision
+from shpy.backends.base import Options
 from shpy.backends.registry import NAMES, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Module
@@ -38,7 +38,7 @@ from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Leaf, Rows, leaves
-from shpy.passes.modes import MODES, Math
+from shpy.passes.modes import MODES, PRECISIONS, Math, Precision
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate
@@ -60,7 +60,6 @@ else:
 
     _P, _R = ParamSpec("_P"), TypeVar("_R")
 
-_PRECISIONS = ("f16", "f32", "f64")
 _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 
 evaluate_with(evaluate)
@@ -189,7 +188,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
 
         if not (device is None or _is_int(device)):
             refuse("device", device, "device=0, the position of one in the devices of sh.backends()")
-        if not (isinstance(precision, str) and precision in _PRECISIONS):
+        if not (isinstance(precision, str) and precision in PRECISIONS):
             refuse("precision", precision, 'precision="f32", "f64" or "f16"')
         if not (isinstance(math, str) and math in MODES):
             refuse("math", math, 'math="strict", "portable", "relaxed" or "fast"')

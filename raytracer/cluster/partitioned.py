@@ -116,7 +116,7 @@ def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> li
         "camera": camera,
         "background": job.scene.background,
         "ambient": job.scene.ambient,
-        "uniforms": camera.uniforms(*size, layout.origin, layout.scale),
+        "uniforms": camera.uniforms(*size, layout.origin, layout.scale, layout.dtype),
         "integrator": job.integrator,
         "backend": job.backend,
     }

@@ -22,6 +22,9 @@ from raytracer.layered.cube import LayeredCube, is_layered
 
 THRESHOLD: Final = 0.2
 """The share of waiting rays in Christen's thesis."""
+PRECISIONS: Final = ("f16", "f32", "f64")
+MATH: Final = ("strict", "portable", "relaxed", "fast")
+"""The values of `precision` and `math` that `Program.compile` takes."""
 MOST_BOUNCES: Final = 64
 MOST_SAMPLES: Final = 1 << 24
 """Samples of a path traced pixel, at most: f32 does not hold every larger number."""
@@ -51,6 +54,8 @@ class Integrator:
         if not _is_whole(self.bounces, 0, MOST_BOUNCES):
             raise SceneError(f"bounces is a number from 0 to {MOST_BOUNCES}, not {self.bounces!r}")
         self._check_samples()
+        _check_choice("precision", self.precision, PRECISIONS)
+        _check_choice("math", self.math, MATH)
         check(self.structure)
         if self.grid is None:
             return
@@ -194,6 +199,11 @@ def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
         if name not in known:
             raise TypeError(f"{kind.__name__} has no option {name!r}: its options are {', '.join(known)}")
     return kind(**given)
+
+
+def _check_choice(option: str, value: Any, choices: tuple[str, ...]) -> None:
+    if not (isinstance(value, str) and value in choices):
+        raise SceneError(f"{option} is one of {', '.join(map(repr, choices))}, not {value!r}")
 
 
 def _check_threshold(threshold: Any) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 import shpy as sh
 from raytracer.accel.choice import HIERARCHIES
-from raytracer.accel.space import frame_of, placed
+from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
@@ -385,9 +385,9 @@ class Renderer:
         camera = camera or self.scene.camera
         assert camera is not None  # a scene frames one if it has none
         assert self.layout is not None
-        placed("the camera", camera.position, self.layout.origin, self.layout.scale, self.layout.dtype)
         self._choose(camera)
-        for name, value in camera.uniforms(width, height, self.layout.origin, self.layout.scale).items():
+        layout = self.layout
+        for name, value in camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype).items():
             self.params[name].value = value
 
     def _aim_paths(self, camera: Camera | None, width: int, height: int) -> None:

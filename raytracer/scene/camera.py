@@ -15,10 +15,12 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.accel.space import placed
 from raytracer.appearance.materials import Triple
 from raytracer.errors import SceneError
 
 Vector = NDArray[np.float64]
+_DOUBLE: np.dtype[Any] = np.dtype(np.float64)
 Projection = Literal["perspective", "orthographic", "panorama"]
 
 
@@ -118,9 +120,14 @@ class Camera:
         corner = forward - across * (width / 2) - down * (height / 2)
         return View(np.asarray(self.position, dtype=np.float64), corner, across, down)
 
-    def uniforms(self, width: int, height: int, origin: Vector, scale: float) -> dict[str, Any]:
-        """Return the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`."""
-        place = (np.asarray(self.position, dtype=np.float64) - origin) * scale
+    def uniforms(
+        self, width: int, height: int, origin: Vector, scale: float, dtype: np.dtype[Any] = _DOUBLE
+    ) -> dict[str, Any]:
+        """Return the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`.
+
+        Raises SceneError for a position that `dtype`, the kernel's working precision, does not hold.
+        """
+        place = placed("the camera", self.position, origin, scale, dtype)
         right, above, forward = self.axes
         if self.projection == "panorama":
             return {"eye": place, "right": right, "above": above, "forward": forward, "size": (width, height)}

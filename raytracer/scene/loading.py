@@ -92,6 +92,8 @@ def load_contents(path: str | PathLike[str]) -> Contents:
 
 
 def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder: name a file in it")
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     kind = path.suffix.lower()

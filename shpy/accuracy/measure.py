@@ -22,7 +22,7 @@ from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.backends.registry import backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
-from shpy.passes.modes import MODES
+from shpy.passes.modes import MODES, PRECISIONS
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -30,7 +30,6 @@ from shpy.testing.runs import Run, run
 from shpy.units import relative, ulps
 
 Array = NDArray[Any]
-_PRECISIONS = ("f16", "f32", "f64")
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,8 @@ def variants(
 
     Raises ShpyTypeError for an unknown precision.
     """
-    for unknown in set(_several(precision, ())) - set(_PRECISIONS):
-        raise ShpyTypeError(f"precision={unknown!r} is unknown", cure=" or ".join(map(repr, _PRECISIONS)))
+    for unknown in set(_several(precision, ())) - set(PRECISIONS):
+        raise ShpyTypeError(f"precision={unknown!r} is unknown", cure=" or ".join(map(repr, PRECISIONS)))
     modes: list[str | None] = list(_several(math, MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]

@@ -17,10 +17,9 @@ from shpy.errors import ShpyError
 from shpy.ir.nodes import Loc, Module, Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
-from shpy.passes.modes import Math
+from shpy.passes.modes import Math, Precision
 
 Array = NDArray[Any]
-Precision = Literal["f16", "f32", "f64"]
 
 
 @dataclass(frozen=True, slots=True)

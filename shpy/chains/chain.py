@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from shpy.algebra import alike, with_article
-from shpy.backends.base import Precision
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.running import ChainResult, Run
 from shpy.chains.share import Share
@@ -27,6 +26,7 @@ from shpy.ir.nodes import Loc
 from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
+from shpy.passes.modes import Precision
 from shpy.program import Program
 from shpy.run.kernel import Kernel
 

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from shpy.backends.base import DeviceCall, Executable, Memory, Precision
+from shpy.backends.base import DeviceCall, Executable, Memory
 from shpy.backends.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
@@ -27,6 +27,7 @@ from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf, leaves
+from shpy.passes.modes import Precision
 from shpy.run import host
 from shpy.run.kernel import Kernel
 from shpy.run.on_device import check_places

@@ -1,4 +1,4 @@
-"""The modes of arithmetic, in a module that imports no other of shpy, so that importing it is fast."""
+"""The modes of arithmetic and its precisions. This module imports no other of shpy, so that importing it is fast."""
 
 from typing import Final, Literal, get_args
 
@@ -8,6 +8,12 @@ Math = Literal["strict", "portable", "relaxed", "fast"]
 strict: the same bits on every target. portable: the same, by formulas in binary32 alone. relaxed: within OpenCL's error
 bounds. fast: as fast as possible.
 """
+
+Precision = Literal["f16", "f32", "f64"]
+"""The format of the working float."""
+
+PRECISIONS: Final[tuple[str, ...]] = get_args(Precision)
+"""The names of the precisions, the narrowest one first."""
 
 MODES: Final[tuple[str, ...]] = get_args(Math)
 """The names of the modes, the most exact one first."""

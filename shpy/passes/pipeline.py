@@ -27,8 +27,8 @@ from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
-from shpy.passes.modes import Math, formulas_of
-from shpy.passes.precision import Precision, set_precision
+from shpy.passes.modes import Math, Precision, formulas_of
+from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
 from shpy.passes.share import WORTH_SHARING, share_calls
 from shpy.passes.size import inlined_sizes

@@ -17,15 +17,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 from shpy.errors import CompileError
 from shpy.ir.constants import decode, from_array, to_array
 from shpy.ir.nodes import Call, Function, Let, Module, Value, Variable
 from shpy.ir.types import Base, Type
+from shpy.passes.modes import Precision
 from shpy.passes.rewriter import Rewriter, each_function
-
-Precision = Literal["f16", "f32", "f64"]
 
 _BASES: dict[Precision, Base] = {"f16": Base.H, "f32": Base.F, "f64": Base.D}
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Memory, Precision, Space
+from shpy.backends.base import Memory, Space
 from shpy.backends.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
@@ -27,6 +27,7 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
+from shpy.passes.modes import Precision
 from shpy.shown import Shown
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 from shpy.streams.methods import StreamReductions

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, DeviceCall, Options, Precision
+from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.numpy.device.memory import NumpySpace, over_arrays
 from shpy.backends.numpy.device.run import SPACE
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
@@ -24,7 +24,7 @@ from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.traverse import limited_loops
 from shpy.lang.recording.location import here
-from shpy.passes.modes import Math
+from shpy.passes.modes import Math, Precision
 from shpy.passes.pipeline import with_strict_functions
 from shpy.program import Program
 from shpy.run.kernel import Kernel

@@ -67,6 +67,8 @@ def test_wrong_paths_are_named(image, tmp_path):
         image.save(tmp_path / "a.gif")
     with pytest.raises(FileNotFoundError, match="no folder"):
         image.save(tmp_path / "gone" / "a.png")
+    with pytest.raises(SceneError, match=f"{tmp_path} is a folder: name a file in it, such as {tmp_path}/picture.png"):
+        image.save(tmp_path)
     assert os.listdir(tmp_path) == []
 
 

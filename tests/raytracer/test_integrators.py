@@ -6,8 +6,10 @@ import pytest
 from scene_pictures import same
 
 from raytracer import LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
+from raytracer.integrators import integrator
 from raytracer.integrators.integrator import Options, chosen
 from raytracer.meshes.shapes import box, floor
+from shpy.passes import modes
 
 SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
 
@@ -73,6 +75,12 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
         (lambda: Staged(accel="bvh:ploc"), 'accel="grid" or "brute", not "bvh:ploc"'),
         (lambda: Whitted(secondary=box()), "secondary is a LayeredCube, not Mesh"),
         (lambda: Whitted(accel="ldc", precision="f64"), "works at precision=\"f32\", not 'f64'"),
+        (lambda: Whitted(precision="f8"), "precision is one of 'f16', 'f32', 'f64', not 'f8'"),
+        (lambda: Staged(precision=["f32"]), r"precision is one of 'f16', 'f32', 'f64', not \['f32'\]"),
+        (
+            lambda: render(SCENE, (2, 2), math="exact"),
+            "math is one of 'strict', .*, 'fast', not 'exact'",
+        ),
         (lambda: Path(precision="f16"), "works at precision=\"f32\", not 'f16'"),
         (lambda: Path(seed=2**32), r"a seed is a whole number from 0 to 2\*\*32 - 1"),
         (lambda: Staged(accel="ldc:64"), 'go through a layered depth cube with tracer="unified" alone'),
@@ -84,6 +92,11 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
 def test_what_makes_no_integrator_is_an_error(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+def test_precisions_and_modes_are_those_of_compile():
+    assert integrator.PRECISIONS == modes.PRECISIONS
+    assert integrator.MATH == modes.MODES
 
 
 def test_a_cube_belongs_to_integrators_with_secondary_rays():

@@ -198,6 +198,8 @@ def test_bad_files_are_named(tmp_path, name, content, words):
 def test_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no file .*gone\.obj"):
         Mesh.load(tmp_path / "gone.obj")
+    with pytest.raises(IsADirectoryError, match=f"{tmp_path} is a folder: name a file in it"):
+        Mesh.load(tmp_path)
 
 
 @pytest.mark.parametrize("wrong", [{"reflectivity": 1.5}, {"diffuse": -1}, {"color": (1, 1)}, {"shininess": np.inf}])

@@ -147,6 +147,13 @@ def test_what_partitions_cannot_render_is_refused(client, material, given, messa
         render(scene, (4, 4), backend="numpy", **{"cluster": client, "partitions": 2, **given})
 
 
+def test_a_camera_too_far_away_for_f32_is_named(client):
+    cube = box()
+    tiny = Scene([Mesh(cube.vertices * 1e-29, cube.faces)], [PointLight((0, 0, 5e-29))], Camera((0, 0, 4), (0, 0, 0)))
+    with pytest.raises(SceneError, match=r"the camera at \(0, 0, 4\) is too far away for a scene of this size"):
+        render(tiny, (4, 4), backend="numpy", cluster=client, partitions=2)
+
+
 def test_the_parts_of_a_worker_that_is_killed_go_to_others(client, monkeypatch):
     monkeypatch.setattr(partitioned, "BAND", 60)
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}

@@ -13,12 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Collectives, NodeTypes, Precision
+from shpy.backends.base import Collectives, NodeTypes
 from shpy.backends.opencl.device.dispatch import LOCAL_SIZE
 from shpy.backends.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, held
 from shpy.backends.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module, Status
 from shpy.ir.types import Base, vec
+from shpy.passes.modes import Precision
 
 _CPU_DIGIT: Final = 11
 _DIGIT: Final = 8

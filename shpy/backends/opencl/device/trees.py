@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, NodeTypes, Options, Precision
+from shpy.backends.base import Array, NodeTypes, Options
 from shpy.backends.device.probe import refuse_wrong
 from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.device.targets import PACKET_TARGET
@@ -24,6 +24,7 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loop, Module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
+from shpy.passes.modes import Precision
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
