@@ -182,7 +182,7 @@ def _check_borders(chain: Chain, shape: Shape, depth: list[int], wraps: Any, cla
             raise ShpyTypeError(
                 f"all steps read {depth[axis]} elements along axis {axis}, which has {n}, and wrap around",
                 loc=here(),
-                cure="fewer steps, several times",
+                cure="fewer steps, several times, or sh.repeat(program, steps).run(...) without Dask",
             )
 
 

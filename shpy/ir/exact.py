@@ -136,7 +136,6 @@ asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), 
 rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out), decides=True)
 
 
-@wraps(np.hypot)
 def hypot(x: Array, y: Array) -> Array:
     """Return sqrt(x * x + y * y) as C99 has it, rounded once; the exact value in binary32 and binary16.
 

@@ -156,9 +156,9 @@ TAN_BELOW: Final = (1.0, -1.138995187774858, 0.14212656825105077, -0.00313137935
 LN2: Final = (0.6931471805598903, 5.497923018708371e-14)
 TWO_BY_LN2: Final = (2.88539008051157, 1.2663568379132088e-09)
 LOG10_2: Final = (0.30102999566395283, 2.8367572181448577e-14)
-"""A little more than that, so that no decimal logarithm is misrounded."""
+"""log10(2) (1 + 2**-56) in two parts: slightly too large, so that no decimal logarithm is misrounded."""
 INVERSE_PI: Final = (0.3183098854497075, 7.340831623126043e-10, 1.138005036539198e-18)
-"""Positive numbers, so that their sum with -0.0 keeps its sign."""
+"""1 / pi in three parts, all positive, so that their sum with -0.0 keeps its sign."""
 FAR_DIGITS: Final = (
     (1.2841276625374931e-08, 8.076898927812296e-18, 1.2634130177915748e-26),
     (1.468547768767099e-16, 1.4188110080591198e-25, 8.341433834304119e-35),
