@@ -313,7 +313,7 @@ REFUSED = [
     (
         lambda: sh.map_overlap(torus, {"u": cut(U, 9, 9), "f": V}, steps=21),
         "all steps read 42 elements along axis 0, which has 40, and wrap around",
-        "fewer steps, several times",
+        "fewer steps, several times, or sh.repeat(program, steps).run(...) without Dask",
     ),
     (lambda: sh.map_overlap(far, {"u": cut(U, 9, 9)}, steps=0), "steps=0 is no number of executions", "steps=8"),
 ]
