@@ -9,6 +9,8 @@ frames are sent before one of them is acknowledged.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import importlib
 import os
 import queue
@@ -21,6 +23,7 @@ from typing import Any, Final
 
 from shpy.view.wire import Line
 
+_PR_SET_PDEATHSIG: Final = 1
 _AHEAD: Final = 2
 """The most frames that are sent and not yet acknowledged."""
 
@@ -130,9 +133,16 @@ class Worker:
         self.line.send({"kind": "error", "stage": "running", **explained})
 
 
+def _end_with_server() -> None:
+    """Let Linux end this process with the server, since a paused process does not see that its socket closes."""
+    with contextlib.suppress(OSError, AttributeError):  # other systems have no prctl
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def main(descriptor: int, name: str) -> None:
     """Run a worker on this socket until the server closes it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
+    _end_with_server()
     os.environ.setdefault("SHPY_QUIET", "1")  # the page says what compiles
     line = Line(socket.socket(fileno=descriptor))
     module = importlib.import_module(name)

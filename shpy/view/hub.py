@@ -5,7 +5,7 @@ other one until it has: then it gets the latest, and earlier ones are dropped. T
 is ready.
 
     file changes ─► a warm worker opens it ─► its first frame ─► it replaces the previous worker, which ends
-                                          └─► an error: the previous worker continues, and pages show the error
+                    the previous one pauses └─► an error, or much time: the previous worker continues
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Hub:
             self._watched.setdefault(path, _stamp(path))
 
     async def record(self) -> None:
-        """Let a warm worker record the current version; the previous one draws until the new one has a picture."""
+        """Let a warm worker record the current version; the previous one draws again if that fails or takes long."""
         self._drop_recording()
         stamp = _stamp(Path(self.request["path"]))
         age = time.time() - stamp[0] / 1e9 if stamp else 0.0
@@ -98,6 +98,8 @@ class Hub:
         worker = await self._pool.take()
         self._drop_recording()  # the file may have changed again meanwhile
         self._recording = worker
+        if self._drawing is not None:
+            self._drawing.pause()
         if worker.status is not None:
             self._ended(worker)  # it ended before its end could be heard
         worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
@@ -115,6 +117,8 @@ class Hub:
         if self._recording is not None:
             self._recording.kill()
         self._recording = self._described = None
+        if self._drawing is not None:
+            self._drawing.resume()
 
     def close(self) -> None:
         """End all workers."""
@@ -204,7 +208,7 @@ class Hub:
         status = worker.status
         how = f"by signal {-status}" if status is not None and status < 0 else f"with status {status}"
         if worker is self._recording:
-            self._recording = self._described = None
+            self._drop_recording()
         if worker is self._drawing:
             self._drawing = None
         self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")
@@ -215,9 +219,11 @@ class Hub:
         self._broadcast(self._error)
 
     def _go_on(self, worker: Worker | None) -> None:
-        """Let the worker that draws compute its next frame, if a page has drawn one."""
-        if worker is not None and self._seen[0] == worker.number:
-            worker.send({"do": "acknowledge", "number": self._seen[1]})
+        """Let the worker that draws compute its next frame, if a page has drawn one; end its pause."""
+        if worker is not None:
+            worker.resume()
+            if self._seen[0] == worker.number:
+                worker.send({"do": "acknowledge", "number": self._seen[1]})
 
     # Pages
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import signal
 import socket
 import subprocess
 import sys
@@ -68,6 +69,14 @@ class Worker:
     def status(self) -> int | None:
         """The exit status of the process, negative for a signal; None while it runs."""
         return self.process.poll()
+
+    def pause(self) -> None:
+        """Stop the process until `resume`, so that another one has the processor."""
+        self.process.send_signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """Continue a process that `pause` stopped; do nothing to one that runs."""
+        self.process.send_signal(signal.SIGCONT)
 
     def kill(self) -> None:
         """End the process, whatever it is doing."""

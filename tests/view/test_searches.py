@@ -101,6 +101,12 @@ class Worker:
     def send(self, message):
         self.sent.append(message)
 
+    def pause(self):
+        pass
+
+    def resume(self):
+        pass
+
 
 class Pool:
     """A pool of workers that never start."""

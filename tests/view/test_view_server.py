@@ -238,6 +238,50 @@ def test_control_c_ends_it_with_its_workers_while_the_file_loops_forever(tmp_pat
         wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in workers))
 
 
+def state_of(process):
+    """Return the letter of a process's state, T where it is stopped; None where it has ended."""
+    try:
+        found = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    return None if found in "ZX" else found
+
+
+@contextmanager
+def paused(tmp_path):
+    """Yield a view whose file waits for a file `go` before it fails, its page, and the paused process that draws."""
+    path = tmp_path / "wave.py"
+    path.write_text(MOVING)
+    with viewed(path, "--backend", "numpy", "--size", "4x3") as found, page(found) as socket:
+        acknowledge(socket, told(socket, "frame")[0])
+        wait_until(lambda: len(children(found.process.pid)) == 2)  # the next one warms up a second later
+        drawing = min(children(found.process.pid))
+        path.write_text(f"import os, time\nwhile not os.path.exists({str(tmp_path / 'go')!r}): time.sleep(0.01)\n0 / 0")
+        wait_until(lambda: state_of(drawing) == "T")
+        yield found, socket, drawing
+
+
+def test_the_process_that_draws_pauses_while_another_one_records(tmp_path):
+    with paused(tmp_path) as (_, socket, drawing):
+        (tmp_path / "go").touch()
+        assert told(socket, "error")[0]["type"] == "ZeroDivisionError"
+        wait_until(lambda: state_of(drawing) != "T")
+        told(socket, "frame")
+
+
+def test_the_process_that_draws_goes_on_while_another_one_records_for_long(tmp_path):
+    with paused(tmp_path) as (_, socket, drawing):
+        assert told(socket, "busy")[0]["stage"] == "recording"
+        wait_until(lambda: state_of(drawing) != "T")
+        told(socket, "frame")
+
+
+def test_a_paused_process_ends_with_a_server_that_is_killed(tmp_path):
+    with paused(tmp_path) as (found, _, drawing):
+        found.process.kill()
+        wait_until(lambda: state_of(drawing) is None)
+
+
 def test_control_c_ends_it_in_the_moment_when_it_starts(tmp_path):
     path = tmp_path / "wave.py"
     path.write_text(MOVING)
