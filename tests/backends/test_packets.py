@@ -233,9 +233,9 @@ def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
     same(found, (expected[..., 0] if rank == 1 else expected).astype(np.int32))
 
 
-@pytest.mark.sampled(5)
-@each_width
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
+@each_width
 def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
     """Elements of every size, at an index for each lane and at one for all, out of range too."""
     rng = np.random.default_rng(5)
@@ -266,9 +266,9 @@ def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
             same(next(found), np.broadcast_to(element, (50, *element.shape)))
 
 
-@pytest.mark.sampled(5)
-@each_width
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", [sh.Attrib1f, sh.Attrib2i, sh.Attrib1b, sh.Attrib1d])
+@each_width
 def test_arrays_of_a_lane_of_its_own(lanes: int, kind: Any) -> None:
     """Stores and loads at places that differ, in branches, in and out of range, and at one for all; short and long."""
     lengths = (3, 8, 9, 20)
@@ -353,8 +353,8 @@ def test_only_active_lanes_are_asked(lanes: int) -> None:
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("lanes", [8, 16])
 @pytest.mark.parametrize("base", "fdiub")
+@pytest.mark.parametrize("lanes", [8, 16])
 def test_every_operation(lanes: int, base: str) -> None:
     """All rows of the table for numbers of one base in one program, over special values."""
     b = Builder("ops")
