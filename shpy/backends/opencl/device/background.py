@@ -29,15 +29,15 @@ from typing import IO, Any, Final, TypeVar
 T = TypeVar("T")
 
 _LINGER: Final = 10.0
-"""Seconds without a task after which the process ends: it holds memory, and starts again in half a second."""
+"""Seconds without a task after which the process ends, since it holds memory and starts again in half a second."""
 _NICENESS: Final = 19
-"""The process's niceness where there is no policy for idle time: as much as can be."""
+"""The niceness of the process, the highest, on systems without a scheduling policy for idle time."""
 _CHECKED: Final = 0.5
-"""Seconds between checks whether the process that waits for answers is still there."""
+"""Seconds between two checks that the parent process still exists."""
 
 
 class Refused(Exception):
-    """A task has no result: the reason in words."""
+    """A task has no result; the message says why."""
 
 
 class Background:
@@ -112,7 +112,7 @@ class Background:
 
 
 def _answer(wanted: weakref.ref[Future[Any]], ask: Callable[[], Any]) -> None:
-    """Hand an answer, or why there is none, to a future, where somebody still holds it."""
+    """Set the result of a future, or its exception; do nothing if its owner has dropped it."""
     answer, refusal = None, None
     try:
         answer = ask()
@@ -129,12 +129,12 @@ def _answer(wanted: weakref.ref[Future[Any]], ask: Callable[[], Any]) -> None:
 
 @cache
 def background() -> Background:
-    """Return the one of this process."""
+    """Return the background process of this process."""
     return Background()
 
 
 def _started() -> subprocess.Popen[bytes]:
-    """Start the process: where a program is frozen, there is no Python that could be started."""
+    """Start the process. Raises Refused in a frozen program, which has no Python to start."""
     if getattr(sys, "frozen", False) or not sys.executable:
         raise Refused("there is no Python to compile in another process")
     path = [str(p) for p in sys.path]
@@ -154,7 +154,7 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def serve() -> None:
-    """Do what comes on standard input until it ends: what the process runs."""
+    """Run the tasks that arrive on standard input until it ends; this is the main function of the process."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a driver may print
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
@@ -166,7 +166,7 @@ def serve() -> None:
 
 
 def _give_way() -> None:
-    """Take only time of cores that nobody else wants. A nice process may still delay a thread that is woken."""
+    """Use only idle time of the cores, since even a nice process may delay a thread that wakes up."""
     if hasattr(os, "SCHED_IDLE"):
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     elif hasattr(os, "nice"):
@@ -183,7 +183,7 @@ def _do(task: Callable[[], Any], answers: IO[bytes]) -> None:
 
 
 def _follow(parent: int) -> None:
-    """End this process once its parent is gone, though a driver compiles and others hold the pipe open."""
+    """End this process once its parent has ended, even while a driver compiles or others hold the pipe open."""
     while os.getppid() == parent:
         time.sleep(_CHECKED)
     os._exit(1)

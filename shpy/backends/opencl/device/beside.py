@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from shpy.backends.opencl.text.kernel import Kernel
 
 Facts = dict[str, frozenset[str]]
-"""The results of trials of the device so far, by the names of attributes of its `Machine`."""
+"""The results of trials of the device so far; keys are names of attributes of `Machine`."""
 _FACTS: Final = ("wrong", "binary64", "_succeeded")
 
 
@@ -40,7 +40,7 @@ class Compiled:
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Compiles for other widths: `task(facts, lanes)` does so elsewhere, and `load` takes what it gives."""
+    """Compiles for other widths: another process runs `task(facts, lanes)`, and `load` loads its result."""
 
     machine: Machine
     task: Callable[[Facts, int], Compiled]

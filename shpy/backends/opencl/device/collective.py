@@ -201,7 +201,7 @@ _KEYS: Final = {
 
 
 def collectives(space: OpenCLSpace) -> Collectives:
-    """Return the operations that this device does itself."""
+    """Return the collective operations that run on this device."""
     own = _OpenCLCollectives(space)
     tree = own.tree if own.on_cpu else None
     return Collectives(own.select, own.take, own.put, own.place, own.mark, own.sort, own.order, own.tally, tree)
@@ -229,14 +229,14 @@ class _OpenCLCollectives:
         return listed
 
     def take(self, source: Any, index: Any) -> OpenCLMemory:
-        """Gather elements, the nearest where an index is out of range."""
+        """Gather elements; an index out of range is clamped."""
         taken = self._space.allocate(index.count, source.type, source.dtype)
         n, last = index.count, index.dtype.type(source.count - 1)
         self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=LOCAL_SIZE)
         return taken
 
     def put(self, values: Any, index: Any, target: Any) -> None:
-        """Write elements to their places: the last one of several stays."""
+        """Scatter elements; of several at one place the last one stays."""
         n, places, text = index.count, target.count, self._moving(values, index)
         winners = self._allocate(places, Base.I)
         self._run(text, "forget", places, winners, places, group=LOCAL_SIZE)
@@ -244,13 +244,13 @@ class _OpenCLCollectives:
         self._run(text, "put", places, values, winners, places, target, group=LOCAL_SIZE)
 
     def place(self, values: Any, index: Any, target: Any) -> None:
-        """Write elements to their places, none of which occurs twice."""
+        """Scatter elements to places that are all different."""
         self._run(
             self._moving(values, index), "place", index.count, values, index, index.count, target, group=LOCAL_SIZE
         )
 
     def mark(self, mask: Any, status: Any) -> None:
-        """Set the status of each element: WRITTEN where it is marked."""
+        """Set the status of each element to WRITTEN where it is marked."""
         self._run(_MARK, "mark", mask.count, mask, mask.count, status, group=LOCAL_SIZE)
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
@@ -300,12 +300,12 @@ class _OpenCLCollectives:
         return given, indices
 
     def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, counts: Any) -> None:
-        """Find out where the elements of each chunk with each digit go."""
+        """Compute the first place in the sorted order of each digit of each chunk."""
         self._run(text, "count_digits", chunks, given, given.count, chunk, shift, counts)
         self._run(text, "sum_before", 1, counts, chunks << self._digit)
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
-        """Return the text that sorts such keys, and the bits of a key."""
+        """Return the kernel text that sorts keys of this type, and the bits of a key."""
         kept = held(keys.type, keys.dtype)
         word = WORDS[kept.itemsize]
         key = _KEYS[kept.str[1:]]
@@ -333,6 +333,6 @@ class _OpenCLCollectives:
         return self._space.allocate(memory.count, memory.type, memory.dtype)
 
     def _run(self, text: str, name: str, items: int, *args: Any, group: int = 1) -> None:
-        """Start a kernel over so many work items, and as many idle ones as fill the last group."""
+        """Start a kernel over this number of work items, rounded up to whole groups by idle items."""
         given = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
         self._space.enqueue(text, name, items, given, group=group)

@@ -19,7 +19,7 @@ from shpy.backends.opencl.device.driver import Machine
 LOCAL_SIZE: Final = 64
 """Work items of a group."""
 PACKETS: Final = 16
-"""Packets of a group: each is as much work as many elements."""
+"""Packets of a group; fewer than LOCAL_SIZE, since a packet computes several elements."""
 
 
 class Items(NamedTuple):

@@ -74,15 +74,15 @@ __kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global float
 }
 """
 _PLAIN = "-cl-opt-disable"
-"""The option for a compiler that makes errors where it optimises."""
+"""The option for a compiler whose optimisations give wrong results."""
 _CPU_SECONDS = 0.5
-"""Seconds of a dispatch on a CPU, where only Ctrl-C waits for its end. Long dispatches leave cores idle less often."""
+"""The intended seconds of a dispatch on a CPU. Only Ctrl-C has to wait for its end, and long ones keep cores busy."""
 ANY_SIZE = 1 << 16
-"""Work items of the first launch of a kernel: they are idle in microseconds, wherever they run."""
+"""Work items of the first launch of a kernel; all of them are idle, so it takes microseconds on any device."""
 _LEAST = 64
 """Bytes of the smallest buffer."""
 _FEW: Final = 16
-"""Brief runs that a caller need not be able to interrupt."""
+"""The most brief runs for which a wait need not be interruptible."""
 
 
 def _pyopencl() -> Any:
@@ -96,10 +96,10 @@ def _pyopencl() -> Any:
 
 
 def _keep_threads_apart() -> None:
-    """Let PoCL keep each of its threads on a core of its own, unless somebody has said where threads are to be.
+    """Make PoCL bind each of its threads to a core, unless the environment configures its threads.
 
-    Left to Linux, two that are woken at once may take turns on one core for a whole call: it takes twice as long then.
-    PoCL numbers the cores from 0 whatever the process is confined to, so it is asked only where all may be used.
+    Otherwise Linux may run two threads that wake at once on one core for a whole call, which takes twice as long then.
+    PoCL numbers the cores from 0 without regard to the affinity of the process, so this needs all cores to be allowed.
     """
     told = {"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"} & os.environ.keys()
     if sys.platform == "linux" and not told and os.sched_getaffinity(0) >= set(range(os.cpu_count() or 1)):
@@ -152,7 +152,7 @@ _FEATURES = {"f64": "cl_khr_fp64", "f16": "cl_khr_fp16"}
 
 
 def _built_silently(program: Any, options: list[str]) -> Any:
-    """Build a program; pyopencl warns of each driver that writes a log, also where the log says "done"."""
+    """Build a program without pyopencl's warning about build logs, which some drivers write after each build."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return program.build(options=options, cache_dir=False)
@@ -205,15 +205,15 @@ class Machine:
         self._on_disk: WeakSet[Any] = WeakSet()
         self.pool = Pool()
         self._uploads: list[Any] = []
-        """Copies to the device that may be under way, which keep their arrays, and memory that runs outlive."""
+        """Copies to the device that may be in progress, with their arrays, and memory that runs may still read."""
         self.started = 0
-        """Runs over streams that were started since their end was last waited for."""
+        """The number of runs over streams that were started since the last wait."""
         self.may_take_long = False
-        """True if one of them may not be brief."""
+        """True if one of these runs may take long."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
-        """The lock; BackendUnavailable in a process that was forked after this one was opened."""
+        """The device's lock. Raises BackendUnavailable in a process that was forked after the device was opened."""
         _DRIVER.use()
         return self._lock
 
@@ -256,10 +256,10 @@ class Machine:
         return program
 
     def keep(self, text: str, math: Math) -> None:
-        """Keep the program's binary for later processes: once it was launched, so that it holds generated code.
+        """Store the program's binary for later processes, after a launch, so that it holds generated code.
 
-        A driver that keeps code itself is not asked: PoCL would generate code for another size of group to make this
-        binary, a third of a compilation.
+        Do nothing for a driver that has a cache of its own: PoCL would generate code for another group size to make
+        this binary, which takes a third of a compilation.
         """
         program = self.build(text, math)
         if program not in self._on_disk and store.is_open() and not keeps_kernels(self.device.platform.name.strip()):
@@ -268,25 +268,25 @@ class Machine:
             store.save(self._binary_key(text, math), bytes(binary))
 
     def pace(self, *, bounded: bool) -> Pace:
-        """Return the pace of a new kernel. What stops long dispatches does so on anything but a CPU."""
+        """Return the pace of a new kernel. A CPU has no watchdog that ends long dispatches."""
         if self.device.type & self.cl.device_type.CPU:
             return Pace(_CPU_SECONDS, bounded=bounded)
         return Pace(bounded=bounded)
 
     def take(self, size: int) -> Any:
-        """Return a buffer of at least `size` bytes, to be given back."""
+        """Return a buffer of at least `size` bytes; the caller gives it back."""
         size = rounded(max(size, _LEAST))
         return self.pool.take(Kind(size), lambda: self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size))
 
     def give_back(self, buffers: list[Any]) -> None:
-        """Keep the buffers for the next run; the device is done with them."""
+        """Return buffers to the pool, after the device has finished with them."""
         self._uploads.clear()
         for buffer in buffers:
             self.pool.give_back(Kind(buffer.size), buffer)
 
     @cached_property
     def shares_memory(self) -> bool:
-        """Return whether the device works in the host's memory, so that arrays need not be copied to be used."""
+        """Return whether the device uses the host's memory, so that arrays need not be copied."""
         return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
 
     def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
@@ -319,12 +319,12 @@ class Machine:
             self.started, self.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
 
     def outlive(self, things: Sequence[Any]) -> None:
-        """Keep memory that nobody else holds for the runs over streams that may be reading it."""
+        """Hold memory without another owner until the runs over streams that may read it have ended."""
         if self.started:
             self._uploads.extend(things)
 
     def finish(self, lent: list[Any]) -> None:
-        """Wait until all is done and what was written to lent arrays can be seen in them."""
+        """Wait until the queue is empty, and make results visible in lent arrays."""
         for buffer in lent:
             access = self.cl.map_flags.READ
             mapped, _ = self.cl.enqueue_map_buffer(self.queue, buffer, access, 0, (buffer.size,), np.uint8)
@@ -332,7 +332,7 @@ class Machine:
         self.queue.finish()
 
     def abandon(self, things: Any) -> None:
-        """Keep what a run used that was interrupted, until the device is done with it."""
+        """Hold the memory of an interrupted run until the device has finished with it."""
         self.waiter.keep(self.cl.enqueue_marker(self.queue), (things, self._uploads))
         self._uploads = []
 
@@ -348,7 +348,7 @@ class Machine:
 
     @property
     def lanes(self) -> int:
-        """Elements that a work item should compute: as many as a CPU's vectors hold, one on any other device."""
+        """The elements that a work item should compute: those of a CPU's vector, 1 on any other device."""
         if not self.device.type & self.cl.device_type.CPU:
             return 1
         widths = [w for w in self.widths if w <= self.device.native_vector_width_float]
@@ -360,9 +360,9 @@ class Machine:
 
     @cached_property
     def wrong(self) -> frozenset[str]:
-        """The operations that this device gets wrong: asked once, and kept on disk.
+        """The operations with wrong results on this device: probed once, and stored on disk.
 
-        Where another library makes threads flush denormals, those of the driver may flush them too: then the answer
+        Where another library makes threads flush denormals, the driver's threads may flush them too; the result then
         holds for this process alone.
         """
         if was_flushing():
@@ -372,7 +372,7 @@ class Machine:
     def target(self, target: Target, math: Math) -> Target:
         """Return a target with the abilities of this device.
 
-        Those in binary64 matter in strict mode, and other modes do not wait for their probe.
+        Only strict mode uses those in binary64, so other modes do not wait for their probe.
         """
         doubles = self.binary64 if math == "strict" else frozenset()
         return replace(target, wrong=self.wrong & CORRECTABLE, doubles="exact" in doubles, fuses="fused" in doubles)
@@ -413,7 +413,7 @@ class Machine:
     def probe(
         self, text: str, given: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
     ) -> None:
-        """Run the kernel `probe` of a text over COUNT elements in packets: from arrays to arrays."""
+        """Run the kernel `probe` of a text over COUNT elements in packets; return the output arrays."""
         with self.lock:
             program = _built_silently(self.cl.Program(self.context, text), options or self.options("strict"))
             kernel = self.cl.Kernel(program, "probe")
@@ -427,7 +427,7 @@ class Machine:
 
     @cached_property
     def binary64(self) -> frozenset[str]:
-        """The abilities of this device in binary64, some of ABILITIES: asked once, and kept on disk."""
+        """The abilities of this device in binary64, a subset of ABILITIES: probed once, and stored on disk."""
         if not self.doubles:
             return frozenset()
 
@@ -440,7 +440,7 @@ class Machine:
 
     @cached_property
     def _succeeded(self) -> frozenset[str]:
-        """The names of the TRIALS that work: tried once for each driver version, and kept on disk."""
+        """The names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
         key = self._key("".join(trial.text(name) for name, trial in TRIALS.items()), self._options)
         try:
             return store.known_names(key, TRIALS, lambda: works(self._place(), self._options, TRIALS))
@@ -463,9 +463,9 @@ class Machine:
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Lanes that packets may have on this device: a driver may end the process for functions of some vectors.
+        """The widths that packets may have on this device: some drivers crash on functions of some vectors.
 
-        Where no trial at all could be made, nothing is known against any width.
+        All widths are allowed where no trial could be run.
         """
         known = self._succeeded
         if not known:

@@ -32,7 +32,7 @@ from shpy.ir.types import Base, Type
 MEMORY: Final = {**DTYPES, Base.B: np.uint8}
 """The dtype of a component in a buffer, by base."""
 WORDS: Final = {1: "uchar", 2: "uint", 4: "uint", 8: "ulong"}
-"""The word that has the size of a component on the host; a component of 16 bits has 32 in a buffer."""
+"""The unsigned type of a component's size in bytes; a component of 16 bits takes 32 in a buffer."""
 _PAD: Final = """\
 __kernel void pad(__global const WORD *packed, __global WORD *padded, ulong n) {
     size_t i = get_global_id(0);
@@ -69,7 +69,7 @@ __kernel void count_statuses(__global const int *status, uint total, __global vo
 """
 _STRIDE: Final = 4096
 _AHEAD: Final = 256
-"""Runs that are started before the host waits for them."""
+"""The most runs that are started before the host waits."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -82,9 +82,9 @@ class OpenCLMemory:
     type: Type
     dtype: np.dtype[Any]
     owner: OpenCLMemory | None = None
-    """The memory whose buffer this is, which keeps the buffer while this is in use."""
+    """For a view, the memory that owns the buffer; this reference keeps it alive."""
     pooling: Any = None
-    """The finalizer that keeps the buffer for other memory, of a buffer that this package made."""
+    """The finalizer that returns the buffer to the pool; None for a buffer that the caller made."""
 
     @property
     def _held(self) -> np.dtype[Any]:
@@ -99,7 +99,7 @@ class OpenCLMemory:
         return DeviceArray(self.space.machine.queue, self._shape, self._held, data=self.buffer)
 
     def _give_up(self) -> None:
-        """Leave the buffer to whoever holds it: it is freed with its last array, and not used for other memory."""
+        """Keep the buffer out of the pool: it is freed with the last array that holds it."""
         if self.owner is not None:
             self.owner._give_up()
         if self.pooling is not None:
@@ -107,7 +107,7 @@ class OpenCLMemory:
 
     @property
     def extent(self) -> tuple[Any, int, int]:
-        """The buffer, or the one of which it is a part, and bytes of that."""
+        """The root buffer, as an integer, with the first byte of this memory in it and the end."""
         buffer, first = self.buffer, 0
         whole = buffer.associated_memobject
         if whole is not None:
@@ -140,7 +140,7 @@ class OpenCLMemory:
 
 @cache
 def _status_text(word: str) -> str:
-    """Return the kernels that read statuses, for elements whose components are such words."""
+    """Return the text of the kernels that read statuses, for elements whose components have this unsigned type."""
     names = {name: getattr(Status, name) for name in ("WRITTEN", "FIRST_LOOP", "DEVICE_STOPPED")}
     text = _STATUS.replace("WORD", word)
     for name, number in {**names, "STRIDE": _STRIDE}.items():
@@ -149,7 +149,7 @@ def _status_text(word: str) -> str:
 
 
 def held(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits has 32."""
+    """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits takes 32."""
     return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
 
 
@@ -160,7 +160,7 @@ class OpenCLSpace:
     on_host = False
 
     def __init__(self, machine: Machine, collectives: Callable[[OpenCLSpace], Collectives]) -> None:
-        """Open the memory of a device; `collectives` makes the operations that the device does itself."""
+        """Open the memory of a device; `collectives` returns the collective operations that run on it."""
         self.machine = machine
         self.collectives = collectives(self)
         self._kernels: dict[tuple[str, str], Any] = {}
@@ -221,7 +221,7 @@ class OpenCLSpace:
         return made
 
     def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
-        """Put the elements of `old`, or zeros, where the status is not WRITTEN."""
+        """Replace elements whose status is not WRITTEN by those of `old`, or by zeros."""
         if new.count:
             buffer = None if old is None else old.buffer
             self._enqueue("keep", new, status.buffer, new.buffer, buffer, np.int32(new.type.size))
@@ -252,9 +252,9 @@ class OpenCLSpace:
     def enqueue(
         self, text: str, name: str, items: int, args: Sequence[Any], *, group: int = 1, brief: bool = False
     ) -> None:
-        """Start a kernel of a text, which is kept with its program, over so many work items.
+        """Start a kernel of a text over this number of work items; programs are cached by their text.
 
-        A `group` of several is filled with idle work items, which the kernel has to leave alone.
+        The number is rounded up to whole groups of size `group`; the kernel has to ignore the idle items.
         """
         machine = self.machine
         with machine.lock:
@@ -269,17 +269,17 @@ class OpenCLSpace:
             self._count_one()
 
     def _count_one(self) -> None:
-        """Count the runs that were started, and wait where many of them have not ended."""
+        """Count a run, and wait once too many have been started."""
         self.machine.started += 1
         if self.machine.started >= _AHEAD:
             self.finish()
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:
-        """Call it: any thread may use an array."""
+        """Call `function` in this thread, as any thread may use the arrays."""
         return function(*natives)
 
     def start(self, runs: Iterable[Callable[[], None]]) -> None:
-        """Start one after the other on the queue."""
+        """Start runs on the queue, in order."""
         machine = self.machine
         with machine.lock:
             for run in runs:
@@ -288,9 +288,9 @@ class OpenCLSpace:
             machine.queue.flush()
 
     def padding(self, packed: OpenCLMemory, padded: OpenCLMemory) -> Callable[[], None]:
-        """Return what copies vectors of three to vectors of four, as the tables of packets have them."""
+        """Return a run that copies vectors of three to vectors of four, the form of the tables of packets."""
         text = _PAD.replace("WORD", WORDS[packed.dtype.itemsize])
-        # The run holds `padded`: memory that nobody holds is used for something else.
+        # The run holds `padded`, since memory without an owner returns to the pool.
         return lambda: self.each(text, "pad", padded.count, (packed.buffer, padded.buffer))
 
     def finish(self, *, copies: bool = False) -> None:
@@ -302,6 +302,6 @@ class OpenCLSpace:
 
 
 def own(memory: Any) -> OpenCLMemory:
-    """Return the memory, which is one of this backend."""
+    """Return the argument as an OpenCLMemory; all memory that reaches this space is of this class."""
     assert isinstance(memory, OpenCLMemory)
     return memory

@@ -52,13 +52,13 @@ from shpy.passes.pipeline import Prepared, prepare
 from shpy.passes.size import check_growth, check_size
 
 _MOST_STATEMENTS: Final = 1 << 26
-"""All calls followed: PoCL follows every path of calls, inlined or not, so its time doubles with each level."""
+"""The most statements with all calls expanded. PoCL visits every path of calls, so its time doubles with each level."""
 _GROUPS: Final = 4
 """Groups of packets for each core, with which all cores end at nearly the same time."""
 _FLUSHED: Final = "in {} mode this device flushes denormals to zero"
 """The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
 _WIDE: Final = 32
-"""Images of fewer columns are run as lists: too many lanes would hold no element."""
+"""Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
 
 
 class OpenCLBackend:
@@ -208,7 +208,7 @@ class OpenCLExecutable:
     remarks: tuple[str, ...] = ()
     stages: Stages = field(default_factory=Stages)
     spare: list[Any] = field(default_factory=list)
-    """Kernels whose arguments nobody needs any longer."""
+    """Kernel objects that no run uses, for the next runs."""
 
     @property
     def source(self) -> str:
@@ -236,7 +236,7 @@ class OpenCLExecutable:
         return not self.prepared.status
 
     def warm_up(self) -> None:
-        """Launch it once over nothing: only then do drivers generate code, which is to serve launches of any size."""
+        """Launch the kernel once with idle work items, since drivers generate code for any size at the first launch."""
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
         inputs = [entry.inputs[i].type for i in self.kernel.inputs]
         empty = machine.take(LOCAL_SIZE)
@@ -252,7 +252,7 @@ class OpenCLExecutable:
         machine.give_back([empty])
 
     def run(self, call: Call) -> Array | None:
-        """Run it; return the status of each element, or None where every element was written."""
+        """Run the kernel; return the status of each element, or None if all elements are written."""
         with self.machine.lock:
             used: list[Any] = []
             try:
@@ -301,7 +301,7 @@ class OpenCLExecutable:
         return self._hand_over(call, staged.outputs)
 
     def _stage(self, call: Call) -> Staged:
-        """Arrays for runs of this shape, and a kernel whose arguments they are."""
+        """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         row = self._row_length(call.shape)
         args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
@@ -431,7 +431,7 @@ class OpenCLExecutable:
         return starter(self.machine, compiled, args, items, self._group, self.pace, lanes, reads=reads, shared=shared)
 
     def _items(self, count: int, row: int) -> Items:
-        """Work items: one an element; or one a packet, in as many columns and lines as there are."""
+        """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""
         if self.kernel.lanes == 1:
             return Items(count)
         columns = self.kernel.columns
@@ -442,7 +442,7 @@ class OpenCLExecutable:
         return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []
 
     def _collect(self, call: Call, outputs: list[tuple[Any, bool]]) -> Array | None:
-        """Bring to the host what is not there yet."""
+        """Copy outputs to the host that are not in its memory."""
         found: list[Array | None] = []
         slots = self.prepared.module.entry.outputs
         for k, (slot, (buffer, is_lent)) in enumerate(zip(slots, outputs, strict=True)):
@@ -459,7 +459,7 @@ class OpenCLExecutable:
         return self._hand_over(call, found)
 
     def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
-        """Copy what was found to the outputs, where elements were written; return the statuses if not all were."""
+        """Copy written elements to the caller's outputs; return the statuses if some elements were not written."""
         status: Array | None = None
         written: Any = True
         if self.prepared.status:

@@ -61,7 +61,7 @@ def sample_on_device(call: DeviceCall, share: float, space: OpenCLSpace) -> Samp
 
 
 def _middle(shape: Shape, share: float) -> tuple[Shape, int, int]:
-    """Return the shape of the middle rows that are about this share of all, their first element and their end."""
+    """Return the shape of the middle rows that are about this share of all rows, their first element and their end."""
     if not shape:
         return shape, 0, 1
     rows, *rest = shape

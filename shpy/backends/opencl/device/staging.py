@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from shpy.ir.types import Type
 
 _SMALL: Final = 1 << 15
-"""Bytes of all inputs and outputs together. More are copied for longer than it takes to lend the arrays themselves."""
+"""The most bytes of all inputs and outputs together. To copy more takes longer than to lend the arrays."""
 _KEPT: Final = 8
-"""Shapes that a kernel keeps arrays for."""
+"""The most shapes of runs for which a kernel keeps arrays."""
 _ALIGNMENT: Final = 128
 """Bytes: the size of the longest vector of OpenCL, to which the memory of a buffer has to be aligned."""
 
 
 def is_small(call: Call) -> bool:
-    """Return whether the arrays of a run are worth copying."""
+    """Return whether it is faster to copy the arrays of a run than to lend them."""
     return sum(a.nbytes for a in call.inputs) + sum(a.nbytes for a in call.outputs) <= _SMALL
 
 

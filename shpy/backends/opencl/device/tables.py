@@ -19,7 +19,7 @@ from shpy.backends.opencl.device.driver import Machine
 from shpy.ir.tabledata import TableData
 
 _Copies = dict[Any, tuple[int, Any, bool]]
-"""For each form of the elements: the version of the data, the buffer, and whether changed parts are sent to it."""
+"""For each layout of the elements: the version of the data, the buffer, and whether changed parts are sent to it."""
 
 
 @cache
@@ -65,7 +65,7 @@ class Tables:
         return buffer
 
     def _leave(self, copies: _Copies) -> None:
-        """Keep the buffers of data that is gone for runs that may be reading them."""
+        """Hold the buffers of deleted data until the runs that may read them have ended."""
         self.machine.outlive([buffer for _, buffer, _ in copies.values()])
 
     def _send(self, buffer: Any, parts: dict[int, Array]) -> None:

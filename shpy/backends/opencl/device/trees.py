@@ -29,15 +29,15 @@ from shpy.passes.pipeline import prepare
 from shpy.passes.size import inlined_sizes
 
 _ALONE: Final = 1 << 16
-"""Elements that one work item takes: another one would take longer to start."""
+"""The most elements for a single work item: to start a second one would take longer than it saves."""
 _PARTS: Final = 32
-"""Parts for each core, with which all cores end at nearly the same time."""
+"""Parts for each core, enough for all cores to end at nearly the same time."""
 _LARGE: Final = 400
-"""Statements of a program whose runs are taken apart by `folding` and `scanning`, which stop long dispatches."""
+"""Statements above which `folding` and `scanning` run a program instead, in dispatches of bounded length."""
 _BRIEF: Final = 1 << 26
-"""Statements of all elements together, and what reads them, that take a few milliseconds, which nobody interrupts."""
+"""Statements, those that read elements included, that run in a few milliseconds, too short to be interruptible."""
 _READING: Final = 4
-"""Statements in whose time an element is read and brought beside its neighbour."""
+"""The cost, in statements, of reading an element and shuffling it beside its neighbour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +49,16 @@ class OpenCLTree:
     block: int
     cores: int
     brief: int
-    """Elements that take so little time that nobody need be able to interrupt the wait."""
+    """The most elements for which the wait need not be interruptible."""
     parts: tuple[OpenCLMemory, ...]
-    """Memory for the leaves of each part, in which a run that folds them keeps them."""
+    """Memory for the leaves of the result of each part."""
     results: tuple[OpenCLMemory, ...]
-    """Memory for the leaves of one element, which is read before anybody else writes it."""
+    """Memory for the leaves of the final result; the lock is held until it is read."""
     done: OpenCLMemory
-    """The number of parts that a run has made: 0 whenever no run is under way."""
+    """The number of finished parts of the current run; 0 between runs."""
 
     def each(self, count: int) -> int:
-        """Elements of a part."""
+        """Return the number of elements of a part, for this number of elements in all."""
         if count <= _ALONE:
             return max(self.block, 1 << (count - 1).bit_length())
         return max(self.block, 1 << (count // (_PARTS * self.cores)).bit_length())
@@ -68,7 +68,7 @@ class OpenCLTree:
         self._fold(given, made, None, made)
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
-        """Reduce all parts to the host, by one dispatch: a second one would take a tenth of the time of ten million."""
+        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7."""
         with self.space.machine.lock:
             several = given[0].count > self.each(given[0].count)
             self._fold(given, self.parts, self.done.buffer, self.results) if several else self.fold(given, self.results)
@@ -82,7 +82,7 @@ class OpenCLTree:
         self._run(FOLD, -(-count // each), count, args)
 
     def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
-        """Give all prefixes, from those that end with each part."""
+        """Compute all prefixes; `above` holds the prefixes that end with each part."""
         count = given[0].count
         each, parts = self.each(count), 1 if above is None else above[0].count
         sizes = [np.uint64(count), np.uint64(each), np.int32(parts), np.int32(exclusive)]
@@ -94,7 +94,7 @@ class OpenCLTree:
 
 
 def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
-    """Print and build; None for programs that are large, may stop, or need more than their two elements."""
+    """Print and build the kernels; return None for a large program, and for one that may discard or reads more."""
     machine = space.machine
     lanes = machine.lanes
     if lanes == 1:

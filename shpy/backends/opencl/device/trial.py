@@ -36,7 +36,7 @@ class Trial:
 
 
 class Unfinished(Exception):
-    """The trials could not be made, by no fault of the driver's: `found` are the names of those that did succeed."""
+    """The trials could not be run, through no fault of the driver; `found` names those that succeeded before."""
 
     def __init__(self, reason: str, found: frozenset[str]) -> None:
         super().__init__(reason)
@@ -46,8 +46,8 @@ class Unfinished(Exception):
 def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
     """Return the names of the trials that succeed on this device of this platform, in a process of their own.
 
-    A trial that ends the process, or does not end, has failed, and the others go on in another one. Raises Unfinished
-    where there is no such process, or it comes to no trial.
+    A trial that crashes or hangs its process fails, and the others continue in another process. Raises Unfinished if
+    no process can be started, or if it runs no trial.
     """
     with tempfile.TemporaryDirectory() as folder:
         return _works(place, options, trials, folder)

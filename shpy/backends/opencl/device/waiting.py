@@ -24,7 +24,7 @@ _GRACE: Final = 1.0
 
 
 class _Job:
-    """A wait for an event; `kept` is what the device uses until then."""
+    """A wait for an event; `kept` holds the memory that the device uses until then."""
 
     __slots__ = ("done", "error", "event", "kept")
 

@@ -31,9 +31,9 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Loc
 
 _ENOUGH, _LONG_ENOUGH = 1 << 14, 1e-3
-"""Elements of a run that says something about a width, and seconds of one with fewer: shorter runs are all overhead."""
+"""The least elements of a run that is measured, and its least seconds if it has fewer: short runs are all overhead."""
 _COUNTS: Final = 64
-"""Numbers of elements whose least times are kept."""
+"""The most numbers of elements for which the least time is kept."""
 _LEAST_SPENT: Final = 0.05
 """Seconds of running before a trial pays, however fast the compiler was."""
 _MOST_SPENT: Final = 0.5
@@ -41,20 +41,20 @@ _MOST_SPENT: Final = 0.5
 _TRIED: Final = 0.2
 """Seconds for the runs of each width in a trial."""
 _LEAST_ROUNDS, _MOST_ROUNDS = 5, 25
-"""Runs of each width: as many as fit. The fastest one counts, because other programs can only slow a run.
+"""The least and the most runs of each width in a trial. The fastest counts, as other programs can only slow a run.
 
-Of a run that is too long for so many, a part is tried.
+A trial of a long run uses a share of its elements, so that the least number of runs fits into `_TRIED`.
 """
 _SHARE: Final = 0.5
-"""The most of a run that is a sample: both widths then take as long as the run itself."""
+"""The largest share of a run for a sample: both widths together then take as long as the run."""
 _FINE: Final = 1e-4
-"""Seconds: a clock of CPU time that is coarser says nothing about a run."""
+"""The coarsest resolution, in seconds, of a clock of CPU time that can measure a run."""
 _GAIN: Final = 0.97
-"""The other width stays if it takes at most this much of the time: less is noise."""
+"""The other width replaces the one in use if it takes at most this share of the time; smaller gains are noise."""
 _LEVEL: Final = 1.1
-"""A wider width that takes at most this much of the time is level: the next wider one may still gain."""
+"""A wider width that takes at most this share of the time is level: the next wider one may still gain."""
 _SIMILAR: Final = 2
-"""A run over memory of the device of at most so many times the elements of a run that was waited for is not."""
+"""A run over device memory with at most this many times the elements of a timed run is not timed itself."""
 
 
 class Sized(Executable, Protocol):
@@ -230,7 +230,7 @@ class Choosing:
     def _start(self, run: Callable[[], None], count: int) -> float:
         """Start a run over memory of the device; returns the seconds that it takes.
 
-        It is waited for only where they do not follow from those of an earlier run, and before a trial.
+        Wait for its end only before a trial, or where no earlier run allows an estimate of the seconds.
         """
         timed, taken = self._timed
         if count <= _SIMILAR * timed and self._trial is None:
@@ -266,7 +266,7 @@ class Choosing:
             self._step.release()
 
     def _says_nothing(self, count: int, taken: float) -> bool:
-        """Return whether a run is too short to say anything about a width."""
+        """Return whether a run is too short to measure a width."""
         if count >= _ENOUGH:
             return False
         if len(self._least) >= _COUNTS:
@@ -276,7 +276,7 @@ class Choosing:
         return least < _LONG_ENOUGH
 
     def _receive(self, pending: Pending, width: int) -> None:
-        """Take the kernel of another width, or the reason why there is none."""
+        """Begin a trial with the kernel of another width, or note the reason why there is none."""
         self._pending = None
         self._measured.add(width)
         try:
