@@ -81,9 +81,7 @@ class Stream(StreamReductions, Shown):
         self._hold(type, layout, found[0].shape, place, memories)
 
     def _hold(self, type: Any, layout: Layout, shape: Shape, place: Place, memories: Sequence[Memory]) -> None:
-        self._type = type
-        self._layout = layout
-        self._shape = shape
+        self._type, self._layout, self._shape = type, layout, shape
         self.place = place
         self._memories = list(memories)
         self._owned = True
