@@ -42,7 +42,7 @@ class SplitWalk:
 
     @property
     def triangles(self) -> Triangles:
-        """The triangles of both."""
+        """The triangles, which both walks share."""
         return self.exact.triangles
 
 

@@ -118,7 +118,7 @@ class Tradeoff:
 
     @property
     def frontier(self) -> tuple[Candidate, ...]:
-        """The candidates than which none is both faster and closer, fastest first."""
+        """The Pareto-optimal candidates in time and error, the fastest first."""
         return tuple(self.candidates[n] for n in self._comparison.front)
 
     @property
@@ -293,7 +293,7 @@ def beside(camera: Camera | None) -> Camera:
 
 
 def turned(camera: Camera | None, angle: float, rise: float = 1.0) -> Camera:
-    """Return the camera turned by `angle` degrees about what it looks at, and higher above that by a factor."""
+    """Return the camera turned by `angle` degrees about its target, its height above that multiplied by `rise`."""
     assert camera is not None  # a scene frames one if it has none
     up = np.asarray(camera.up, dtype=np.float64) / np.linalg.norm(camera.up)
     sight = np.subtract(camera.position, camera.target)

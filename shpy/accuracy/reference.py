@@ -188,7 +188,7 @@ class _Exactly(Compiler):
         return lambda frame: value
 
     def convert(self, given: Type, type: Type, place: int) -> Callable[[Any], Any]:
-        """Floats are not rounded among themselves; ints are taken as they are."""
+        """Return the conversion: a float stays exact for any type of float, and an int is taken as it is."""
         mp, dtype = self.mp, DTYPES[type.base]
         if given.is_float and type.is_float:
             return lambda frame: frame[place]

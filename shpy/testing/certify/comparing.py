@@ -31,11 +31,11 @@ class Work:
     math: Math = "strict"
 
     def run(self, target: Target) -> list[Array]:
-        """Run it on a target; return the leaves of its outputs."""
+        """Run the program on a target; return the leaves of its outputs."""
         return flat_leaves(target.compile(self.program, math=self.math)(*self.arrays, **self.named, shape=self.shape))
 
     def denormal(self) -> Array:
-        """Return the elements, (n,), that meet a denormal on their way."""
+        """Return, as bools (n,), the elements whose evaluation meets a denormal."""
         return meets_denormals(Setting(self.program, self.arrays, self.named, self.shape, {}))
 
     def given(self, element: int) -> str:

@@ -185,7 +185,10 @@ def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
 
 
 def pairs() -> Iterator[tuple[str, str]]:
-    """Yield every form in every form. Of the many SH_FORs each pair takes another one, and each meets itself."""
+    """Yield every form of control flow nested in every form, as (outer, inner).
+
+    The spellings of SH_FOR take turns among the pairs, and each is also nested in itself.
+    """
     count = 0
     general = [*BRANCHES, "while", "do", "do_late", "for"]
     for outer in general:

@@ -44,7 +44,7 @@ from shpy.testing.generated.syntax import (
 )
 
 OUTPUTS = 7
-"""A device may have eight attachments, and where elements end is one."""
+"""The most outputs of a program: GL guarantees eight attachments, and the status takes one of them."""
 _A, _V, _N, _H = Name(F, "a"), Name(F3, "v"), Name(I, "n"), Name(U, "h")
 _PARTS: dict[Base, tuple[Expr, ...]] = {
     Base.F: (Apply(F, "mul", (_A, Const(F, (0.5,)))), _V, _A),
