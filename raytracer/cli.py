@@ -369,8 +369,13 @@ def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, p
 
 def _gallery(options: argparse.Namespace) -> int:
     given: dict[str, Any] = {"backend": options.backend, "samples": options.samples, "math": options.math or "strict"}
-    for path, image in gallery(options.folder, options.size, **given):
-        print(f"{path}: {_summary(image)}", flush=True)
+    written = 0
+    try:
+        for path, image in gallery(options.folder, options.size, **given):
+            print(f"{path}: {_summary(image)}", flush=True)
+            written += 1
+    except KeyboardInterrupt as error:
+        raise type(error)(f"stopped; pictures written to {options.folder}: {written}" if written else "") from None
     return 0
 
 
@@ -384,8 +389,13 @@ def _animate(options: argparse.Namespace) -> int:
     make, frames, fps = _moving(options)
     steps = animate(make, output, frames, fps=fps, **asked, **given)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
-        for done in steps:
-            progress(done, frames)
+        done = 0
+        try:
+            for done in steps:
+                progress(done, frames)
+        except KeyboardInterrupt as error:
+            kept = f"stopped; {output} holds the first {done:,} of {frames:,} frames: --resume draws the others"
+            raise type(error)(kept if done and output.is_dir() else "") from None
     width, height = options.size
     print(f"{output}: {frames:,} frames, {width} x {height}, {fps:g} a second")
     return 0

@@ -1,6 +1,7 @@
-"""Path tracing that is interrupted keeps what is finished, and goes on from there bit for bit."""
+"""What is interrupted keeps what is finished and says so; path tracing goes on from there bit for bit."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import pytest
 from patience import HANGING
 
 from benchmarks.pages import wait_until
-from raytracer import Image, Renderer, Scene, cli
+from raytracer import Image, Renderer, Scene, cli, render
 from raytracer.integrators import progressive
 
 LINE = ["render", "cornell", "--integrator", "path", "--size", "6x5", "--bounces", "2", "--backend", "numpy"]
@@ -127,3 +128,28 @@ def test_passes_of_large_pictures_have_fewer_samples(monkeypatch):
         images = list(renderer.passes((4, 3), samples=20))
         assert [image.samples for image in images] == counts
         np.testing.assert_array_equal(images[-1].pixels, expected.pixels)
+
+
+def test_an_interrupted_animation_says_which_frames_it_wrote(tmp_path):
+    folder = tmp_path / "frames"
+    words = ["animate", "animated", "--frames", "9000", "--size", "4x3", "--backend", "numpy", "-o", str(folder)]
+    command = [sys.executable, "-m", "raytracer", *words]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    wait_until(lambda: (folder / "0002.png").exists() or process.poll() is not None)
+    process.terminate()
+    said = process.communicate(timeout=HANGING)[1].splitlines()[-1]
+    assert process.returncode == 128 + signal.SIGTERM
+    found = re.fullmatch(rf"raytracer: stopped; {folder} holds the first (\d+) of 9,000 frames: --resume .*", said)
+    written = len(os.listdir(folder))
+    assert found, said
+    assert int(found[1]) in (written - 1, written)  # a frame may be written and not yet counted
+
+
+def test_an_interrupted_gallery_says_what_it_wrote(tmp_path, monkeypatch, capsys):
+    def interrupted(folder, size, **given):
+        yield tmp_path / "boxes.png", render(Scene.builtin("boxes"), (4, 3), backend="numpy")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "gallery", interrupted)
+    assert cli.main(["gallery", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == f"raytracer: stopped; pictures written to {tmp_path}: 1\n"
