@@ -136,6 +136,7 @@ asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), 
 rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out), decides=True)
 
 
+@wraps(np.hypot, assigned=())  # backends find the function of numpy; the docstring stays
 def hypot(x: Array, y: Array) -> Array:
     """Return sqrt(x * x + y * y) as C99 has it, rounded once; the exact value in binary32 and binary16.
 
