@@ -53,7 +53,7 @@ class Session:
         self.name, value = self.opened.pick(request.get("program"))
         self.subject = subject_of(value, self.opened, wake)
         self._wake, self._rest = wake, 0.0
-        self.controls = Controls(self.subject.params)
+        self.controls = Controls(self.opened.in_order(self.subject.params))
         self.recording = time.monotonic() - begun
         self.size = (512, 512)
         self.form = Form(preferred(), "strict")

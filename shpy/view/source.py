@@ -12,6 +12,7 @@ import linecache
 import os
 import runpy
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -52,6 +53,11 @@ class Opened:
             elif isinstance(value, Program) and not unfilled(value):
                 found[name] = value
         return found
+
+    def in_order(self, params: Mapping[str, Any]) -> dict[str, Any]:
+        """Return Params in the order in which the file names them; those of other files follow."""
+        places = {name: k for k, name in enumerate(self.names)}
+        return dict(sorted(params.items(), key=lambda item: places.get(item[0], len(places))))
 
     def _evolves(self, program: Program) -> bool:
         """Return whether the program is a step of a chain: it has inputs that only streams can fill."""

@@ -63,6 +63,26 @@ def opened(tmp_path, driver):
     return found, wakes
 
 
+SWAPPED = """
+import shpy as sh
+
+first = sh.Param(sh.Attrib1f, 0.5)
+second = sh.Param(sh.Attrib1f, 0.5)
+
+@sh.program
+def picture(uv: sh.TexCoord2f) -> sh.Color3f:
+    return second * first * sh.Color3f(uv, 1)
+"""
+
+
+def test_controls_stand_in_the_order_of_the_file(tmp_path):
+    path = tmp_path / "shader.py"
+    path.write_text(SWAPPED)
+    found = session.Session({"path": str(path)}, lambda: None, lambda header: None)
+    assert list(found.subject.params) == ["second", "first"]
+    assert [control["name"] for control in found.describe()["controls"]] == ["first", "second"]
+
+
 def form_of(frame):
     return frame[0]["form"]
 
