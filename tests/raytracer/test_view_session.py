@@ -231,6 +231,12 @@ def test_numbers_of_a_material_and_a_light_change_the_picture(session):
     assert last(session)[1].tolist() == before.tolist()
 
 
+def test_a_light_can_be_moved_to_twice_its_largest_coordinate(session):
+    found = {control["name"]: control for control in session.describe()["lights"][0]["controls"]}["light.0.position"]
+    most = 2 * max(map(abs, found["value"]))
+    assert found["range"] == [-most, most]
+
+
 def test_a_number_that_a_material_refuses_is_said_and_names_of_other_scenes_are_left_out(session):
     label = session.edits.labels[0]
     refused = session.set(
