@@ -1,4 +1,4 @@
-"""What is interrupted keeps what is finished and says so; path tracing goes on from there bit for bit."""
+"""An interrupted command keeps and names what it finished; path tracing goes on from there bit for bit."""
 
 import os
 import re
