@@ -448,3 +448,19 @@ def test_an_object_that_moves_out_of_f16_is_an_error():
         renderer.render((8, 6))
     renderer.move(0, np.eye(4))
     assert renderer.render((8, 6)).pixels.tobytes() == before.pixels.tobytes()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_rays_of_extreme_numbers_end_and_meet_what_every_triangle_tells(backend):
+    """Many have an origin or a direction whose sizes overflow, which no walk may follow."""
+    rng = np.random.default_rng(0)
+    numbers = np.array([0, -0.0, 1, -1, 3e38, -3e38, 3.3e38, 2e38, -2e38, 1e-45, -1e-45, 1e-38])
+    eye, ray = rng.choice(numbers, (2, 4000, 3))
+    eye[::2] = rng.uniform(-2, 2, (2000, 3))
+    ray[~ray.any(axis=1)] = 1
+    mesh = sphere(1.0, rings=40, segments=80)
+    found, expected = (
+        Intersector(mesh, backend=backend, accel=accel).intersect(eye, ray) for accel in ("bvh", "brute")
+    )
+    assert 100 < (expected.triangle >= 0).sum() < 2000
+    np.testing.assert_array_equal(found.triangle, expected.triangle)
