@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from source_text import blame
+from source_text import blame, check
 
 ALIASES = {
     "the copy is read": (
@@ -47,6 +47,37 @@ ALIASES = {
         """,
         "2: `a = b = sh.Attrib3f(0)` gives one value two names: `a[0] = x[0]` (line 3) changes both, and `b` is read "
         "after it (line 4)\n  write instead: b = sh.Attrib3f(0); a = b.copy()",
+    ),
+    "a tuple": (
+        """
+        def f(x: sh.Attrib3f, y: sh.Attrib1f):
+            a, b, c = x, y, x * y
+            a += c
+            return x + a
+        """,
+        "2: `a, b, c = x, y, x * y` gives one value two names: `a += c` (line 3) changes both, and `x` is read after "
+        "it (line 4)\n  write instead: a, b, c = sh.Attrib3f(x), y, x * y",
+    ),
+    "a tuple of one value": (
+        """
+        def f(x: sh.Attrib3f):
+            p = x * 2
+            low, high = p, p
+            low[:] = sh.min(low, 1)
+            return high - low
+        """,
+        "3: `low, high = p, p` gives one value two names: `low[:] = sh.min(low, 1)` (line 4) changes both, and `high` "
+        "is read after it (line 5)\n  write instead: low, high = p, p.copy()",
+    ),
+    "an assignment expression": (
+        """
+        def f(x: sh.Attrib1f):
+            y = sh.sqrt(old := x)
+            x += y
+            return x - old
+        """,
+        "2: `old := x` gives one value two names: `x += y` (line 3) changes both, and `old` is read after it (line 4)\n"
+        "  write instead: (old := sh.Attrib1f(x))",
     ),
     "in the next iteration": (
         """
@@ -110,6 +141,20 @@ ALIASES = {
         "  write instead: copy first: `old = a.copy()`, and `old` for `a` on the right",
     ),
 }
+
+
+def test_names_that_change_places_are_no_aliases() -> None:
+    """`a, b = b, a + b` gives each value the name of another: a store into either changes one name alone."""
+    text = """
+        def f(x: sh.Attrib1f, y: sh.Attrib1f):
+            a, b = x * 1, y * 1
+            for _ in range(3):
+                a, b = b, a + b
+            a, b = b, a
+            a += 1
+            return a * b
+        """
+    check(text)  # no error
 
 
 @pytest.mark.parametrize("case", ALIASES)

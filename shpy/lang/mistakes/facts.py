@@ -46,7 +46,7 @@ class Fact:
     before: tuple[Fact, ...] = ()
     existed: bool = False  # it had a meaning before, outside all blocks that are closed
     value: ast.expr | None = None
-    alias: ast.stmt | None = None
+    alias: ast.stmt | ast.NamedExpr | None = None
     index: bool = False
     escaped: Block | None = None
 
@@ -155,5 +155,14 @@ def copy_instead(file: str, fact: Fact) -> str:
         *others, last = (ast.unparse(t) for t in statement.targets)
         copies = [f"{other} = {last}.copy()" for other in others]
         return "; ".join([f"{last} = {quoted(file, statement.value)}", *copies])
-    value = ast.unparse(statement.value)  # type: ignore[union-attr]
-    return f"{fact.place} = {f'{fact.known.type}({value})' if fact.known.type else f'{value}.copy()'}"
+    assert fact.value is not None
+    value = ast.unparse(fact.value)
+    copy = f"{fact.known.type}({value})" if fact.known.type else f"{value}.copy()"
+    match statement:
+        case ast.NamedExpr():
+            return f"({fact.place} := {copy})"
+        case ast.Assign(targets=[ast.Tuple() | ast.List() as names], value=ast.Tuple() | ast.List() as values):
+            left = ", ".join(ast.unparse(name) for name in names.elts)
+            right = ", ".join(copy if v is fact.value else ast.unparse(v) for v in values.elts)
+            return f"{left} = {right}"
+    return f"{fact.place} = {copy}"

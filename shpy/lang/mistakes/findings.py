@@ -48,7 +48,9 @@ def index_used(loc: Loc, place: str, written: str, use: ast.AST, prefix: str) ->
     )
 
 
-def aliased(file: str, statement: ast.stmt, change: ast.stmt, reader: str, when: str, cure: str) -> RecordError:
+def aliased(
+    file: str, statement: ast.stmt | ast.NamedExpr, change: ast.stmt, reader: str, when: str, cure: str
+) -> RecordError:
     """Return the error for two names of one value: a store through one changes what the other reads."""
     return RecordError(
         f"`{quoted(file, statement)}` gives one value two names: `{quoted(file, change)}` (line {line_of(change)}) "

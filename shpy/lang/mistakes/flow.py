@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.expressions import Expressions
-from shpy.lang.mistakes.facts import Block, State, joined
+from shpy.lang.mistakes.facts import NO_OBJECT, Block, State, joined
 from shpy.lang.mistakes.kinds import HOST, NUMBER, UNKNOWN, VALUE, Kind, Known, plain_fields
 from shpy.lang.mistakes.places import Places
 from shpy.lang.recording.scope import UNRESOLVED, Scope
@@ -126,16 +126,12 @@ class Flow:
 
     def _bind_value(self, node: ast.Assign | ast.AnnAssign, targets: list[ast.expr], value: ast.expr) -> None:
         known = self.judge.kind(value)
-        source = self.places.single(value.id) if isinstance(value, ast.Name) else None
-        shared = source if source is not None and known.kind is Kind.VALUE and source.object else None
-        thing = shared.object if shared is not None else self.places.new_object()
-        for count, target in enumerate(targets):
+        shared = self.places.object_of(value)
+        for target in targets:
             if isinstance(target, ast.Name):
-                fact = self.places.bind_name(target.id, node, known, value=value)
-                fact.object = thing
-                chained = count > 0 and isinstance(targets[count - 1], ast.Name)
-                if known.kind is Kind.VALUE and (shared is not None or chained):
-                    fact.alias = node
+                fact = self.places.bind_name(target.id, node, known, value=value, shared=shared)
+                if known.kind is Kind.VALUE:
+                    shared = fact.object  # `a = b = x + 1` names one value twice
                 self._display(target.id, node, value)
             else:
                 self._target(target, node, known, value)
@@ -155,19 +151,23 @@ class Flow:
                 kind = NUMBER if field is None else self.judge.kind(field)
                 self.places.bind_path(f"{name}.{attribute}", node, kind, value=field)
 
-    def _target(self, target: ast.expr, node: ast.stmt, known: Known, value: ast.expr | None) -> None:
-        """Bind any target."""
+    def _target(
+        self, target: ast.expr, node: ast.stmt, known: Known, value: ast.expr | None, shared: int = NO_OBJECT
+    ) -> None:
+        """Bind any target. `shared` is the object of a value that has another name already."""
         match target:
             case ast.Name():
-                self.places.bind_name(target.id, node, known, value=value)
+                self.places.bind_name(target.id, node, known, value=value, shared=shared)
             case ast.Tuple() | ast.List():
                 pairs: list[ast.expr | None] = [None] * len(target.elts)
                 if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts):
                     pairs = list(value.elts)
-                kinds = [self.judge.kind(p) if p is not None else None for p in pairs]
                 part = VALUE if known.kind is Kind.VALUE else UNKNOWN
-                for element, pair, kind in zip(target.elts, pairs, kinds, strict=True):
-                    self._target(element, node, kind or part, pair)
+                # all values are found before the first name is bound, as Python does: `a, b = b, a`
+                kinds = [self.judge.kind(p) if p is not None else part for p in pairs]
+                objects = [self.places.object_of(p) for p in pairs]
+                for element, pair, kind, thing in zip(target.elts, pairs, kinds, objects, strict=True):
+                    self._target(element, node, kind, pair, thing)
             case ast.Starred():
                 self._target(target.value, node, HOST, None)
             case ast.Attribute() | ast.Subscript():

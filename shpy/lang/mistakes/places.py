@@ -45,6 +45,13 @@ class Places:
         facts = self.state.get(place, ())
         return facts[0] if len(facts) == 1 else None
 
+    def object_of(self, value: ast.expr | None) -> int:
+        """Return the object that an expression gives, if it is the name of a value; else `NO_OBJECT`."""
+        if not isinstance(value, ast.Name) or self.judge.kind(value).kind is not Kind.VALUE:
+            return NO_OBJECT
+        fact = self.single(value.id)
+        return fact.object if fact is not None else NO_OBJECT
+
     def _known(self, place: str) -> Known | None:
         if any(place in hidden for hidden in self.hidden):
             return Known(Kind.UNKNOWN)
@@ -57,12 +64,23 @@ class Places:
         return facts[0].known if len(facts) == 1 else Known(kinds.pop())
 
     def bind_name(
-        self, name: str, node: ast.AST, known: Known, *, value: ast.expr | None = None, index: bool = False
+        self,
+        name: str,
+        node: ast.stmt | ast.NamedExpr | ast.arg | ast.pattern,
+        known: Known,
+        *,
+        value: ast.expr | None = None,
+        index: bool = False,
+        shared: int = NO_OBJECT,
     ) -> Fact:
-        """Bind a name; what was known of its items and attributes is forgotten."""
+        """Bind a name, and forget its items and attributes. `shared` is the object, if it has another name already."""
         for place in [p for p in self.state if p.startswith((f"{name}.", f"{name}["))]:
             del self.state[place]
-        return self.bind_path(name, node, known, value=value, index=index)
+        fact = self.bind_path(name, node, known, value=value, index=index)
+        if shared != NO_OBJECT:
+            assert isinstance(node, ast.stmt | ast.NamedExpr)
+            fact.object, fact.alias = shared, node
+        return fact
 
     def bind_path(
         self,
