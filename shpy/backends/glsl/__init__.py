@@ -19,9 +19,10 @@ from functools import cache
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options
 from shpy.backends.device.probe import notes_of, refuse_wrong
-from shpy.backends.glsl.device.context import Context, Limits, open_context
+from shpy.backends.glsl.device.context import Context, open_context
 from shpy.backends.glsl.device.memory import GlslSpace
 from shpy.backends.glsl.device.run import Program, Runtime, unsupported
+from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.glsl.text.operations import FAST, NATIVE
 from shpy.backends.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
@@ -114,14 +115,10 @@ class GlslBackend:
         def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
             shader = print_shader(
                 part,
+                limits,
+                exact=exact,
                 flagged=flagged,
                 limited=options.loop_limit is not None,
-                exact=exact,
-                precise=limits.keeps_order,
-                fuses=limits.fuses,
-                stores_apart=limits.stores_apart,
-                leaves_loops=limits.leaves_loops,
-                chooses=limits.chooses,
                 rejects=rejects,
             )
             return runtime.build(shader, module.entry.loc, steady=few_turns(part))

@@ -15,7 +15,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -24,6 +23,7 @@ import numpy as np
 from shpy.backends.device import store
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backends.device.processes import HEARD, Driver
+from shpy.backends.glsl.text.interface import Limits
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
 from shpy.packages import install
@@ -135,35 +135,6 @@ _OF_GLSL = frozenset({"stores", "choices"})
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT_DOUBLES = "exact"
 """The word kept on disk for a device that computes exactly in binary64."""
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """The limits of the device: texels along an axis, outputs and textures of one program, and how exact it is."""
-
-    width: int
-    outputs: int
-    textures: int
-    wrong: frozenset[str] = frozenset()
-    keeps_order: bool = True
-    stores_apart: bool = True
-    """True if each element's store at a varying index reaches its own element."""
-    chooses: bool = True
-    """True if `a < b ? b : a` gives a where a is NaN."""
-    fuses: bool = False
-    """True if the device's own `fma` rounds once."""
-    doubles: bool = False
-    """True if the device has binary64, and computes exactly in it."""
-
-    @property
-    def leaves_loops(self) -> bool:
-        """True if loops are left when the conditions of their exits hold."""
-        return "exits" not in self.wrong
-
-    @property
-    def keeps_denormals(self) -> bool:
-        """True if no denormal becomes zero."""
-        return "denormals" not in self.wrong
 
 
 def _moderngl() -> Any:

@@ -1,4 +1,4 @@
-"""The interface between a shader's text and the runtime: the input, table or uniform that each name stands for.
+"""The interface between a shader's text and the runtime: what a device is capable of, and what each name stands for.
 
 Stage: between emit and run.
 """
@@ -30,6 +30,40 @@ WIDTH = "sh_width"
 
 GRID_SHAPE = "sh_grid_shape"
 """The number of elements along numpy's axes, then ones: `ivec4`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The limits of a device: texels along an axis, outputs and textures of one program, and how exact it is.
+
+    The sizes by default are the least that OpenGL 3.3 allows.
+    """
+
+    width: int = 1024
+    outputs: int = 8
+    textures: int = 16
+    wrong: frozenset[str] = frozenset()
+    """The operations that it gets wrong, of FAULTS in `shpy/backends/device/probe.py`."""
+    keeps_order: bool = True
+    """True if it has `precise`."""
+    stores_apart: bool = True
+    """True if each element's store at a varying index reaches its own element."""
+    chooses: bool = True
+    """True if `a < b ? b : a` gives a where a is NaN."""
+    fuses: bool = False
+    """True if the device's own `fma` rounds once."""
+    doubles: bool = False
+    """True if the device has binary64, and computes exactly in it."""
+
+    @property
+    def leaves_loops(self) -> bool:
+        """True if loops are left when the conditions of their exits hold."""
+        return "exits" not in self.wrong
+
+    @property
+    def keeps_denormals(self) -> bool:
+        """True if no denormal becomes zero."""
+        return "denormals" not in self.wrong
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
-from shpy.backends.glsl.text.interface import RUNNING
+from shpy.backends.glsl.text.interface import RUNNING, Limits
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
@@ -72,13 +72,11 @@ _ONE_ITERATION: Final = "one iteration: so that returns do not nest what follows
 
 
 class GlslUnit(Unit):
-    """One shader: names, prologue and abilities of the device.
+    """One shader: names, prologue and limits of the device.
 
-    `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `fuses`: the
-    device's own `fma` rounds once; `stores_apart`: it stores where each element's own index says; `leaves_loops`: it
-    leaves loops when the conditions of their exits hold; `chooses`: it makes no maximum of `a < b ? b : a`.
-    `flagged`: loops tell whether they finished, for the device may stop them of its own accord; `limited`: loops
-    without a known bound have a limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
+    `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `flagged`: loops
+    tell whether they finished, for the device may stop them of its own accord; `limited`: loops without a known bound
+    have a limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
     """
 
     target = "glsl"
@@ -86,23 +84,19 @@ class GlslUnit(Unit):
     def __init__(
         self,
         module: Module,
+        limits: Limits,
         *,
-        exact: bool = True,
-        precise: bool = True,
-        fuses: bool = False,
-        stores_apart: bool = True,
-        leaves_loops: bool = True,
-        chooses: bool = True,
-        flagged: bool = False,
-        limited: bool = True,
-        sheltered: Collection[str] = (),
+        exact: bool,
+        flagged: bool,
+        limited: bool,
+        sheltered: Collection[str],
     ) -> None:
         super().__init__(module)
-        self.exact, self.fuses, self.stores_apart, self.leaves_loops = exact, fuses, stores_apart, leaves_loops
-        self.chooses = chooses
+        self.limits, self.exact = limits, exact
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
-        self.kept_apart = exact and not precise
-        self.prologue = Prologue(exact=exact, precise=precise)
+        self.leaves_loops = limits.leaves_loops
+        self.kept_apart = exact and not limits.keeps_order
+        self.prologue = Prologue(exact=exact, precise=limits.keeps_order)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         self.params: dict[str, Name] = {}
@@ -181,7 +175,7 @@ class GlslBody(Body):
         if not self.unit.exact:
             return ()
         conditions = precise_conditions(self.function, self.unit.callees)
-        if not self.unit.chooses:
+        if not self.unit.limits.chooses:
             conditions |= inlined & choices_and_arguments(self.function)
         return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees)
 
@@ -213,7 +207,7 @@ class GlslBody(Body):
         """Name GLSL's function, or one of the prologue."""
         if op in _OWN:
             return _OWN[op]
-        if (op == "fma" and self.unit.fuses) or (op in _OWN_OF_INTS and not types[0].is_float):
+        if (op == "fma" and self.unit.limits.fuses) or (op in _OWN_OF_INTS and not types[0].is_float):
             return op
         return self.unit.prologue.use(_PROLOGUE.get(op, f"sh_{op}"), types)
 
@@ -288,7 +282,7 @@ class GlslBody(Body):
     def store_element(self, s: Store, index: int, e: Expr) -> None:
         """Append a store into an array; at each constant index in turn, where a device takes none that varies."""
         at, variable = self.exprs[index], self.variables[s.variable]
-        if self.unit.stores_apart or isinstance(at, Literal):
+        if self.unit.limits.stores_apart or isinstance(at, Literal):
             super().store_element(s, index, e)
             return
         k = Name(INT, "sh_i")

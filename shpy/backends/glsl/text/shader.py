@@ -27,7 +27,7 @@ from shpy.backends.emit.tree import (
     Parameter,
     number,
 )
-from shpy.backends.glsl.text.interface import GRID_SHAPE, LAST, InputTexture, Shader, TableTexture
+from shpy.backends.glsl.text.interface import GRID_SHAPE, LAST, InputTexture, Limits, Shader, TableTexture
 from shpy.backends.glsl.text.nesting import sheltered_functions
 from shpy.backends.glsl.text.operations import GlslBody, GlslUnit
 from shpy.backends.glsl.text.prologue import (
@@ -46,38 +46,25 @@ from shpy.ir.types import Base, Type, vec
 
 _PIXEL = vec(Base.I, 2)
 _FLOAT = vec(Base.F)
+_LIMITS = Limits()
 
 
 def print_shader(
     module: Module,
+    limits: Limits = _LIMITS,
     *,
+    exact: bool = True,
     flagged: bool = False,
     limited: bool = True,
-    exact: bool = True,
-    precise: bool = True,
-    fuses: bool = False,
-    stores_apart: bool = True,
-    leaves_loops: bool = True,
-    chooses: bool = True,
     rejects: bool = False,
 ) -> Shader:
-    """Print the shader of a prepared module; for the abilities of the device see `GlslUnit`.
+    """Print the shader of a prepared module for a device; for `exact`, `flagged` and `limited` see `GlslUnit`.
 
     With `rejects`, the only output, a bool, becomes a depth: the depth test then keeps elements from running for which
     it is true, and their status is DISCARDED.
     """
-    made = _ShaderMaker(
-        module,
-        exact=exact,
-        precise=precise,
-        fuses=fuses,
-        stores_apart=stores_apart,
-        leaves_loops=leaves_loops,
-        chooses=chooses,
-        flagged=flagged,
-        limited=limited,
-        sheltered=sheltered_functions(module),
-    )
+    sheltered = sheltered_functions(module)
+    made = _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited, sheltered=sheltered)
     return made.shader(rejects=rejects)
 
 
