@@ -199,7 +199,7 @@ class Tracer:
         return finished
 
     def note(self, pixel: Pixel, hit: RayHit, surface: Interaction) -> None:
-        """Set the layers to the first surface that the eye ray hits."""
+        """Store the first surface that the eye ray hits in the layers."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
         pixel.object[:] = self.surfaces.object_at(hit)

@@ -1,4 +1,4 @@
-"""The folder of a mesh file: what the file may read beside itself, and what is said of what it holds in vain.
+"""The folder of a mesh file: the other files that it may read, and the notice of its contents that are ignored.
 
 Stage: scene description. A mesh file may come from a stranger: it may name files in its own folder or below it, and no
 others. What a reader leaves out is counted in `Notices`, which says it in one line.

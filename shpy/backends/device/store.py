@@ -220,7 +220,7 @@ def _prune(folder: int) -> None:
 
 
 def _age(folder: int, name: str) -> float:
-    """Return the seconds since a file was used; infinity for a date in the future, which says nothing of that."""
+    """Return the seconds since a file was used; infinity for a date in the future, which cannot be true."""
     try:
         age = time.time() - os.stat(name, dir_fd=folder, follow_symlinks=False).st_mtime
     except OSError:

@@ -124,7 +124,7 @@ def _is_type(annotation: Any, name: str) -> bool:
 
 
 def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
-    """Call f; an error without a line gets `loc`, the line of the function."""
+    """Call f; give an error without a line the line of the function, `loc`."""
     try:
         return f(*args)
     except ShpyTypeError as error:

@@ -110,7 +110,7 @@ def _called(frame: Frame, function: Function, index: Value, like: Value) -> Any:
 
 
 class _Slice:
-    """The statements of a frame that a value follows from, gathered backwards from its last one."""
+    """The statements of a frame that a value is computed from, gathered from the last to the first."""
 
     def __init__(self, frame: Frame, what: str) -> None:
         self.frame = frame
@@ -122,7 +122,7 @@ class _Slice:
         self.slots: set[int] = set()
 
     def of(self, value: int, type: Type) -> tuple[Function, int]:
-        """Return the value as a function of the element's index, and the rank of that."""
+        """Return the value as a function of the element's index, and the rank of the index."""
         frame = self.frame
         self.values.add(value)
         kept = tuple(reversed([s for s in reversed(frame.scopes[0].statements) if self._keeps(s)]))

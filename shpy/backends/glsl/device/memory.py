@@ -129,7 +129,7 @@ class GlslMemory:
 
     @property
     def extent(self) -> tuple[Any, int, int]:
-        """The texture; memory never is a part of one."""
+        """The texture: on this target memory is always a whole texture."""
         return self.texture.glo, 0, self.count
 
     @property
