@@ -9,7 +9,7 @@ int sh_floormod_i(int a, int b) {
     return r != 0 && (r < 0) != (b < 0) ? r + b : r;
 }
 
-// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+// The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
 uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }

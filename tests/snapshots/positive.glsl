@@ -14,7 +14,7 @@ uniform int each_n;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out int out_status;
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;

@@ -15,17 +15,17 @@ size_t sh_at2(int2 at, int2 size) {
     return (size_t)at.x * size.y + at.y;
 }
 
-// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+// The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
 uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }
 
-// The number where one is NaN.
+// The greater argument; if one is NaN, the other.
 float sh_max(float a, float b) {
     return !(a >= b) & (b == b) ? b : a;
 }
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
     return !(a <= b) & (b == b) ? b : a;
 }

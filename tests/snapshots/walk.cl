@@ -1,6 +1,6 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
     return !(a <= b) & (b == b) ? b : a;
 }

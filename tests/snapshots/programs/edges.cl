@@ -1,16 +1,16 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
     return !(a <= b) & (b == b) ? b : a;
 }
 
-// The number where one is NaN.
+// The greater argument; if one is NaN, the other.
 float sh_max(float a, float b) {
     return !(a >= b) & (b == b) ? b : a;
 }
 
-// The bits of x; the same ones for every NaN.
+// The bits of x; every NaN gives the same bits.
 uint sh_bits(float x) {
     return x != x ? 0x7fc00000u : as_uint(x);
 }

@@ -19,7 +19,7 @@ layout(location = 4) out float out_4;
 layout(location = 5) out float out_5;
 layout(location = 6) out uint out_6;
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;

@@ -1,6 +1,6 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+// The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
 uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }

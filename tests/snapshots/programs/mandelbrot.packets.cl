@@ -17,7 +17,7 @@ typedef struct {
     bool empty;
 } sh_packet;
 
-// Where this work item's packet begins: its column and line. The dispatch begins with packet, or line, `first`.
+// The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
 __attribute__((always_inline)) int2 sh_corner(int first, int row) {
     int i = get_global_id(0), j = get_global_id(1);
     return row == 4 ? (int2)(0, (first + i) * 2) : (int2)(i * 4, (first + j) * 2);
@@ -75,7 +75,7 @@ __attribute__((always_inline)) float8x2 sh_read_f2(__global const float *a, int 
     return v;
 }
 
-// Whether a lane is set.
+// True if any lane is set.
 bool sh_any(int8 mask) {
     ulong4 a = as_ulong4(mask);
     ulong2 b = a.lo | a.hi;

@@ -5,7 +5,7 @@ float sh_pick4(float4 v, int i) {
     return i <= 0 ? v.x : i == 1 ? v.y : i == 2 ? v.z : v.w;
 }
 
-// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+// The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
 uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }

@@ -1,11 +1,11 @@
 #pragma OPENCL FP_CONTRACT OFF
 
-// The number where one is NaN.
+// The greater argument; if one is NaN, the other.
 float2 sh_max2(float2 a, float2 b) {
     return !(a >= b) & (b == b) ? b : a;
 }
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float2 sh_min2(float2 a, float2 b) {
     return !(a <= b) & (b == b) ? b : a;
 }

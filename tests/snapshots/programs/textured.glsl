@@ -14,7 +14,7 @@ uniform sampler2D in_uv;
 uniform int each_uv;  // 0 where one value serves all elements
 layout(location = 0) out vec3 out_0;
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;

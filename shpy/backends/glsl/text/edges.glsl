@@ -1,13 +1,13 @@
-// What GLSL 3.30 leaves open, or drivers do differently, done as the op table says, for one component.
+// Operations of one component that GLSL 3.30 leaves undefined, or drivers compute differently, as the op table says.
 // Read by prologue.py, which emits what a program uses and adds the vector forms. Parameters are precise, for what is
 // computed where they are handed over must be as well: a driver may take `sh_isnan(a - a)` for `sh_isnan(0.0)`.
 
-// The same number, which the driver cannot join with others: where it does not know `precise`.
+// x, from which the driver cannot reorder operations: in place of `precise` where the driver lacks it.
 float sh_keep(precise float x) {
     return uintBitsToFloat(floatBitsToUint(x) ^ sh_nothing);
 }
 
-// The same number, which the driver cannot know to be equal to x. Not by sh_keep, as it undoes two of those.
+// x, which the driver cannot know to be equal to x. An xor as in sh_keep would not do: the driver cancels two of them.
 float sh_apart(precise float x) {
     return uintBitsToFloat(floatBitsToUint(x) + sh_nothing);
 }
@@ -44,7 +44,7 @@ bool sh_select(precise bool c, precise bool a, precise bool b) {
     return c ? a : b;
 }
 
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
     precise bool second = b < a || a != a;
     return second ? b : a;
@@ -219,12 +219,12 @@ float sh_fma(precise float a, precise float b, precise float c) {
     return simple ? plain : above > 55 ? c : sh_ldexp(sum, scale);
 }
 
-// Payne and Hanek's reduction as passes/strict/payne_hanek.py writes it, an iteration for each digit of 2 / pi, and so a
-// quarter of the text: where branches skip nothing, one iteration is what an angle costs that is not far.
+// Payne and Hanek's reduction of passes/strict/payne_hanek.py, as a loop over the digits of 2 / pi, which is a quarter
+// of the text: a small angle takes one iteration, also on devices that execute both sides of a branch.
 vec3 sh_payne_hanek(precise float x) {
     const float digits[17] = float[17](0.0, 163.0, -104.0, 878.0, 1252.0, 1045.0, 672.0, -985.0, 1405.0,
         501.0, 846.0, -575.0, -586.0, 662.0, -1644.0, -956.0, -1788.0);
-    // By so many digits x is scaled: a twelfth of its exponent.
+    // The number of digits by which x is scaled: a twelfth of its exponent.
     int scale = clamp(((floatBitsToInt(x) >> 23 & 255) - 147) * 43 >> 9, 0, 8);
     precise float mantissa = x * intBitsToFloat(107 - 12 * scale << 23);
     precise float first = mantissa + 1.2582912e+07 - 1.2582912e+07;

@@ -8,7 +8,7 @@ fewer instructions than OpenCL's own (`Abilities`); a trial, made once, shows wh
 >>> prologue.use("lane_any", lanes_of(Base.B, 8))
 'sh_any'
 >>> print(prologue.text())
-// Whether a lane is set.
+// True if any lane is set.
 bool sh_any(int8 mask) {
     ulong4 a = as_ulong4(mask);
     ulong2 b = a.lo | a.hi;
@@ -87,7 +87,7 @@ UINT {name}(UINT a, UINT b) {
     return b == 0 ? (UINT)(0) : a - b * q;
 }""",
     ("bits_from_float", Base.F): """\
-// The bits of x; the same ones for every NaN.
+// The bits of x; every NaN gives the same bits.
 UINT {name}(FLOAT x) {
     return x != x ? (UINT)(0x7fc00000u) : as_UINT(x);
 }""",
@@ -102,7 +102,7 @@ FLOAT {name}(FLOAT x) {
 """Texts of functions by operation and base; those of F serve D too."""
 
 _TRIGONOMETRIC: Final = """\
-// Lanes near zero and those far from it one after the other: PoCL loses the near ones beside a far one.
+// Computes lanes near zero and lanes far from it apart: PoCL gives wrong results for near lanes beside a far one.
 T {name}(T x) {
     MASK far = fabs(x) >= 125;
     T y = {op}(far ? (T)(0) : x);
@@ -163,7 +163,7 @@ class PacketPrologue(Prologue):
         return text.replace("{name}", name).replace("{lanes}", str(self.lanes))
 
     def _any(self) -> str:
-        head = f"// Whether a lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
+        head = f"// True if any lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
         if self.lanes in self.abilities.signs:
             return f"{head}    return {SIGNS[self.lanes]} != 0;\n}}"
         if self.abilities.reduce:
@@ -312,7 +312,7 @@ def _put(name: str, scalar: str, length: int, lanes: int) -> str:
         return f"{told}{head}{_tests(scalar, lanes)}{stores}}}"
     stores = "".join(f"    flat[i{h}] = v{h};\n" for h in _each(lanes))
     return f"""\
-// Each lane's number into the element at its own index; element {length} takes what is out of range.
+// Stores each lane's number in the element at its own index; element {length} takes those out of range.
 {head}\
     {scalar} *flat = ({scalar} *)a;
     i = (i < 0) | (i > {length}) ? (int{lanes})({length}) : i;

@@ -138,7 +138,7 @@ typedef struct {{
     bool empty;
 }} sh_packet;
 
-// Where this work item's packet begins: its column and line. The dispatch begins with packet, or line, `first`.
+// The column and line at which this work item's packet begins. The dispatch begins with packet, or line, `first`.
 {INLINE} int2 sh_corner(int first, int row) {{
     int i = get_global_id(0), j = get_global_id(1);
     return row == {wide} ? (int2)(0, {moved_i}{by_rows}) : (int2)(i * {wide}, {moved_j}{by_rows});

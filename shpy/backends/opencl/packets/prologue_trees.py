@@ -144,8 +144,8 @@ INLINE sh_node sh_joined(MADE, uint parts) {
     return made;
 }
 
-// The tree over each part of `each` elements. With `done`, which counts the parts that are made, the work item that
-// makes the last one goes on with the tree over all of them, and leaves the counter at 0.
+// The tree over each part of `each` elements. `done` counts the finished parts: the work item that finishes the last
+// one continues with the tree over all parts, and resets the counter to 0.
 __kernel void sh_fold(GIVEN, ulong count, ulong each, MADE, __global volatile uint *done, OUT) {
     ulong part = get_global_id(0), at = part * each;
     uint parts = get_global_size(0);
@@ -161,14 +161,14 @@ __kernel void sh_fold(GIVEN, ulong count, ulong each, MADE, __global volatile ui
 }
 """
 _SCAN: Final = """\
-// The prefixes of the even nodes of a level: each combines that of the odd one before it with itself. `through` are
-// those of the odd ones, and `before` ends with that before them.
+// The prefixes of the even nodes of a level: each combines the prefix of the odd node before it with its own value.
+// `through` are the prefixes of the odd nodes, and `before` ends with the prefix before them.
 INLINE sh_node sh_evens(sh_node before, sh_node through, sh_node even, bool begins) {
     sh_node both = sh_combine(sh_after(before, through), even);
     return begins ? sh_chosen(sh_lanes() == 0, even, both) : both;
 }
 
-// Fill the levels above the packets of a block; gives the last one. Nodes behind the last element hold anything.
+// Fills the levels above the packets of a block and returns the last level. Nodes after the last element are undefined.
 INLINE sh_node *sh_up(sh_node *level, int packets) {
     for (int width = BLOCK / WIDTH; width > 1; width /= 2) {
         for (int k = 0; 2 * k < packets; k += 1) {
@@ -206,8 +206,8 @@ INLINE void sh_down(sh_node *level, int packets, sh_node before, sh_node through
     }
 }
 
-// The prefixes of `each` elements, one place further on if `exclusive`. Of several parts of so many elements, the
-// prefixes that end with each part are `above`.
+// The prefixes of `each` elements, shifted by one place if `exclusive`. If there are several parts of `each` elements,
+// `above` holds the prefix that ends with each part.
 __kernel void sh_scan(GIVEN, ulong count, ulong each, int parts, int exclusive, ABOVE, OUT) {
     ulong part = get_global_id(0), first = part * each, end = min(count, first + each);
     sh_node node[2 * BLOCK / WIDTH + 4], waiting[64], outer = sh_nothing();
@@ -290,14 +290,14 @@ class TreePrologue:
         """
         n = self.lanes
         fields = [f"    {spelled_wide(t)} part{k};" for k, t in enumerate(self.parts)]
-        lines = ["// What is combined: a lane of each part.", "typedef struct {", *fields, "} sh_node;", ""]
+        lines = ["// A node of the tree: one lane of each part.", "typedef struct {", *fields, "} sh_node;", ""]
         evens, odds = range(0, 2 * n, 2), range(1, 2 * n, 2)
         turns = [j + h * n for j in range(n) for h in (0, 1)]
         picks = {
             "even": ("The even lanes of two packets.", evens),
-            "odd": ("The odd ones.", odds),
-            "low": ("The lanes of two packets in turn, as far as a packet holds them.", turns[:n]),
-            "high": ("The rest of these.", turns[n:]),
+            "odd": ("The odd lanes of two packets.", odds),
+            "low": ("The lanes of two packets alternately: the first half of the sequence.", turns[:n]),
+            "high": ("The lanes of two packets alternately: the second half.", turns[n:]),
             "after": ("The last lane of one packet and all but the last one of the next.", range(n - 1, 2 * n - 1)),
         }
         for name, (told, lanes) in picks.items():

@@ -8,7 +8,7 @@ calls the scalar form for each component. Only functions that are used are print
 >>> prologue.use("min", vec("f", 3))
 'sh_min3'
 >>> print(prologue.text())
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 float3 sh_min3(float3 a, float3 b) {
     return !(a <= b) & (b == b) ? b : a;
 }
@@ -50,12 +50,12 @@ LDEXP: Final = {Base.F: _powers_of_two(127, 23, ""), Base.D: _powers_of_two(1023
 
 ANY_SIZE: Final = {
     "min": """\
-// The number where one is NaN.
+// The smaller argument; if one is NaN, the other.
 T {name}(T a, T b) {
     return !(a <= b) & (b == b) ? b : a;
 }""",
     "max": """\
-// The number where one is NaN.
+// The greater argument; if one is NaN, the other.
 T {name}(T a, T b) {
     return !(a >= b) & (b == b) ? b : a;
 }""",
@@ -96,39 +96,39 @@ int {name}(int a) {
     return a < 0 ? (int)(0u - (uint)a) : a;
 }""",
     ("minus_zero", Base.F): """\
-// -0.0, out of the compiler's sight: LLVM takes it for 0.0 where a comparison chooses.
+// -0.0, hidden from LLVM, which replaces it by 0.0 in a choice by a comparison.
 float {name}(void) {
     volatile uint bits = 0x80000000u;
     return as_float(bits);
 }""",
     ("minus_zero", Base.D): """\
-// -0.0, out of the compiler's sight: LLVM takes it for 0.0 where a comparison chooses.
+// -0.0, hidden from LLVM, which replaces it by 0.0 in a choice by a comparison.
 double {name}(void) {
     volatile ulong bits = 0x8000000000000000ul;
     return as_double(bits);
 }""",
     ("zero", Base.F): """\
-// 0.0, but the compiler must not know: it takes 0 * x for 0.
+// 0.0, hidden from the compiler, which would replace 0 * x by 0.
 float {name}(void) {
     return as_float((int)get_global_offset(2));
 }""",
     ("zero", Base.D): """\
-// 0.0, but the compiler must not know: it takes 0 * x for 0.
+// 0.0, hidden from the compiler, which would replace 0 * x by 0.
 double {name}(void) {
     return as_double((long)get_global_offset(2));
 }""",
     ("zero", Base.I): """\
-// 0, but the compiler must not know: it counts the iterations of a loop from it, and counts wrong.
+// 0, hidden from the compiler, which would compute the number of a loop's iterations from it, wrongly.
 int {name}(void) {
     return (int)get_global_offset(2);
 }""",
     ("zero", Base.U): """\
-// 0, but the compiler must not know: it counts the iterations of a loop from it, and counts wrong.
+// 0, hidden from the compiler, which would compute the number of a loop's iterations from it, wrongly.
 uint {name}(void) {
     return (uint)get_global_offset(2);
 }""",
     ("bits_from_float", Base.F): """\
-// The bits of x; the same ones for every NaN.
+// The bits of x; every NaN gives the same bits.
 uint {name}(float x) {
     return x != x ? 0x7fc00000u : as_uint(x);
 }""",
@@ -142,7 +142,7 @@ float {name}(float x) {
 }
 
 _NAN: Final = """\
-// A NaN stays: PoCL's compiler makes anything of one that it derives.
+// Returns a NaN unchanged: PoCL's compiler may replace the {op} of a NaN by any number.
 T {name}(T x) {
     return x == x ? {op}(x) : x;
 }"""
@@ -159,7 +159,7 @@ S {name}(T v, int i) {
 }"""
 
 _NEAREST: Final = """\
-// The nearest index in range. Nearly all are: a branch that foresees it costs less than a clamp that a load waits for.
+// The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
 uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }"""
