@@ -1,6 +1,8 @@
 """Cures for host arrays, and what an index or a hash takes."""
 
 import inspect
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -112,6 +114,14 @@ def summed_table(x: sh.Attrib1f) -> sh.Attrib1f:
     return x * NUMBERS.sum()  # here
 
 
+def with_a_fraction(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * Fraction(1, 3)  # here
+
+
+def decimal_from(x: sh.Attrib1f) -> sh.Attrib1f:
+    return Decimal("0.1") - x  # here
+
+
 def summed_by_numpy(v: sh.Attrib3f) -> sh.Attrib1f:
     return np.sum(v)  # here
 
@@ -128,6 +138,8 @@ def summed_by_numpy(v: sh.Attrib3f) -> sh.Attrib1f:
         (called_matrix, "this Matrix3f is read by an index, not called", "m[r, c]"),
         (summed_array, "'Array' object has no attribute 'sum'", "with SH_FOR(0, len(a)) as i"),
         (summed_table, "'Table' object has no attribute 'sum'", "with SH_FOR(0, NUMBERS.shape[0]) as i"),
+        (with_a_fraction, "* cannot take Fraction", "float(…), the nearest number that Python's float has"),
+        (decimal_from, "- cannot take Decimal", "float(…), the nearest number that Python's float has"),
         (summed_by_numpy, "numpy's functions cannot take values", "sh.sin(x) for np.sin(x)"),
     ],
 )

@@ -7,6 +7,8 @@ table, and wraps the result as a new value of the right kind. Works on constants
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,8 @@ from shpy.lang.values.coerce import (
 
 Operand = Any  # a Value or a Literal
 
+_OPERANDS = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
+
 
 def emitter_of(*operands: Any) -> Emitter:
     """Return the emitter: the recording under way, else the host, or an expression if an operand is a uniform."""
@@ -55,9 +59,11 @@ def is_operand(x: Any) -> bool:
 
 def refuse_operand(x: Any, what: str) -> None:
     """Raise ShpyTypeError for what no operator takes beside a value; objects of other classes may know what to do."""
-    cure = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
+    cure = _OPERANDS
     if isinstance(x, np.ndarray):
         cure = "sh.Table(array, type) to look numbers up in, an input for one number an element, or sh.Matrix3f(array)"
+    elif isinstance(x, Fraction | Decimal):
+        cure = "float(…), the nearest number that Python's float has"
     elif not (x is None or isinstance(x, str | bytes | complex | dict | set)):
         return
     spoken = f"an array of shape {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__
@@ -77,7 +83,7 @@ def operand(x: Any, what: str) -> Operand:
         raise ShpyTypeError(
             f"{what} cannot take {spoken}",
             loc=here(),
-            cure="a value of the language, a number, or a tuple, list or 1-D array of up to four",
+            cure=_OPERANDS,
         )
     single_parts = [operand(e, what) for e in entries]
     literals = [p for p in single_parts if isinstance(p, Literal)]
