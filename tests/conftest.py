@@ -9,6 +9,9 @@ import pytest
 from hypothesis import settings
 from stress.mode import stressed
 
+from shpy.backends.opencl.device.driver import Machine
+from shpy.backends.opencl.device.trial import DECLARES
+
 # The same examples in each run, so that no change fails by chance; `--hypothesis-profile random` looks for new ones.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("random", deadline=None, print_blob=True)
@@ -79,6 +82,21 @@ def _earlier_objects_stay():
     """Freeze what earlier modules left: it grows so large that each collection takes seconds."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _functions_are_declared():
+    """Fail where a text compiles with OpenCL's whole header alone: `declarations.py` lacks a function of it."""
+    compiled = Machine._compiled_with_header
+
+    def checked(machine, text, options):
+        program = compiled(machine, text, options)
+        assert DECLARES not in machine._succeeded, f"a function of this text is not declared:\n{text}"
+        return program
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Machine, "_compiled_with_header", checked)
+        yield
 
 
 @pytest.fixture(autouse="SHPY_STRESS" in os.environ)

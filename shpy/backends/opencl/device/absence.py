@@ -47,6 +47,11 @@ def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
     )
 
 
+def reads_header(platform: str) -> bool:
+    """Return whether a platform's compiler reads the declarations of OpenCL C anew for each program."""
+    return platform == _POCL
+
+
 def keeps_kernels(platform: str) -> bool:
     """Return whether a platform's driver finds the code that it made of a text in an earlier process."""
     return platform == _POCL and os.environ.get("POCL_KERNEL_CACHE", "1").startswith("1")

@@ -6,16 +6,28 @@ Stage: run.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
-from shpy.backends.opencl.device.trial import Trial
+from shpy.backends.opencl.device.declarations import GUARD, declarations
+from shpy.backends.opencl.device.trial import DECLARES, Trial
 from shpy.backends.opencl.packets.prologue import SIGNS
 from shpy.backends.opencl.packets.prologue_wide import try_wide
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.opencl.text.operations import ELEMENTWISE
 
 _ROUNDED = (1.5, -0.5, 2.0, 2.5, -3.0, 0.0, 7.75, 1e9)
-TRIALS: Final = {
+_CALLS: Final = (
+    "float8 x = vload8(get_global_id(0), (__global float *)a); int8 i = clamp(convert_int8_sat(x), 0, 3); "
+    "vstore8(fma(floor(sqrt(x)), x, convert_float8(as_int8(as_uint8(max(i, 1))))), 0, (__global float *)a);"
+)
+_TRIALS: Final = {
+    DECLARES: Trial(
+        "float8",
+        _CALLS,
+        tuple(k + 0.5 for k in range(8)),
+        tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + min(max(k, 1), 3) for k in range(8)),
+    ),
     "reduce": Trial("int8", "a[0].x = __builtin_reduce_or(a[0]);", (1, 2, 4, 8, 16, 32, 64, 0), (127, 2, 4)),
     "elementwise": Trial(
         "float8",
@@ -49,4 +61,7 @@ TRIALS: Final = {
         for n in WIDER
     },
 }
-"""Functions that a compiler may have besides OpenCL C."""
+TRIALS: Final = {
+    name: replace(trial, declarations=declarations(trial.statements), option=GUARD) for name, trial in _TRIALS.items()
+}
+"""Functions that a compiler may have besides OpenCL C; DECLARES comes first, for it makes the others faster."""

@@ -29,10 +29,11 @@ from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backends.device.processes import Driver
-from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels
+from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
-from shpy.backends.opencl.device.trial import Unfinished, works
+from shpy.backends.opencl.device.declarations import GUARD, declarations
+from shpy.backends.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
@@ -226,9 +227,23 @@ class Machine:
         """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
         program = self._programs.get((text, math))
         if program is None:
-            program = self._kept(text, math) or _built_silently(self.cl.Program(self.context, text), self.options(math))
+            program = self._kept(text, math) or self._compiled(text, self.options(math))
             self._programs[text, math] = program
         return program
+
+    def _compiled(self, text: str, options: list[str]) -> Any:
+        """Return the program of a text, which declares the functions that it calls where that takes less time."""
+        if DECLARES in self._succeeded:
+            try:
+                declared = declarations(text, doubles=self.doubles) + text
+                return _built_silently(self.cl.Program(self.context, declared), [*options, GUARD])
+            except self.cl.Error:
+                pass  # the fault is in the text, or a declaration is missing: the whole header tells
+        return self._compiled_with_header(text, options)
+
+    def _compiled_with_header(self, text: str, options: list[str]) -> Any:
+        """Return the program of a text that relies on the declarations of the driver."""
+        return _built_silently(self.cl.Program(self.context, text), options)
 
     def _key(self, text: str, options: list[str]) -> str:
         device = self.device
@@ -415,7 +430,7 @@ class Machine:
     ) -> None:
         """Run the kernel `probe` of a text over COUNT elements in packets; return the output arrays."""
         with self.lock:
-            program = _built_silently(self.cl.Program(self.context, text), options or self.options("strict"))
+            program = self._compiled(text, options or self.options("strict"))
             kernel = self.cl.Kernel(program, "probe")
             inputs, outputs = [self.upload(array) for array in given], [self.take(array.nbytes) for array in results]
             kernel.set_args(*inputs, *outputs)
@@ -441,9 +456,11 @@ class Machine:
     @cached_property
     def _succeeded(self) -> frozenset[str]:
         """The names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
-        key = self._key("".join(trial.text(name) for name, trial in TRIALS.items()), self._options)
+        skipped = set() if reads_header(self.device.platform.name.strip()) else {DECLARES}
+        trials = {name: trial for name, trial in TRIALS.items() if name not in skipped}
+        key = self._key("".join(t.declarations + t.text(name) for name, t in trials.items()), self._options)
         try:
-            return store.known_names(key, TRIALS, lambda: works(self._place(), self._options, TRIALS))
+            return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
         except Unfinished as error:  # which is not kept: the next process tries again
             warnings.warn(
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "

@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+DECLARES = "declares"
+"""The name of the trial that succeeds where a program may declare the functions of OpenCL C itself."""
 _SECONDS = 120
 
 
@@ -29,6 +31,10 @@ class Trial:
     statements: str
     given: tuple[float, ...]
     wanted: tuple[float, ...]
+    declarations: str = ""
+    """The functions that the statements call, for a compiler for which the trial DECLARES has succeeded."""
+    option: str = ""
+    """The option that goes with the declarations."""
 
     def text(self, name: str) -> str:
         """Return the kernel."""
@@ -100,10 +106,14 @@ def _main() -> None:
     platform, device = task["place"]
     chosen = cl.get_platforms()[platform].get_devices()[device]
     context = cl.Context([chosen])
+    declares = False
     for name, trial in task["trials"].items():
         print("trial", name, "begun", flush=True)
+        if name != DECLARES and not declares:
+            trial = {**trial, "declarations": "", "option": ""}
         if _succeeds(cl, context, name, trial, task["options"]):
             print("trial", name, "works", flush=True)
+            declares |= name == DECLARES
 
 
 def _succeeds(cl: Any, context: Any, name: str, trial: Mapping[str, Any], options: list[str]) -> bool:
@@ -114,7 +124,8 @@ def _succeeds(cl: Any, context: Any, name: str, trial: Mapping[str, Any], option
     try:
         flags = cl.mem_flags
         buffer = cl.Buffer(context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=array)
-        program = cl.Program(context, trial["text"]).build(options, cache_dir=False)
+        text, more = trial["declarations"] + trial["text"], [trial["option"]] if trial["option"] else []
+        program = cl.Program(context, text).build([*options, *more], cache_dir=False)
         queue = cl.CommandQueue(context)
         cl.Kernel(program, f"try_{name}")(queue, (1,), (1,), buffer)
         cl.enqueue_copy(queue, array, buffer)
