@@ -56,7 +56,7 @@ def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     agree(case, "opencl")
 
 
-@pytest.mark.sampled(3)  # its driver compiles each for half a second; `test_packets.py` has all of them in few kernels
+@pytest.mark.sampled(6)  # its driver compiles each for half a second; `test_packets.py` has all of them in few kernels
 @each(operations.ROWS)
 def test_an_operation_by_itself_agrees_on_opencl(case: Case) -> None:
     agree(case, "opencl")

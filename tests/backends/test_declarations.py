@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +66,7 @@ def in_header() -> dict[str, list[Parts]]:
     return found
 
 
-@pytest.mark.skipif(not HEADER.exists(), reason="needs the header of Debian's PoCL")
+@pytest.mark.skipif(not HEADER.exists() and "CI" not in os.environ, reason="needs the header of Debian's PoCL")
 def test_functions_are_declared_as_in_the_header() -> None:
     header = in_header()
     for name in NAMES:
@@ -109,7 +111,8 @@ def whole_header(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     machine._programs.clear()
 
 
-@each([case for case in STRUCTURED[::40] if not case.refused])
+@each([case for case in STRUCTURED[::40] if not case.refused and "texture" not in case.name])
 def test_the_header_gives_the_same_bits(case: Case, whole_header: list[str]) -> None:
-    case.check(case.run("opencl"), "opencl")
+    again = replace(case)  # which is recorded anew, so that no kernel of it is kept
+    again.check(again.run("opencl"), "opencl")
     assert whole_header

@@ -236,7 +236,7 @@ def machine(kind, examples, steps):
 
 
 TestOnNumpy = machine(OnNumpy, 12, 25)
-TestOnOpenCL = machine(OnOpenCL, 8, 25)
+TestOnOpenCL = machine(OnOpenCL, 5, 25)
 TestOnGlsl = machine(OnGlsl, 8, 25)
 
 
