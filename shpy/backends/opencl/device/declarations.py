@@ -82,7 +82,6 @@ def declarations(text: str, *, doubles: bool = False) -> str:
     return "\n".join([*start, *lines, "#line 1\n"])
 
 
-@cache
 def _declarations(name: str) -> tuple[str, ...]:
     """Return the declarations of a function or number of OpenCL C; none for any other word."""
     if name in _NUMBERS:
