@@ -69,7 +69,7 @@ def test_programs_agree(shard: int) -> None:
     agree(shard, rotated(shard))
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("shard", range(6))
 def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
     agree(shard, rotated(shard), endless=True)
