@@ -294,8 +294,8 @@ with a `CompileError` that names the operation or type which the device gets wro
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
 system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
 they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) run so too, its libraries over those of Debian 12. Not run: GPUs.
-Rows were made on two processors, an AMD EPYC with AVX2 and an Intel Xeon with AVX-512, of which PoCL and Intel's
-runtime tell the name. Where fewer programs were run, the time ended: PoCL compiles for one to three seconds for each.
+Rows were made on an AMD EPYC with AVX2, another with AVX-512, and an Intel Xeon with AVX-512; PoCL and Intel's runtime
+tell the name. Where fewer programs were run, the time ended: older rows of PoCL took one to three seconds a program.
 
 "Exits of loops": Mesa 22.3 leaves a loop at once where an exit follows the step of what it compares and holds for the
 first value. rusticl has this fault too; Mesa 25.0 has it no more. Two faults of Mesa no probe can find. Zink of 22.3
