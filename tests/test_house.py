@@ -158,9 +158,9 @@ LEFT_UNDONE = re.compile(r"\b(TODO|FIXME|XXX)\b|NotImplementedError")
 HIDDEN = re.compile(r"# type: ignore(?!\[)|# noqa(?!: ?[A-Z])|pytest\.skip\(|mark\.skip|mark\.xfail|importorskip")
 ONE_MACHINE = re.compile(r"/(home/(?!someone)\w|root/|tmp/\w)")
 
-# Meshes that are too large for the repository, a browser, and PoCL's header where Debian's package puts it: their tests
-# say that they are skipped where these are not at hand. In CI the browser and the header have to be there.
-MAY_SKIP = ("tests/raytracer/test_meshes_from_files.py", "tests/views.py", "tests/backends/test_declarations.py")
+# Meshes that are too large for the repository, and a browser: their tests say that they are skipped where these are not
+# at hand. In CI the browser has to be there.
+MAY_SKIP = ("tests/raytracer/test_meshes_from_files.py", "tests/views.py")
 
 
 @pytest.mark.parametrize("pattern", [LEFT_UNDONE, HIDDEN, ONE_MACHINE], ids=["left undone", "hidden", "one machine"])
