@@ -1,6 +1,7 @@
 """`RayMeshIntersector` against trimesh's own methods, in its place."""
 
 import copy
+import itertools
 import pickle
 
 import numpy as np
@@ -94,6 +95,32 @@ def test_a_hit_on_an_edge_is_one_location_and_two_triangles():
     ray = [[0.0, 0, 3]], [[0.0, 0, -1]]
     assert len(shoot.intersects_id(*ray)[0]) == 4
     np.testing.assert_allclose(shoot.intersects_location(*ray)[0], [[0, 0, 0.5], [0, 0, -0.5]])
+
+
+def cube_without_an_octant(size):
+    """Return the cube [-size, size]^3 without the octant of positive coordinates."""
+    cells = set(itertools.product((0, 1), repeat=3)) - {(1, 1, 1)}
+    triangles = []
+    for cell, axis, side in itertools.product(sorted(cells), range(3), (0, 1)):
+        neighbour = tuple(np.add(cell, np.eye(3, dtype=int)[axis] * (2 * side - 1)))
+        if neighbour not in cells:
+            u, v = (np.eye(3)[(axis + turn) % 3] for turn in ((1, 2) if side else (2, 1)))
+            corner = cell + np.eye(3)[axis] * side
+            triangles += [[corner, corner + u, corner + u + v], [corner, corner + u + v, corner + v]]
+    return trimesh.Trimesh(**trimesh.triangles.to_kwargs((np.array(triangles) - 1) * size))
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_points_in_the_planes_of_faces_and_edges_are_inside_or_outside(backend):
+    """Points in the planes of faces, and rays through edges, where a parity of hits would go wrong."""
+    mesh = cube_without_an_octant(20.0)
+    assert mesh.is_watertight
+    points = np.array(list(itertools.product(np.arange(-30, 31, 5.0), repeat=3)))
+    inside = (abs(points) < 20).all(1) & (points < 0).any(1)
+    outside = (abs(points) > 20).any(1) | (points > 0).all(1)
+    not_on_the_surface = inside | outside
+    contained = RayMeshIntersector(mesh, backend).contains_points(points[not_on_the_surface])
+    np.testing.assert_array_equal(contained, inside[not_on_the_surface])
 
 
 def test_primitives_that_trimesh_constructs_have_our_queries(monkeypatch):
