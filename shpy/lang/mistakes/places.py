@@ -7,6 +7,7 @@ when a value is read that was changed through another name.
 from __future__ import annotations
 
 import ast
+from collections.abc import Set
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
@@ -25,7 +26,7 @@ class Places:
         self.open: list[Block] = []
         self.changes: dict[int, list[Change]] = {}
         self.judge = Judge(scope, self._known)
-        self.hidden: list[set[str]] = []
+        self.hidden: list[Set[str]] = []
         self.asking_none = False
         self._clock = 0
         self._objects = NO_OBJECT

@@ -46,7 +46,7 @@ class Scope:
     def nested(self, node: FunctionNode) -> Scope:
         """Return the scope of a `def` inside this function: what it shares with this one is known only to the run."""
         names = {k: v for k, v in self.names.items() if k not in self.local} | dict(self.given)
-        inner = frozenset(bound_names(node))
+        inner = bound_names(node)
         hidden = {name: UNRESOLVED for name in self.local if name not in self.given}
         return Scope(self.file, names | hidden, self.is_value, inner)
 
@@ -109,7 +109,7 @@ def scope_of(
             names[name] = cell.cell_contents
         except ValueError:  # the cell is filled later
             names[name] = UNRESOLVED
-    return Scope(function.__code__.co_filename, names, is_value, frozenset(bound_names(node)), given)
+    return Scope(function.__code__.co_filename, names, is_value, bound_names(node), given)
 
 
 def unwrapped(function: object) -> tuple[FunctionType, dict[str, object]] | None:
@@ -154,7 +154,8 @@ def from_shpy(thing: object) -> bool:
     return any(str(getattr(c, "__module__", "")).partition(".")[0] == "shpy" for c in candidates)
 
 
-def bound_names(node: FunctionNode | ast.Lambda) -> set[str]:
+@functools.lru_cache(maxsize=4096)  # kernels share functions, so their nodes are asked about again
+def bound_names(node: FunctionNode | ast.Lambda) -> frozenset[str]:
     """Return the names that a function binds: arguments and all that it assigns, less `global` and `nonlocal`."""
     arguments = node.args
     names = {a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)}
@@ -173,7 +174,7 @@ def bound_names(node: FunctionNode | ast.Lambda) -> set[str]:
             names.add(inner.rest)
         elif isinstance(inner, ast.Global | ast.Nonlocal):
             outer |= set(inner.names)
-    return names - outer
+    return frozenset(names - outer)
 
 
 def _own(node: FunctionNode | ast.Lambda) -> Iterator[ast.AST]:

@@ -10,6 +10,7 @@ Stage: record. Takes a file's name as code objects give it; gives its syntax tre
 from __future__ import annotations
 
 import ast
+import functools
 import linecache
 from types import CodeType
 from typing import TypeAlias
@@ -44,12 +45,21 @@ def definition(code: CodeType) -> FunctionNode | None:
     tree = parsed(code.co_filename)
     if tree is None:
         return None
-    for node in ast.walk(tree):
-        if isinstance(node, FunctionNode) and node.name == code.co_name:
-            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            if first == code.co_firstlineno and _arguments(node) == code.co_varnames[: len(_arguments(node))]:
-                return node
+    for node in _functions(tree).get((code.co_name, code.co_firstlineno), ()):
+        if _arguments(node) == code.co_varnames[: len(_arguments(node))]:
+            return node
     return None
+
+
+@functools.lru_cache(maxsize=256)
+def _functions(tree: ast.Module) -> dict[tuple[str, int], list[FunctionNode]]:
+    """Return the functions of a file by name and first line, which is that of the first decorator."""
+    found: dict[tuple[str, int], list[FunctionNode]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, FunctionNode):
+            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+            found.setdefault((node.name, first), []).append(node)
+    return found
 
 
 def quoted(file: str, node: ast.AST) -> str:
