@@ -6,6 +6,50 @@ import pytest
 from source_text import blame, check
 
 ALIASES = {
+    "a list of one value": (
+        """
+        def f(x: sh.Attrib1f):
+            sums = [sh.Attrib1f(0)] * 3
+            for k in range(len(sums)):
+                sums[k] += x * k
+            return sums[0]
+        """,
+        "2: `sums = [sh.Attrib1f(0)] * 3` holds one value several times: `sums[k] += x * k` (line 4) changes all of "
+        "them\n  write instead: sums = [sh.Attrib1f(0) for _ in range(3)]",
+    ),
+    "a list of one name": (
+        """
+        def f(x: sh.Attrib3f, n: int = 2):
+            y = x + 1
+            both = n * [y]
+            both[0].xy = 0, 0
+            return both[0] + both[1]
+        """,
+        "3: `both = n * [y]` holds one value several times: `both[0].xy = 0, 0` (line 4) changes all of them\n"
+        "  write instead: both = [y.copy() for _ in range(n)]",
+    ),
+    "a list of lists": (
+        """
+        def f(x: sh.Attrib1f):
+            grid = [[sh.Attrib1f(x)] * 2 for _ in range(3)]
+            with SH_IF(x > 0):
+                grid[1][0][:] = 1
+            return grid[1][1]
+        """,
+        "2: `grid = [[sh.Attrib1f(x)] * 2 for _ in range(3)]` holds one value several times: `grid[1][0][:] = 1` "
+        "(line 4) changes all of them\n"
+        "  write instead: grid = [[sh.Attrib1f(x) for _ in range(2)] for _ in range(3)]",
+    ),
+    "a dict of one value": (
+        """
+        def f(x: sh.Attrib1f):
+            by_name = dict.fromkeys("ab", sh.Attrib1f(0))
+            by_name["a"] += x
+            return by_name["b"]
+        """,
+        '2: `by_name = dict.fromkeys("ab", sh.Attrib1f(0))` holds one value several times: `by_name["a"] += x` '
+        "(line 3) changes all of them\n  write instead: by_name = {key: sh.Attrib1f(0) for key in 'ab'}",
+    ),
     "the copy is read": (
         """
         def f(x: sh.Point3f, d: sh.Vector3f):

@@ -389,6 +389,28 @@ INNOCENT = {
                 pass
             return x * n * np.sqrt(weights[0])
         """,
+    "lists whose items are replaced, read, or one alone": """
+        def f(x: sh.Attrib1f):
+            def put(held):
+                for k in range(len(held)):
+                    held[k] = sh.Attrib1f(k)
+            sums = [sh.Attrib1f(0)] * 3
+            for k in range(3):
+                sums[k] = sums[k] + k * x
+            sums[0] += x
+            given = [sh.Attrib1f(0)] * 3
+            put(given)
+            given[1] += x
+            one = [sh.Attrib1f(0)] * 1
+            one[0] += x
+            numbers = [0] * 3
+            numbers[1] += 1
+            rows = [[None] * 2 for _ in range(2)]
+            rows[0][1] = sh.Attrib1f(x)
+            rows[0][1] += 1
+            read = [x] * 3
+            return sums[0] + given[1] + one[0] + numbers[1] + rows[0][1] + sum(read)
+        """,
     "try and match": """
         def f(x: sh.Attrib1f):
             with SH_IF(x > 0):

@@ -106,6 +106,8 @@ class Expressions:
             else:
                 self.visit(argument)
         called = self.scope.resolve(node.func)
+        if getattr(called, "__module__", "") != "builtins":
+            self.places.hand_over([a.id for a in node.args if isinstance(a, ast.Name)])
         if type(called).__name__ == "ufunc" and any(self.places.judge.kind(a).kind is Kind.VALUE for a in node.args):
             # numpy answers before the value is asked, so only the text can name the cure
             message, cure = conversion_of(node, self.scope.file)

@@ -49,6 +49,7 @@ class Fact:
     alias: ast.stmt | ast.NamedExpr | None = None
     index: bool = False
     escaped: Block | None = None
+    repeats: int = 0  # indices to a value that stands several times in a list, see repeats.py
 
     def suspicious(self, *others: Fact) -> bool:
         """Return whether it matters that the block may not run, or runs again: not for strings, lists and the like.

@@ -60,6 +60,16 @@ def aliased(
     )
 
 
+def repeated(file: str, made: ast.AST, change: ast.stmt, name: str, cure: str) -> RecordError:
+    """Return the error for a store into an item of a list that holds one value several times."""
+    return RecordError(
+        f"`{quoted(file, made)}` holds one value several times: `{quoted(file, change)}` (line {line_of(change)}) "
+        "changes all of them",
+        loc=at(file, made),
+        cure=f"{name} = {cure}",
+    )
+
+
 def crossed(
     file: str, statement: ast.Assign, name: str, later: ast.expr, swap: tuple[str, str] | None, prefix: str
 ) -> RecordError:

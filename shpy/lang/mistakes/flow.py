@@ -23,6 +23,7 @@ from shpy.lang.mistakes.expressions import Expressions
 from shpy.lang.mistakes.facts import NO_OBJECT, Block, State, joined
 from shpy.lang.mistakes.kinds import HOST, NUMBER, UNKNOWN, VALUE, Kind, Known, plain_fields
 from shpy.lang.mistakes.places import Places
+from shpy.lang.mistakes.repeats import depth_of_repeats
 from shpy.lang.recording.scope import UNRESOLVED, Scope
 from shpy.lang.recording.tree import FunctionNode, quoted
 
@@ -132,6 +133,8 @@ class Flow:
                 fact = self.places.bind_name(target.id, node, known, value=value, shared=shared)
                 if known.kind is Kind.VALUE:
                     shared = fact.object  # `a = b = x + 1` names one value twice
+                else:
+                    fact.repeats = depth_of_repeats(value, self.judge, self.scope)
                 self._display(target.id, node, value)
             else:
                 self._target(target, node, known, value)
@@ -180,6 +183,7 @@ class Flow:
     ) -> None:
         """Visit a store: `x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
         self.expressions.store_operands(target)
+        self.places.check_repeats(target, node, rebinds=True)
         kind = self.judge.kind(target.value).kind
         if kind is Kind.VALUE:
             root = _root(target)
@@ -201,6 +205,7 @@ class Flow:
         else:
             self.expressions.store_operands(target)
             self.places.use(place, target)
+            self.places.check_repeats(target, node, rebinds=False)
         if known.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:

@@ -13,6 +13,7 @@ from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.facts import NO_OBJECT, Block, Change, Fact, State, Use, copy_instead, store_instead
 from shpy.lang.mistakes.kinds import Judge, Kind, Known
+from shpy.lang.mistakes.repeats import apart, store_depth
 from shpy.lang.recording.scope import Scope
 from shpy.lang.recording.tree import quoted
 
@@ -105,6 +106,25 @@ class Places:
         fact = self.single(place)
         if fact is not None and fact.object != NO_OBJECT:
             self.changes.setdefault(fact.object, []).append(Change(place, node, self.tick(), fact))
+
+    def check_repeats(self, target: ast.expr, node: ast.stmt, *, rebinds: bool) -> None:
+        """Raise the error for a store into a value that stands several times in a list.
+
+        `rebinds` tells an assignment that may put a new value into the list, which then holds different ones.
+        """
+        root, steps = store_depth(target)
+        fact = self.single(root) if root is not None else None
+        if fact is None or not fact.repeats or fact.value is None:
+            return
+        if steps > fact.repeats or (steps == fact.repeats and not rebinds):
+            raise findings.repeated(self.scope.file, fact.node, node, fact.place, apart(fact.value))
+        fact.repeats = 0
+
+    def hand_over(self, names: list[str]) -> None:
+        """Note that a function has got what names hold: it may put other values into a list."""
+        for name in names:
+            if fact := self.single(name):
+                fact.repeats = 0
 
     # Uses.
 
