@@ -3,13 +3,15 @@ import os
 import sys
 import zlib
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from stress.mode import stressed
 
-from shpy.backends.opencl.device.driver import Machine
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.opencl.device.driver import Machine, machine_of
 from shpy.backends.opencl.device.trial import DECLARES
 
 # The same examples in each run, so that no change fails by chance; `--hypothesis-profile random` looks for new ones.
@@ -75,6 +77,19 @@ def snapshots(request):
     if update and os.environ.get("CI"):
         pytest.fail("snapshots are not updated in CI")
     return Snapshots(update)
+
+
+@pytest.fixture
+def wrong(monkeypatch):
+    """Makes every device one that gets these operations wrong, beside the denormals that OpenGL's loses."""
+
+    def pretend(*names, **limits):
+        machine, context = machine_of(None), open_context(0)
+        monkeypatch.setitem(machine.__dict__, "wrong", frozenset(names))
+        lost = context.limits.wrong & {"denormals"}
+        monkeypatch.setattr(context, "limits", replace(context.limits, wrong=lost | set(names), **limits))
+
+    return pretend
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,5 +1,12 @@
-"""The names of shpy.testing.conformance.running, with which tests of backends run programs."""
+"""The names with which tests of backends run programs."""
 
+from typing import Any
+
+import shpy as sh
+from shpy.backends.base import Options
+from shpy.backends.registry import backend as backend_named
+from shpy.run import kernel as kernels
+from shpy.run.kernel import Kernel
 from shpy.testing.conformance.running import (
     BACKENDS,
     LANES,
@@ -24,8 +31,15 @@ __all__ = [
     "WIDE",
     "WIDTHS",
     "DenormalWatch",
+    "compiled_anew",
     "differs",
     "flushes_denormals",
     "kernel",
     "run",
 ]
+
+
+def compiled_anew(program: sh.Program, backend: str, **options: Any) -> Kernel:
+    """Return a kernel that is not the one of an earlier device, with other faults."""
+    kernels._executables.clear()
+    return Kernel(program.recorded, backend_named(backend), Options(**options))

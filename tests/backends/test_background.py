@@ -84,7 +84,8 @@ def run(ending, *, stop=None):
     """Run a program whose background process has hours of work; return its exit status, that process and its words."""
     path = os.pathsep.join(p for p in sys.path if p)
     program = subprocess.Popen(
-        [sys.executable, "-c", COMPILING + ending],
+        # From Python 3.12 on a fork beside threads is warned of.
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", COMPILING + ending],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

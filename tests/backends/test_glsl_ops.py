@@ -269,3 +269,23 @@ def test_operands_of_functions_and_choices_keep_their_order(name: str) -> None:
         return CUBED[name](0.9 * x * x * x, x)
 
     sh.testing.assert_equivalent(of_cube, np.linspace(0, 1, 5000), backends=("numpy", "glsl"))
+
+
+def test_what_glsl_leaves_open_of_ints_is_written_out():
+    """clamp with bounds that cross, and the absolute value of the least int: NVIDIA's answers are its own."""
+
+    @sh.program
+    def bounded(i: sh.Attrib3i, k: sh.Attrib1u):
+        near = sh.clamp(i, -3, 5)
+        return sh.clamp(i, i.zxy, i.yzx), sh.clamp(k, 7, k >> 1), near, sh.abs(i), sh.abs(near)
+
+    kernel = bounded.compile("glsl")
+    for text in ("min(max(i, i.zxy), i.yzx)", "min(max(k, 7u), k >> 1)", "clamp(i, ivec3(-3), ivec3(5))", "sh_abs(i)"):
+        assert text in kernel.source
+    assert " abs(" in kernel.source  # of what cannot be the least int
+    least = -(2**31)
+    i, k = np.int32([[least, 5, -7], [1, least, 3], [2**31 - 1, 0, least]]), np.uint32([0, 40, 2**32 - 1])
+    wanted = bounded.compile("numpy")(i, k)
+    for found, expected in zip(kernel(i, k), wanted, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(wanted[0][0], np.minimum(np.maximum(i[0], i[0, [2, 0, 1]]), i[0, [1, 2, 0]]))

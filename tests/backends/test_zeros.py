@@ -19,6 +19,8 @@ def chosen(m: sh.Attrib1f):
         sh.cond(m > -0.0, 0.0, m),
         sh.cond(m <= -0.0, m, 0.0),
         sh.cond(m == 0, -0.0, m),
+        sh.cond(m < 0, m, 0.0),
+        sh.cond(m > 0, m, -0.0),
     )
 
 

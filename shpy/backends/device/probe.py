@@ -28,7 +28,8 @@ PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 _OF_COMPILERS: Final = frozenset({"zeros", "exits", "optimiser"})
 FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", *_OF_COMPILERS})
 """Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
-`0 * x` for 0, one that leaves loops before the conditions of their exits hold, and one whose optimiser makes errors."""
+`0 * x` for 0 or `x < 0 ? x : 0` for a minimum of any zeros, one that leaves loops before the conditions of their exits
+hold, and one whose optimiser makes errors."""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)
@@ -145,7 +146,9 @@ def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
     if "optimiser" in wrong:
         notes.append("this device makes errors in optimised programs: they are built with -cl-opt-disable")
     if "zeros" in wrong:
-        notes.append("this device takes 0 * x for 0: strict and relaxed mode hide zeros from it")
+        notes.append(
+            "this device confuses zeros (0 * x with 0, or -0.0 with 0.0): strict and relaxed mode hide them from it"
+        )
     if "exits" in wrong:
         notes.append("this device gets exits of loops wrong: what they compare is hidden from its compiler")
     if "denormals" in wrong:

@@ -16,19 +16,25 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Final
+
+import numpy as np
 
 from shpy.backends.base import Array, Call, Device, DeviceCall, Options
+from shpy.backends.device import store
 from shpy.backends.device.probe import notes_of, refuse_wrong
-from shpy.backends.glsl.device.context import Context, open_context
+from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.device.memory import GlslSpace
 from shpy.backends.glsl.device.run import Program, Runtime, unsupported
 from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.glsl.text.operations import FAST, NATIVE
 from shpy.backends.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
-from shpy.ir.nodes import Loc, Module, Value, Variable
+from shpy.ir.builder import Builder
+from shpy.ir.exact import hard_cases
+from shpy.ir.nodes import Loc, Module, Port, Value, Variable
 from shpy.ir.traverse import bases_of, defined, variables_of
-from shpy.ir.types import Base
+from shpy.ir.types import Base, vec
 from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.exits import LOOPED, few_turns
 from shpy.passes.hide import hide_derivable
@@ -44,6 +50,9 @@ _SHARED = (
     "its calls stand in loops, which take longer to run, because OpenGL's compilers copy each function to each call "
     "and would take many times as long to compile it"
 )
+_FLOAT: Final = vec(Base.F)
+_HARD: Final = frozenset({"exp", "sin", "log10", "sinh", "asin"})
+"""Functions whose formulas in binary64 have numbers with all digits, late digits of 1 / pi, and square roots."""
 _MOST_STATEMENTS = 50_000
 """All calls inlined, as Mesa does it: time and memory of its compiler grow faster than the number of statements."""
 
@@ -82,6 +91,7 @@ class GlslBackend:
 
     def __init__(self) -> None:
         self._runtimes: dict[int, Runtime] = {}
+        self._judged: dict[Limits, Limits] = {}
         self._count: int | None = None
 
     def devices(self) -> list[Device]:
@@ -89,10 +99,10 @@ class GlslBackend:
 
         The first call opens devices until one fails, since EGL does not tell their number; later calls know it.
         """
-        found = [_described(open_context(0))]
+        found = [self._described(0)]
         while self._count is None or len(found) < self._count:
             try:
-                found.append(_described(open_context(len(found))))
+                found.append(self._described(len(found)))
             except BackendUnavailable:
                 self._count = len(found)
         return found
@@ -101,8 +111,11 @@ class GlslBackend:
         """Prepare, print and build; CompileError, at the user's line, for a type that GLSL or the device lacks."""
         if options.lanes not in ("auto", 1):
             raise CompileError(f"glsl runs one element a lane, not {options.lanes}", loc=module.entry.loc)
+        return self._compiled(module, options, self._limits(options.device or 0))
+
+    def _compiled(self, module: Module, options: Options, limits: Limits) -> GlslExecutable:
+        """Compile for a device that has these limits."""
         runtime = self._runtime(options.device or 0)
-        limits = runtime.context.limits
         target, exact = _target(limits, module, options), options.math != "fast"
 
         def rejection() -> Program | None:
@@ -134,13 +147,44 @@ class GlslBackend:
         parts = [select_outputs(whole, group) if len(groups) > 1 else whole for group in groups]
         programs = [build(part, flagged=prepared.flagged) for part in parts]
         sources = [p.shader.source for p in programs]
-        text, notes = "\n".join(sources), _notes(runtime.context)
+        text, notes = "\n".join(sources), _notes(limits)
         if prepared.shared:
             notes = (*notes, _SHARED)
             warnings.warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}", ShpyWarning, stacklevel=4)
         return GlslExecutable(
             text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups, cache(rejection)
         )
+
+    def _limits(self, device: int) -> Limits:
+        """Return the limits of a device.
+
+        Where a device needs corrections in binary64, its strict functions have to give answers that are hard to round;
+        else it is taken for a device without binary64.
+        """
+        context = self._runtime(device).context
+        limits = context.limits
+        if not limits.doubles or (limits.roots and limits.reads):
+            return limits
+        if limits not in self._judged:
+            options = Options(device=device)
+            made = {name: self._compiled(_module_of(name), options, limits) for name in _HARD}
+            key = store.key(
+                "glsl hard cases",
+                *context.call(lambda: context.about),
+                *(executable.source for executable in made.values()),
+            )
+            right = store.known_names(
+                key, _HARD, lambda: {name for name, e in made.items() if _rounds(name, e, limits)}
+            )
+            self._judged[limits] = limits if right == _HARD else replace(limits, doubles=False)
+        return self._judged[limits]
+
+    def _described(self, device: int) -> Device:
+        limits = self._limits(device)
+        context = open_context(device)
+        info = context.call(lambda: dict(context.gl.info))
+        features = ["f32", "f16 by rounding", f"{limits.outputs} outputs a pass"]
+        return Device(info["GL_RENDERER"], info["GL_VERSION"], tuple(features), _notes(limits))
 
     def space(self, device: int | None) -> GlslSpace:
         """Return the memory of a device."""
@@ -169,11 +213,21 @@ def _printable(module: Module, exact: bool) -> Module:
     return hide_derivable(held) if exact else held
 
 
-def _described(context: Context) -> Device:
-    info = context.call(lambda: dict(context.gl.info))
-    limits = context.limits
-    features = ["f32", "f16 by rounding", f"{limits.outputs} outputs a pass"]
-    return Device(info["GL_RENDERER"], info["GL_VERSION"], tuple(features), _notes(context))
+def _module_of(name: str) -> Module:
+    """Return a module that computes a function of one float."""
+    b = Builder(name)
+    b.store(b.output(_FLOAT, "y"), b.let(name, b.input(_FLOAT, "x")))
+    return Module(name, (Port("x", ""),), (Port("y", ""),), (), (), (b.finish(),))
+
+
+def _rounds(name: str, executable: GlslExecutable, limits: Limits) -> bool:
+    """Return whether a function gives the answers that are hardest to round; flushed denormals do not count."""
+    x, answers = hard_cases(name)
+    found = np.empty_like(answers)
+    executable.run(Call(x.shape, (x,), (found,), {}, {}))
+    least = 0.0 if limits.keeps_denormals else np.finfo(np.float32).tiny
+    compared = (np.abs(x) >= least) & (np.abs(answers) > least)
+    return np.array_equal(found[compared], answers[compared])
 
 
 def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
@@ -181,8 +235,7 @@ def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(range(first, min(first + most, count))) for first in range(0, count, most))
 
 
-def _notes(context: Context) -> tuple[str, ...]:
-    limits = context.limits
+def _notes(limits: Limits) -> tuple[str, ...]:
     notes = list(notes_of(limits.wrong, binary64=limits.doubles))
     if not limits.keeps_order:
         notes.append(
@@ -192,6 +245,12 @@ def _notes(context: Context) -> tuple[str, ...]:
         notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
     if not limits.chooses:
         notes.append("this device takes a < b ? b : a for a maximum, also of NaN: comparisons stand apart")
+    if not limits.negates:
+        notes.append("this device takes !(a < b) for a >= b, also of NaN: comparisons are hidden from its compiler")
+    if limits.doubles and not limits.roots:
+        notes.append("this device gets sqrt of binary64 wrong: strict mode corrects it")
+    if not limits.reads:
+        notes.append("this device misreads decimal numbers: texts have their bits")
     return tuple(notes)
 
 

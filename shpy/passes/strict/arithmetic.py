@@ -2,8 +2,8 @@
 
 Stage: improve. Division and square root start from the device's own result, which may be off by 64 units in the last
 place (a root by 16). The formulas need 25 bits of it: the remainder, exact modulo 2**32, gives the correction. Zeros,
-infinities, denormals and NaN are left to the device. `fma` computes with integers alone where all operands are finite,
-so that denormals are exact even on a device that flushes them to zero.
+denormals, NaN and roots of infinity are left to the device. `fma` computes with integers alone where all operands are
+finite, so that denormals are exact even on a device that flushes them to zero.
 """
 
 from __future__ import annotations
@@ -60,7 +60,10 @@ def div(a: Term, b: Term) -> Term:
     small = n < -126  # a denormal result would be rounded twice
     plain = small | a_exponent.op("min", b_exponent).equals(0) | a_exponent.op("max", b_exponent).equals(255)
     negative = (a_bits ^ b_bits) >= a_bits.constant(2**31)
-    return where(plain, a / b, where(negative, -size, size))
+    # A device may multiply by 1 / b, which underflows to 0 for a large b, and infinity times 0 is NaN.
+    unchanged = a_exponent.equals(255) & b_exponent.op("max", 1).equals(b_exponent) & b_exponent.differs(255)
+    special = where(unchanged, where(b < 0, -a, a), a / b)
+    return where(plain, special, where(negative, -size, size))
 
 
 def sqrt(x: Term) -> Term:

@@ -299,6 +299,31 @@ def the_square_of_a_root_is_not_its_radicand(x: sh.Attrib1f) -> sh.Attrib1f:
     return root * root
 
 
+DECIMALS = (4.4709815e-38, 9.8848554e-33, -86.000626, 6.1870016e29, 1.1920929e-07, 0.99999905, 3.4028235e38, 1e23)
+
+
+@case(x=f(1), expected=tuple(f(n) for n in DECIMALS))
+def decimal_numbers_are_read_to_the_last_digit(x: sh.Attrib1f):
+    return tuple(sh.cond(x > 0, n, x) for n in DECIMALS)
+
+
+@case(x=f(NAN, 1, NAN, 2, 3), y=f(1, NAN, NAN, 2, 2),
+      expected=(f(1, 1, 1, 1, 1), f(1, 1, 1, 0, 1), f(1, 1, 1, 1, 0), f(1, 1, 1, 0, 0)))  # fmt: skip
+def a_comparison_that_is_false_is_not_its_opposite(x: sh.Attrib1f, y: sh.Attrib1f):
+    found = [sh.Attrib1f(0) for _ in range(4)]
+    for one, holds in zip(found, (x < y, x <= y, x > y, x >= y), strict=True):
+        with sh.SH_IF(holds):
+            pass
+        with sh.SH_ELSE():
+            one += 1
+    return tuple(found)
+
+
+@case(x=f(0.0, -0.0, 1, -1), expected=(f(0.0, 0.0, 0.0, -1), f(-0.0, -0.0, 1, -0.0), f(0.0, 0.0, 1, -0.0)))
+def choices_between_zeros_are_no_minima(x: sh.Attrib1f):
+    return sh.cond(x < 0, x, 0.0), sh.cond(x > 0, x, -0.0), sh.cond(x >= 0, sh.abs(x), -0.0)
+
+
 def cases() -> list[Case]:
     """Return every edge."""
     return CASES

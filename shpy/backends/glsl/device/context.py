@@ -20,12 +20,26 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from shpy.backends.base import Array
 from shpy.backends.device import store
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backends.device.processes import HEARD, Driver
+from shpy.backends.glsl.device.probes import (
+    CHOICES,
+    DOUBLES,
+    EXITS,
+    NEGATIONS,
+    PROBE,
+    ROOTS,
+    STORES,
+    decimal_doubles,
+    decimal_floats,
+)
 from shpy.backends.glsl.text.interface import Limits
+from shpy.backends.glsl.text.prologue import Prologue
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
+from shpy.ir.types import Base, vec
 from shpy.packages import install
 
 T = TypeVar("T")
@@ -38,103 +52,11 @@ void main() {
 }
 """
 
-# The operations that a device may get wrong.
-_PROBE = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
-#define fma(a, b, c) 0.0
-#endif
-uniform sampler2D triples;
-layout(location = 0) out vec4 first;
-layout(location = 1) out vec4 second;
-void main() {
-    vec4 p = texelFetch(triples, ivec2(gl_FragCoord.xy), 0);
-    precise vec4 found = vec4(p.x + p.y, p.x - p.y, p.x * p.y, p.x / p.y);
-    first = found;
-    precise float fused = fma(p.x, p.y, p.z);
-    second = vec4(sqrt(p.x), floor(p.x), float(int(min(p.x, 16777215.0))), fused);
-}
-"""
-
-# Neighbouring fragments store at different indices of their arrays.
-_STORES = """\
-#version 330 core
-layout(location = 0) out vec4 found;
-void main() {
-    float a[3] = float[3](0.0, 0.0, 0.0);
-    a[clamp(int(gl_FragCoord.x) - 2, 0, 2)] = 5.0;
-    found = vec4(a[1]);
-}
-"""
-
-# A loop whose second exit never holds, as it follows `v += 1`.
-_EXITS = """\
-#version 330 core
-layout(location = 0) out vec4 found;
-void main() {
-    int v = 0;
-    float left = 5.0;
-    while (v < 4) {
-        v += 1;
-        if (v < 1) {
-            left = 0.0;
-            break;
-        }
-    }
-    found = vec4(left);
-}
-"""
-
-# A choice in a function, whose comparison is false, as NaN is less than nothing.
-_CHOICES = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
-#endif
-layout(location = 0) out vec4 found;
-float larger(precise vec4 v) {
-    precise float result = v.x < v.y ? v.y : v.x;
-    return result;
-}
-void main() {
-    precise vec4 v = uintBitsToFloat(uvec4(0x7fc00000u + uint(gl_FragCoord.x), 0x40000000u, 0u, 0u));
-    found = vec4(isnan(larger(v)) ? 1.0 : 0.0);
-}
-"""
-
-# Operations of binary64, whose results leave as the bits of two numbers a texel.
-_DOUBLES = """\
-#version 330 core
-#extension GL_ARB_gpu_shader5 : enable
-#extension GL_ARB_gpu_shader_fp64 : require
-uniform sampler2D triples;
-layout(location = 0) out uvec4 products;
-layout(location = 1) out uvec4 sums;
-layout(location = 2) out uvec4 others;
-layout(location = 3) out uvec4 narrowed;
-void main() {
-    vec4 p = texelFetch(triples, ivec2(gl_FragCoord.xy), 0);
-    precise double a = double(p.x);
-    precise double x = a * double(p.y);
-    precise double y = x * double(p.z);
-    precise double quotient = x / y, sum = x + y, difference = a - y, root = sqrt(x), whole = floor(a * 0.3lf);
-    precise double wide = p.z < 0.0 ? a * 1.5lf : x;
-    products = uvec4(unpackDouble2x32(y), unpackDouble2x32(quotient));
-    sums = uvec4(unpackDouble2x32(sum), unpackDouble2x32(difference));
-    others = uvec4(unpackDouble2x32(root), unpackDouble2x32(whole));
-    narrowed = uvec4(floatBitsToUint(float(wide)), 0u, 0u, 0u);
-}
-"""
-_OF_GLSL = frozenset({"stores", "choices"})
+_OF_GLSL = frozenset({"stores", "choices", "negations", "decimals"})
 """Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
-_EXACT_DOUBLES = "exact"
-"""The word kept on disk for a device that computes exactly in binary64."""
+_EXACT, _ROOTED, _READ = "exact", "rooted", "read"
+"""The words kept on disk: a device computes exactly in binary64; its own square roots and decimal numbers, too."""
 
 
 def _moderngl() -> Any:
@@ -283,47 +205,73 @@ class Context:
 
     def _faults(self) -> frozenset[str]:
         """Probe the device: return the names of its faults, from FAULTS and _OF_GLSL."""
-        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(_PROBE, 2, "f4")])
+        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(PROBE, 2, "f4")])
         names = ("add", "sub", "mul", "div", "sqrt", "floor")
         wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
         if not np.array_equal(found[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
             wrong.add("convert")
-        if self._drawn(_STORES) != [0, 0, 0, 5, 0, 0, 0, 0]:
+        if self._drawn(STORES) != [0, 0, 0, 5, 0, 0, 0, 0]:
             wrong.add("stores")
-        if self._drawn(_CHOICES) != [1] * 8:
+        if self._drawn(CHOICES) != [1] * 8:
             wrong.add("choices")
-        if self._drawn(_EXITS) != [5] * 8:
+        if self._drawn(NEGATIONS) != [1] * 8:
+            wrong.add("negations")
+        if self._drawn(decimal_floats()) != [1] * 8:
+            wrong.add("decimals")
+        if self._drawn(EXITS) != [5] * 8:
             wrong.add("exits")
         self.resting.use()
         check(self.gl, "probe the device")
         return frozenset(wrong)
 
-    def _exact_in_binary64(self, *, flushed: bool) -> frozenset[str]:
-        """Probe the device: return _EXACT_DOUBLES if it computes exactly in binary64."""
+    def _exact_in_binary64(self, roots: str, *, flushed: bool) -> frozenset[str]:
+        """Probe the device: return _EXACT if it computes exactly in binary64, and what it needs no correction for.
+
+        `roots`: the shader whose square roots are corrected.
+        """
         try:
-            *doubles, narrowed = self._asked(_DOUBLES, 4, "u4")
+            *doubles, narrowed = self._asked(DOUBLES, 4, "u4")
+            found: dict[str, Array] = {"narrow": np.frombuffer(narrowed, np.float32)[::4]}
+            for names, data in zip(_IN_DOUBLES, doubles, strict=True):
+                found |= dict(zip(names, np.frombuffer(data, np.float64).reshape(-1, 2).T, strict=True))
+            root: dict[str, Array] = {"sqrt": found.pop("sqrt")}
+            abilities = {_EXACT} if is_exact_in_binary64(found, flushed=flushed) else set()
+            if is_exact_in_binary64(root, flushed=flushed):
+                abilities.add(_ROOTED)
+            elif abilities:
+                (corrected,) = self._asked(roots, 1, "u4")
+                root = {"sqrt": np.frombuffer(corrected, np.float64)[::2]}
+                abilities = abilities if is_exact_in_binary64(root, flushed=flushed) else set()
+            if self._drawn(decimal_doubles()) == [1] * 8:
+                abilities.add(_READ)
         except self.moderngl.Error:
             return frozenset()
         self.resting.use()
         check(self.gl, "probe the device's binary64")
-        found = {"narrow": np.frombuffer(narrowed, np.float32)[::4]}
-        for names, data in zip(_IN_DOUBLES, doubles, strict=True):
-            found |= dict(zip(names, np.frombuffer(data, np.float64).reshape(-1, 2).T, strict=True))
-        return frozenset({_EXACT_DOUBLES} if is_exact_in_binary64(found, flushed=flushed) else ())
+        return frozenset(abilities if _EXACT in abilities else ())
 
-    def _has_exact_doubles(self, about: tuple[str, ...], *, flushed: bool) -> bool:
-        """Return whether the device has binary64 that is exact: asked once, and kept on disk."""
+    def _binary64(self, about: tuple[str, ...], *, flushed: bool) -> frozenset[str]:
+        """Return what the device is capable of in binary64, by the words above: asked once, and kept on disk."""
         if "GL_ARB_gpu_shader_fp64" not in self.gl.extensions:
-            return False
-        key = store.key("glsl binary64", *about, _DOUBLES)
-        return bool(store.known_names(key, {_EXACT_DOUBLES}, lambda: self._exact_in_binary64(flushed=flushed)))
+            return frozenset()
+        prologue = Prologue()
+        prologue.use("sh_sqrt", (vec(Base.D),))
+        roots = ROOTS.replace("PROLOGUE", prologue.text())
+        key = store.key("glsl binary64", *about, DOUBLES, roots, decimal_doubles())
+        return store.known_names(key, {_EXACT, _ROOTED, _READ}, lambda: self._exact_in_binary64(roots, flushed=flushed))
+
+    @property
+    def about(self) -> tuple[str, ...]:
+        """The device and its driver: vendor, renderer and version."""
+        info = self.gl.info
+        return info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"]
 
     def _probe(self) -> Limits:
-        gl = self.gl
-        about = (gl.info["GL_VENDOR"], gl.info["GL_RENDERER"], gl.info["GL_VERSION"])
+        gl, about = self.gl, self.about
         ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
-        key = store.key("glsl faults", *about, str(ordered), _PROBE, _STORES, _EXITS, _CHOICES)
+        key = store.key("glsl faults", *about, str(ordered), PROBE, STORES, EXITS, CHOICES, NEGATIONS, decimal_floats())
         faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
+        binary64 = self._binary64(about, flushed="denormals" in faults) if ordered else frozenset()
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
         ours = {"fma"} if "denormals" in faults else set()
         return Limits(
@@ -335,7 +283,10 @@ class Context:
             chooses="choices" not in faults,
             fuses="fma" not in faults,
             keeps_order=ordered,
-            doubles=ordered and self._has_exact_doubles(about, flushed="denormals" in faults),
+            negates="negations" not in faults,
+            doubles=_EXACT in binary64,
+            roots=_ROOTED in binary64,
+            reads="decimals" not in faults and (_READ in binary64 or _EXACT not in binary64),
         )
 
 

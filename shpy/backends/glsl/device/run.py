@@ -79,12 +79,14 @@ class Runtime:
             program = self.context.program(shader.source)
         except self.context.moderngl.Error as e:
             if len(samplers) > limit:
-                message = f"{len(samplers)} inputs and tables: a program of this device reads {limit} at most"
-                raise CompileError(message, loc=loc) from e
+                raise _too_many(len(samplers), limit, loc) from e
             raise refused(shader.source, str(e), loc) from e
+        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
+        if len(units) > limit:  # there are drivers that link such a program
+            program.release()
+            raise _too_many(len(units), limit, loc)
         vertices = self.context.gl.vertex_array(program, [])
         check(self.context.gl, "prepare a program")
-        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
         for sampler, unit in units.items():
             program[sampler].value = unit
         made = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
@@ -318,6 +320,10 @@ def _collect(
         found = np.empty(out.shape, dtype)
         read(target, attachment, type, found, width)
         np.copyto(view, found, casting="same_kind", where=True if written is None else written[:, None])
+
+
+def _too_many(textures: int, limit: int, loc: Loc | None) -> CompileError:
+    return CompileError(f"{textures} inputs and tables: a program of this device reads {limit} at most", loc=loc)
 
 
 def refused(source: str, log: str, loc: Loc | None) -> CompileError:

@@ -59,6 +59,20 @@ float sh_clamp(precise float x, precise float low, precise float high) {
     return sh_min(sh_max(x, low), high);
 }
 
+// The square root of a device that rounds it wrong: one step of Newton's method, with the exact remainder.
+double sh_sqrt(precise double x) {
+    precise double root = sqrt(x);
+    precise double rest = fma(-root, root, x);
+    precise double exact = fma(rest, 0.5lf / root, root);
+    precise bool finite = x > 0.0lf && x < 1e300lf;
+    return finite ? exact : root;
+}
+
+// The least int is its own absolute value; a driver may take abs(i) < 0 for false.
+int sh_abs(int i) {
+    return i < 0 ? int(0u - uint(i)) : i;
+}
+
 // Truncates and saturates; 0 for NaN.
 int sh_int(precise float x) {
     precise bool inside = x > -2147483648.0 && x < 2147483648.0;

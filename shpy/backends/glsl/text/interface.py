@@ -52,8 +52,14 @@ class Limits:
     """True if `a < b ? b : a` gives a where a is NaN."""
     fuses: bool = False
     """True if the device's own `fma` rounds once."""
+    negates: bool = True
+    """True if `!(a < b)` holds where a is NaN."""
     doubles: bool = False
     """True if the device has binary64, and computes exactly in it."""
+    roots: bool = True
+    """True if its own square roots of binary64 are exact as well."""
+    reads: bool = True
+    """True if its compiler rounds decimal numbers correctly."""
 
     @property
     def leaves_loops(self) -> bool:

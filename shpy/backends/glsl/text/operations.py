@@ -41,6 +41,9 @@ FAST: Final = (TRANSCENDENTALS - {"hypot", "log10"}) | GEOMETRIC
 _KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg", *COMPARISONS})
 """Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x, and `x + -x` for 0."""
 
+_ORDERED: Final = frozenset({"lt", "le", "gt", "ge"})
+"""Comparisons that NVIDIA's compiler negates: it takes `!(a < b)` for `a >= b`, also where one is NaN."""
+
 # The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
     "abs": "abs",
@@ -67,6 +70,7 @@ _OF_VECTORS: Final[Mapping[str, str]] = {
     "gt": "greaterThan",
     "ge": "greaterThanEqual",
 }
+_LEAST: Final = -(1 << 31)
 _FLOAT: Final = vec(Base.F)
 _ONE_ITERATION: Final = "one iteration: so that returns do not nest what follows them"
 
@@ -181,8 +185,9 @@ class GlslBody(Body):
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
-        made, type = super().operation(let), let.value.type
-        if self.unit.kept_apart and let.op in _KEPT and self.types[let.args[0]].is_float:
+        made, type, unit = super().operation(let), let.value.type, self.unit
+        kept = _KEPT if unit.kept_apart else _ORDERED if unit.exact and not unit.limits.negates else frozenset()
+        if let.op in kept and self.types[let.args[0]].is_float:
             return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, made)
         return made
 
@@ -205,7 +210,7 @@ class GlslBody(Body):
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Name GLSL's function, or one of the prologue."""
-        if op in _OWN:
+        if op in _OWN and (op != "sqrt" or self.unit.limits.roots or types[0].base is not Base.D):
             return _OWN[op]
         if (op == "fma" and self.unit.limits.fuses) or (op in _OWN_OF_INTS and not types[0].is_float):
             return op
@@ -230,8 +235,19 @@ class GlslBody(Body):
         return tree.infix(COMPARISONS[let.op], a, b, let.value.type)
 
     def op_abs(self, let: Let) -> Expr:
-        """Return `abs(a)`; a uint is its own."""
-        return self.arg(let.args[0]) if let.value.type.base is Base.U else self.plain_call(let)
+        """Return `abs(a)`; `sh_abs(a)` of an int that may be the least, and a uint is its own."""
+        type, arg = let.value.type, let.args[0]
+        if type.base is Base.I and self.known.span(arg)[0] == _LEAST:
+            return tree.call(self.unit.prologue.use("sh_abs", (type,)), type, self.arg(arg))
+        return self.arg(arg) if type.base is Base.U else self.plain_call(let)
+
+    def op_clamp(self, let: Let) -> Expr:
+        """Return `clamp(i, 0, 7)`; `min(max(i, low), high)` of ints whose bounds may cross, where it is undefined."""
+        type, (_, low, high) = let.value.type, let.args
+        if type.is_float or self.known.span(low)[1] <= self.known.span(high)[0]:
+            return self.plain_call(let)
+        n, low_of, high_of = self.args(let)
+        return tree.call("min", type, tree.call("max", type, n, low_of), high_of)
 
     def op_sign(self, let: Let) -> Expr:
         """Return the sign; of a uint it is 0 or 1."""

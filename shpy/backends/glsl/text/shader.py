@@ -85,7 +85,7 @@ class _ShaderMaker(GlslUnit):
         self.placed: dict[int, str] = {}
         for function in module.functions:
             self.functions[function.name] = take(function.name)
-        self.speller = GlslSpeller(exact=self.exact)
+        self.speller = GlslSpeller(exact=self.exact, reads=self.limits.reads)
         for function in module.functions:
             self.add(function)
         inputs, outputs = self.add_main(rejects=rejects)

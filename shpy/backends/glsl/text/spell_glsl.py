@@ -16,16 +16,18 @@ from shpy.backends.emit.tree import AnyType, Cast, Construct, Declare
 from shpy.backends.glsl.text.prologue import spelled
 from shpy.ir.types import Base, Type
 
+_SHORT: Final = 256
+"""Whole multiples of its reciprocal are read right by every compiler: their decimal digits are exact."""
 _WRITTEN_OUT: Final = 16
 """Elements of an array whose zeros are listed; more are stored by a loop."""
 
 
 class GlslSpeller(Speller):
-    """GLSL; `exact`: floats and bools are `precise`."""
+    """GLSL; `exact`: floats and bools are `precise`; `reads`: the compiler rounds decimal numbers correctly."""
 
-    def __init__(self, *, exact: bool) -> None:
+    def __init__(self, *, exact: bool, reads: bool = True) -> None:
         super().__init__()
-        self.exact = exact
+        self.exact, self.reads = exact, reads
 
     def base_name(self, type: Type) -> str:
         """Spell `vec3`."""
@@ -41,12 +43,16 @@ class GlslSpeller(Speller):
         """Spell `0.1`; by their bits floats that drivers do not read, or flush."""
         level = Level.UNARY if is_negative(value) else Level.ATOM
         if base is Base.D and np.isfinite(value):
-            return f"{value!r}lf", level
-        rounded = np.float32(value)
-        if not np.isfinite(rounded) or 0 < abs(rounded) < np.finfo(np.float32).tiny:
+            if self.reads or (value * _SHORT).is_integer():
+                return f"{value!r}lf", level
+            low, high = np.array([value]).view(np.uint32)
+            return f"packDouble2x32(uvec2(0x{low:08x}u, 0x{high:08x}u))", Level.POSTFIX
+        rounded, text = np.float32(value), str(np.float32(value))
+        tiny = 0 < abs(rounded) < np.finfo(np.float32).tiny
+        if not np.isfinite(rounded) or tiny or ("e" in text and not self.reads):
             by_bits = f"uintBitsToFloat(0x{rounded.view(np.uint32):08x}u)"
             return by_bits if base is Base.F else f"double({by_bits})", Level.POSTFIX
-        return str(rounded), level
+        return text, level
 
     def construct(self, e: Construct) -> tuple[str, Level]:
         """Spell `vec3(a, b)`."""

@@ -33,6 +33,7 @@ from shpy.backends.opencl.device.absence import explain_absence, explain_cache, 
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
 from shpy.backends.opencl.device.declarations import GUARD, declarations
+from shpy.backends.opencl.device.exactness import EXACTNESS
 from shpy.backends.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
@@ -44,36 +45,6 @@ from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import Math
 from shpy.passes.pipeline import Target
 
-_EXACTNESS = """\
-#pragma OPENCL FP_CONTRACT OFF
-__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c, __global floatWIDE *nan,
-                    __global uchar2 *flags, __global floatWIDE *r, __global intWIDE *n) {
-    size_t i = get_global_id(0), all = get_global_size(0);
-    floatWIDE x = a[i], y = b[i];
-    r[i] = x + y;
-    r[all + i] = x - y;
-    r[2 * all + i] = x * y;
-    r[3 * all + i] = x / y;
-    r[4 * all + i] = sqrt(x);
-    r[5 * all + i] = floor(x);
-    r[6 * all + i] = fma(x, y, c[i]);
-    n[i] = convert_intWIDE_sat(x);
-    n[2 * all + i] = isnan(nan[i] * 0.0f) == 0;
-    int2 set = -(convert_int2(flags[i]) != 0);
-    int less = set.x - 1;
-    int v = 0, left = 0;
-    while (v < 4) {  // whose second exit never holds, as it follows `v += 1`
-        v += 1;
-        if (v < 1) {
-            left = 1;
-            break;
-        }
-    }
-    n[4 * all + i] = left;
-    n[3 * all + i] = (set.y != 1) | ((less < 0 ? (int)(0u - (uint)less) : less) - 1);
-    n[all + i] = convert_intWIDE_sat(nan[i]) | as_intWIDE(convert_uintWIDE_sat(nan[i]));
-}
-"""
 _PLAIN = "-cl-opt-disable"
 """The option for a compiler whose optimisations give wrong results."""
 _CPU_SECONDS = 0.5
@@ -382,7 +353,7 @@ class Machine:
         """
         if was_flushing():
             return self._asked()
-        return store.known_names(self._key(_EXACTNESS, self._options), FAULTS, self._asked)
+        return store.known_names(self._key(EXACTNESS, self._options), FAULTS, self._asked)
 
     def target(self, target: Target, math: Math) -> Target:
         """Return a target with the abilities of this device.
@@ -415,7 +386,7 @@ class Machine:
     def _found(self, options: list[str]) -> frozenset[str]:
         """Probe programs that are built with these options: return the names of the device's faults."""
         lanes = self.lanes
-        text = _EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
+        text = EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)
         results, ints = np.empty((7, COUNT), np.float32), np.empty((5, COUNT), np.int32)
         given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)

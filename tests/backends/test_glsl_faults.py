@@ -1,0 +1,151 @@
+"""Faults of OpenGL drivers that only their texts correct: found by what shaders draw, and hidden from compilers."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from backends.running import compiled_anew as compiled, differs, flushes_denormals
+
+import shpy as sh
+from shpy import SH_ELSE, SH_IF
+from shpy.backends import glsl
+from shpy.backends.base import Options
+from shpy.backends.device import probe
+from shpy.backends.glsl.device import probes
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.registry import backend as backend_named
+from shpy.ir.exact import hard_cases
+from shpy.run.kernel import Kernel
+from shpy.testing.arrays import flat_leaves
+from shpy.testing.certify.functions import function
+from shpy.testing.reference import Reference
+
+
+@sh.program
+def stored(k: sh.Attrib1i, v: sh.Attrib2f):
+    a, b, c = sh.Array(sh.Attrib1f, 5), sh.Array(sh.Attrib2f, 3), sh.Array(sh.Attrib1b, 4)
+    a[k] = v.x
+    a[sh.Attrib1u(k + 1)] = v.y
+    b[k] = v
+    c[k] = v.x > 0
+    return a[0], a[4], a[2], b[1], c[k], c[1]
+
+
+def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
+    wrong(stores_apart=False)
+    kernel = compiled(stored, "glsl")
+    assert "for (int sh_i = 0; sh_i < 5; sh_i += 1)" in kernel.source
+    assert "mixes up stores" in " ".join(kernel.notes)
+    k = np.int32([*range(-3, 8), 2**31 - 1, -(2**31)])
+    given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5
+    for found, wanted in zip(kernel(*given), Kernel(stored.recorded, Reference(), Options())(*given), strict=True):
+        assert np.array_equal(found, wanted)
+
+
+@sh.program
+def sorted_out(x: sh.Attrib1f, v: sh.Attrib2f, high: sh.Attrib1f) -> sh.Attrib3f:
+    found = sh.Attrib3f(0)
+    for n, holds in enumerate((x < high, x >= high, sh.all(v > high))):
+        with SH_IF(holds):
+            pass
+        with SH_ELSE():
+            found[n] = 1
+    return found
+
+
+def test_comparisons_are_hidden_where_a_driver_negates_them(wrong: Any) -> None:
+    x, high = (grid.ravel() for grid in np.meshgrid(*2 * [np.float32([np.nan, 1, 2, np.inf, -np.inf])]))
+    given = x, np.stack([x, -x], axis=-1), high
+    wanted = Kernel(sorted_out.recorded, Reference(), Options())(*given)
+    for hidden in (True, False):
+        wrong(negates=not hidden)
+        kernel = compiled(sorted_out, "glsl")
+        assert ("sh_keep(x < high)" in kernel.source) == hidden
+        assert ("!(a < b)" in " ".join(kernel.notes)) == hidden
+        if hidden:
+            assert np.array_equal(kernel(*given), wanted)
+
+
+@pytest.mark.parametrize("name", ["asin", "acos", "asinh", "acosh", "hypot"])
+def test_square_roots_of_binary64_are_corrected(name: str, wrong: Any) -> None:
+    wrong(roots=False)
+    kernel = compiled(function(name), "glsl")
+    assert "sh_sqrt(" in kernel.source
+    assert "sqrt of binary64" in " ".join(kernel.notes)
+    if name == "hypot":
+        given = (*(np.float32(2) ** np.random.default_rng(6).uniform(-40, 40, (2, 1 << 16))).astype(np.float32),)
+        [answers] = flat_leaves(function(name).compile("numpy")(*given))
+    else:
+        *given, answers = hard_cases(name)
+    [found] = flat_leaves(kernel(*given))
+    differ = differs(found, answers)
+    if flushes_denormals("glsl"):
+        differ &= ~np.any([(np.abs(x) < 2.0**-126) & (x != 0) for x in (*given, answers)], axis=0)
+    assert not differ.any()
+
+
+@pytest.mark.parametrize("name", ["sin", "exp", "log10", "sinh"])
+def test_numbers_are_written_by_their_bits_where_a_compiler_misreads_decimals(name: str, wrong: Any) -> None:
+    wrong(reads=False)
+    kernel = compiled(function(name), "glsl")
+    assert "packDouble2x32(uvec2(0x" in kernel.source
+    assert not re.search(r"\b[\d.]+e[-+]?\d", kernel.source.split("void main")[0].replace("1e300lf", ""))
+    assert "misreads decimal numbers" in " ".join(kernel.notes)
+    x, answers = hard_cases(name)
+    [found] = flat_leaves(kernel(x))
+    differ = differs(found, answers)
+    if flushes_denormals("glsl"):
+        differ &= (np.abs(x) >= 2.0**-126) & (np.abs(answers) > 2.0**-126)
+    assert not differ.any()
+
+
+def test_corrected_binary64_that_fails_at_hard_cases_is_not_used(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(glsl, "hard_cases", lambda name: (np.float32([1.5]), np.float32([7])))
+    monkeypatch.setattr(backend_named("glsl"), "_judged", {})
+    wrong(roots=False)
+    with pytest.raises(sh.CompileError, match="asin needs binary64 in strict mode"):
+        compiled(function("asin"), "glsl")
+    kernel = compiled(function("sin"), "glsl")
+    assert "double" not in kernel.source
+    assert probe.NO_BINARY64 in kernel.notes
+
+
+def test_comparisons_stand_apart_where_a_driver_makes_maxima_of_choices(wrong: Any) -> None:
+    @sh.program
+    def larger(a: sh.Attrib1f, b: sh.Attrib1f):
+        return sh.cond(a < b, b, a)
+
+    a, b = np.float32([np.nan, 1, 2]), np.float32([3, np.nan, 5])
+    for chooses in (True, False):
+        wrong(chooses=chooses)
+        kernel = compiled(larger, "glsl")
+        assert ("precise bool" in kernel.source) is not chooses
+        assert any("for a maximum" in note for note in kernel.notes) is not chooses
+    assert np.array_equal(kernel(a, b), np.float32([np.nan, 1, 5]), equal_nan=True)
+
+
+@pytest.mark.parametrize("off", [None, "stores", "choices", "exits", "negations", "decimals"])
+def test_what_a_shader_draws_tells_the_faults_of_opengl(off: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver that draws what it should has none of them, and one that draws something else has that one."""
+    questions = {
+        "stores": probes.STORES, "choices": probes.CHOICES, "exits": probes.EXITS, "negations": probes.NEGATIONS,
+        "decimals": probes.decimal_floats(),
+    }  # fmt: skip
+    drawn = {text: [1.0] * 8 for text in questions.values()}
+    drawn |= {probes.STORES: [0.0] * 3 + [5.0] + [0.0] * 4, probes.EXITS: [5.0] * 8}
+    if off is not None:
+        drawn[questions[off]][7] = 2.0
+    context = open_context(0)
+    monkeypatch.setattr(context, "_drawn", drawn.__getitem__)
+    assert context.call(context._faults) & questions.keys() == ({off} if off else set())
+
+
+def test_faults_of_opengl_are_kept_on_disk(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    context = open_context(0)
+    asked = context.call(context._probe)
+    monkeypatch.setattr(context, "_faults", None)  # not to be called again
+    assert context.call(context._probe) == asked == context.limits
