@@ -256,7 +256,7 @@ class PathTracer:
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
         if self.surfaces.clear:
             path.throughput *= self.surfaces.kept(hit, ~surface.outside)
-        with SH_IF((pixel.object < 0) & (path.depth == 0) & (path.number == self.first_sample)):
+        with SH_IF((path.depth == 0) & (path.number == self.first_sample)):
             pixel.depth[:] = hit.l
             pixel.normal[:] = surface.normal
             pixel.object[:] = self.surfaces.object_at(hit)

@@ -1,5 +1,7 @@
 """Layered depth cubes: samples against their definition, hits against the hierarchy's, the same bits everywhere."""
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,7 @@ MESHES = {
     "far away": KNOT.moved((1e5, -3e5, 2e5)),
     "one plane": floor(2),
 }
+HITS_ALONG_BORDERS = 39172, "0ea6d63d2cb7efe9"
 CLOSED = {"ball": sphere(rings=12, segments=24), "icosahedron": icosahedron(), "box": box()}
 
 
@@ -181,6 +184,24 @@ def test_hits_of_centres_are_true_and_misses_fall_with_the_resolution():
         assert set(zip(met.tolist(), found.triangle[met].tolist(), found.t[met].tolist(), strict=True)) <= true
         misses.append(np.count_nonzero(found.t != hits.t))
     assert 0 < misses[2] < misses[1] / 2 < misses[0] / 4
+
+
+def test_hits_of_rays_along_the_borders_of_cells_stay_as_they_are():
+    """From and to points of a grid, so that rays begin, run and end in borders of cells and on samples' depths."""
+    mesh = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]])
+    rng, count = np.random.default_rng(3), 60_000
+    origins, targets = rng.choice(np.linspace(0, 1, 17), (2, count, 3))
+    outside = np.arange(count), rng.integers(0, 3, count)
+    origins[outside] = np.where(rng.random(count) < 0.5, -1, 2)
+    directions = targets - origins
+    straight = rng.random(count) < 0.4
+    longest = np.abs(directions).max(axis=1, keepdims=True)
+    directions[straight] = np.where(np.abs(directions) == longest, np.sign(directions), 0)[straight]
+    origins, directions = origins.astype(np.float32), directions.astype(np.float32)
+    shoot = Intersector(mesh, LayeredCube.of(mesh, 24, 8, "opencl", "sample"), "opencl")
+    hits = shoot.intersect(origins, directions)
+    found = int((hits.triangle >= 0).sum()), hashlib.sha256(hits.t.tobytes()).hexdigest()[:16]
+    assert found == HITS_ALONG_BORDERS
 
 
 @pytest.mark.parametrize("hit", ["sample", "plane"])

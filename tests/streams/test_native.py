@@ -6,7 +6,7 @@ import gc
 import re
 
 import numpy as np
-import pyopencl
+import pyopencl.array
 import pytest
 
 import shpy as sh
