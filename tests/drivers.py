@@ -298,9 +298,9 @@ with a `CompileError` that names the operation or type which the device gets wro
 
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
 system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
-they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) run so too, its libraries over those of Debian 12. Not run: other GPUs.
-Rows were made on an AMD EPYC with AVX2, another with AVX-512, and an Intel Xeon with AVX-512; PoCL and Intel's runtime
-tell the name. Where fewer programs were run, the time ended: older rows of PoCL took one to three seconds a program.
+they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) run so too, its libraries over those of Debian 12. Rows were made on
+an AMD EPYC with AVX2, another with AVX-512, and an Intel Xeon with AVX-512; PoCL and Intel's runtime tell the name.
+Where fewer programs were run, the time ended: older rows of PoCL took one to three seconds a program.
 
 "Exits of loops": Mesa 22.3 leaves a loop at once where an exit follows the step of what it compares and holds for the
 first value. rusticl has this fault too; Mesa 25.0 has it no more. Two faults of Mesa no probe can find. Zink of 22.3
@@ -310,16 +310,16 @@ takes minutes to compile sixteen subroutines that return from loops. Zink of 25.
 Mesa 25.0's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in arguments
 of functions. A probe finds it, and comparisons and arguments are variables of their own there.
 
-NVIDIA's drivers were run on an H100. Its GLSL multiplies by reciprocals, takes `!(a < b)` for `a >= b`, clamps ints to
-bounds that cross in the other order, takes `abs(i) < 0` for false, rounds square roots of binary64 wrong, and links
-shaders of more textures than it has units, whose results are wrong. Far angles were wrong in its row, and a few answers
-of functions whose texts have numbers of many digits: its compiler seems to misread decimal numbers. Since then numbers are
-probed and written by their bits, and hard cases are asked before binary64 is used; that was not run on this GPU again.
-The walk of rays that diverge, which the ray tracer runs in OpenCL alone, met other triangles in GLSL there, for a reason
-that was not found. Its OpenCL gives other ints of NaN in binary64, and takes `x < 0 ? x : 0` for a minimum of zeros; at
-16 lanes, which shpy does not choose on a GPU, one program of bools was wrong. All bits of pictures of four scenes,
-Whitted's and path traced, were those of numpy on both (`raytracer render boxes`, `cornell --integrator path`, `glass`
-and `materials`).
+NVIDIA's drivers were run on an H100; other GPUs were not. Its GLSL multiplies by reciprocals, takes `!(a < b)` for
+`a >= b`, clamps ints to bounds that cross in the other order, takes `abs(i) < 0` for false, rounds square roots of
+binary64 wrong, and links shaders of more textures than it has units, whose results are wrong. Far angles were wrong
+when its row was made, and a few answers of functions whose texts have numbers of many digits: the compiler seems to
+misread decimal numbers. Since then numbers are probed and written by their bits, and hard cases are asked before
+binary64 is used; these two were not run on this GPU again. The walk of rays that diverge, which the ray tracer runs in
+OpenCL alone, met other triangles in GLSL there, for a reason that was not found. NVIDIA's OpenCL gives other ints of
+NaN in binary64, and takes `x < 0 ? x : 0` for a minimum of zeros; at 16 lanes, which shpy does not choose on a GPU, one
+program of bools was wrong. All bits of pictures of four scenes, Whitted's and path traced, were those of numpy on both
+(`raytracer render` of `boxes`, `glass` and `materials`, and of `cornell --integrator path`).
 
 rusticl of Mesa 25.0 is wrong in three programs where it takes a product of zero and an infinity for 0, beyond what is
 corrected: `bools_of_a_counter`, `literals_as_arguments` and `products_of_constants`. Mesa 22.3 is right there.
