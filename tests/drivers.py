@@ -137,7 +137,7 @@ class Driver:
     target: str
     environment: dict[str, str] = field(default_factory=dict)
     source: Source | None = None
-    file: str = ""
+    file: str = "/"
     """A file that the system has with this driver, for those of a GPU."""
 
     @property

@@ -102,6 +102,17 @@ def test_numbers_are_written_by_their_bits_where_a_compiler_misreads_decimals(na
     assert not differ.any()
 
 
+def test_answers_of_hard_cases_are_kept_on_disk(wrong: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
+    backend: Any = backend_named("glsl")
+    wrong(roots=False)
+    monkeypatch.setattr(backend, "_judged", {})
+    assert backend._limits(0).doubles
+    backend._judged.clear()
+    monkeypatch.setattr(backend, "_compiled", None)  # not to be called again
+    assert backend._limits(0).doubles
+
+
 def test_corrected_binary64_that_fails_at_hard_cases_is_not_used(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(glsl, "hard_cases", lambda name: (np.float32([1.5]), np.float32([7])))
     monkeypatch.setattr(backend_named("glsl"), "_judged", {})

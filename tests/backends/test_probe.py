@@ -61,6 +61,23 @@ def test_devices_here_round_correctly() -> None:
     assert open_context(0).limits.wrong <= {"denormals", "exits"}
 
 
+@pytest.mark.parametrize(
+    ("right", "other", "fault"),
+    [
+        ("as_intWIDE(m < zero ? m : zero)", "as_intWIDE(m)", "zeros"),
+        ("convert_intWIDE_sat(wide)", "(convert_intWIDE_sat(wide) | 1)", "convert_nan"),
+    ],
+)
+def test_the_probe_tells_zeros_and_ints_of_nan_in_binary64(
+    right: str, other: str, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With another result in place of the device's, the fault is found, and no other."""
+    assert device.EXACTNESS.count(right) == 1
+    monkeypatch.setattr(device, "EXACTNESS", device.EXACTNESS.replace(right, other))
+    machine = machine_of(None)
+    assert machine._found(machine._options) == {fault}
+
+
 def test_the_probe_finds_what_is_off_by_one() -> None:
     a, b, c = probe.hard_inputs()
     exact = {"add": a + b, "div": a / b, "sqrt": np.sqrt(a), "mul": a * b, "fma": ops.OPS["fma"].meaning(a, b, c)}
