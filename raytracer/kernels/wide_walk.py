@@ -67,24 +67,27 @@ class WideIntersector(Walk):
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
-        with SH_IF((near < hit.l) & is_ray(ray, eye)):
-            node, block = NodeTest(ray, eye, begin, self.margin), BlockTest(ray, eye, near, self.bound)
-            if any_hit is True:
+        wanted = (near < hit.l) & is_ray(ray, eye)
+        node, block = NodeTest(ray, eye, begin, self.margin), BlockTest(ray, eye, near, self.bound)
+        if any_hit is True:
+            with SH_IF(wanted):
                 self.find_any(node, block, hit)
-            else:
-                self.find_nearest(node, block, hit, any_hit)
+        else:
+            self.find_nearest(node, block, hit, any_hit, wanted)
 
-    def find_nearest(self, node: Any, block: Any, hit: Any, any_hit: Any = False) -> None:
+    def find_nearest(self, node: Any, block: Any, hit: Any, any_hit: Any = False, wanted: Any = True) -> None:
         """Look into the nearest box first, and into none that begins behind the nearest hit.
 
-        Where `any_hit` holds, end at the first block with a hit.
+        Where `any_hit` holds, end at the first block with a hit; unless `wanted`, look into nothing. Each iteration
+        looks into one node or one block, so that rays that take turns do not wait long for each other.
         """
+        wanted = sh.Attrib1b(wanted)
         stack = Stack((WIDTH - 1) * self.depth + 2)
         reach = farther(hit.l) + LEAST
         place = sh.Attrib1i(0)
         key = sh.Attrib1u(0)
-        with SH_DO():
-            with SH_WHILE(lambda: (key & LEAF) == 0):  # not so of NONE either
+        with SH_WHILE(lambda: wanted):
+            with SH_IF((key & LEAF) == 0):  # not so of NONE either
                 row = ROWS * place
                 keys = node.keys(self.records, row, reach)
                 first = self.number(self.records[row + FIRST].x)
@@ -95,13 +98,14 @@ class WideIntersector(Walk):
                 stack.push(second.x, first)
                 key[:] = nearest.x
                 place[:] = child(nearest.x, first)
-            with SH_IF(key != NONE):
-                block(self.records, ROWS * place, hit)
-                reach[:] = farther(hit.l) + LEAST
-            number, met = stack.pop(reach)
-            place[:] = self.number(number)
-            key[:] = met
-            SH_UNTIL((stack.top == 0) if any_hit is False else (stack.top == 0) | (any_hit & (hit.id >= 0)))
+            with SH_ELSE():
+                with SH_IF(key != NONE):
+                    block(self.records, ROWS * place, hit)
+                    reach[:] = farther(hit.l) + LEAST
+                number, met = stack.pop(reach)
+                place[:] = self.number(number)
+                key[:] = met
+                wanted[:] = (stack.top != 0) if any_hit is False else (stack.top != 0) & ~(any_hit & (hit.id >= 0))
 
     def find_any(self, node: NodeTest, block: BlockTest, hit: Any) -> None:
         """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""
@@ -233,13 +237,13 @@ class NodeTest:
         """Return for four boxes each: their begin, whether they are met before `reach`, and their tags."""
 
         def along(axis: int, side: Any, inverse: Any) -> Any:
-            return (sh.float_from_bits(records[row + side]) - self.eye[axis]) * inverse[axis]
+            return (sh.float_from_bits(records[row + half + side]) - self.eye[axis]) * inverse[axis]
 
         found = []
         for half in range(2):
-            x, y, z = (along(axis, self.first[axis] + half, self.sooner) for axis in range(3))
+            x, y, z = (along(axis, self.first[axis], self.sooner) for axis in range(3))
             begin = higher(higher(x, y), higher(z, self.near))
-            x, y, z = (along(axis, self.last[axis] + half, self.later) for axis in range(3))
+            x, y, z = (along(axis, self.last[axis], self.later) for axis in range(3))
             end = lower(lower(x, y), lower(z, reach))
             found.append((begin, begin <= end, records[row + (TAGS + half)]))
         return found

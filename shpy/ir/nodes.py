@@ -174,7 +174,7 @@ class Function:
     `variables` are all other slots. `pure` marks straight-line code (no Call, no control flow but an If of an
     `any_lane` without `orelse`, one output, inputs by value): such a function is called by the op `call`, as an
     expression. Any other is called by the statement `Call`.
-    `alone` marks a function that the lanes of a packet should run one after the other. It has no array parameters.
+    `alone` marks a function that each lane of a packet should run by itself. It has no array parameters.
     """
 
     name: str

@@ -115,7 +115,7 @@ class _Inliner:
 
     def _inline(self, call: Call, in_loop: bool) -> None:
         callee = returns_outside_loops(self.inlined[call.function])
-        copy = _Copy(self.b, self.inlined)
+        copy = Copy(self.b, self.inlined)
         for port, argument in zip(callee.inputs, call.args, strict=True):
             (copy.values if isinstance(port, Value) else copy.slots)[port.id] = argument
         for slot in (*callee.outputs, *callee.variables):
@@ -123,7 +123,7 @@ class _Inliner:
             copy.slots[slot.id] = own.id
             if in_loop:
                 self._zero(own)
-        body = _without_returns(callee.body, _DEEPEST_GUARD)
+        body = without_returns(callee.body)
         if body is None:
             body = (Loop(_breaking(callee.body, last=True), (), None, 1, call.loc),)
         self.b.extend(copy.region(body))
@@ -146,14 +146,22 @@ class _Inliner:
             loop.until(b.let("ge", b.load(k), b.const(index, [slot.length])))
 
 
-class _Copy:
-    """Copies statements; `values` maps ids of values to those of the copies, `slots` does so for variables."""
+class Copy:
+    """Copies statements; `values` maps ids of values to those of the copies, `slots` does so for variables.
 
-    def __init__(self, b: Builder, functions: Mapping[str, Function]) -> None:
+    `functions` are those that the statements call. Names of copies begin with `prefix`.
+    """
+
+    def __init__(self, b: Builder, functions: Mapping[str, Function], prefix: str = "") -> None:
         self.b = b
         self.functions = functions
+        self.prefix = prefix
         self.values: dict[int, int] = {}
         self.slots: dict[int, int] = {}
+
+    def renamed(self, name: str | None) -> str | None:
+        """Return the name of a copy; copies of what has no name have none."""
+        return name and self.prefix + name
 
     def region(self, region: Region) -> Region:
         """Return the region's copy."""
@@ -162,7 +170,7 @@ class _Copy:
     def _statement(self, s: Stmt) -> Stmt:
         match s:
             case Let(value, op, args, attr):
-                made = self.b.value(value.type, value.name, value.loc)
+                made = self.b.value(value.type, self.renamed(value.name), value.loc)
                 new_args = tuple([self.values[a] for a in args])
                 self.values[value.id] = made.id
                 return Let(made, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
@@ -184,7 +192,7 @@ class _Copy:
             (self.values if isinstance(port, Value) else self.slots)[a]
             for port, a in zip(ports, call.args, strict=True)
         )
-        made = tuple(self.b.value(r.type, r.name, r.loc) for r in call.results)
+        made = tuple(self.b.value(r.type, self.renamed(r.name), r.loc) for r in call.results)
         self.values.update({r.id: new.id for r, new in zip(call.results, made, strict=True)})
         return Call(call.function, args, made, call.loc)
 
@@ -193,7 +201,7 @@ def _returns(region: Region) -> bool:
     return any(isinstance(s, Return) for s in walk(region))
 
 
-def _without_returns(region: Region, guards: int) -> Region | None:
+def without_returns(region: Region, guards: int = _DEEPEST_GUARD) -> Region | None:
     """Return the region with its Returns replaced by nested Ifs; None if that is not possible.
 
     `guards`: the number of nested Ifs into whose branches the statements after them may move.
@@ -211,7 +219,7 @@ def _without_returns(region: Region, guards: int) -> Region | None:
             then, rest = then + rest, ()
         if rest:
             return None
-        new_then, new_orelse = _without_returns(then, guards - 1), _without_returns(orelse, guards - 1)
+        new_then, new_orelse = without_returns(then, guards - 1), without_returns(orelse, guards - 1)
         if new_then is None or new_orelse is None:
             return None
         return (*region[:n], If(s.condition, new_then, new_orelse, s.loc))

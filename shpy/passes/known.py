@@ -1,7 +1,7 @@
 """Range analysis: find bounds of ints at compile time.
 
 Stage: improve; it changes nothing. A printer uses the bounds to omit the clamp of an index that is always in range. A
-value without known bounds gets the range of its type.
+value without known bounds gets the range of its type. Sums that cannot wrap need no arithmetic that wraps.
 
     %3: i = min %2, %n        (%2 is at least 0 and %n is 9)
     %5: i = and %4, 7
@@ -62,13 +62,17 @@ class Known:
         if key not in self._spans:
             self._spans[key] = anything  # for a value that depends on itself through a loop
             self._depth += 1
-            low, high = self._span(let)
+            unwrapped = self._span(let)
             self._depth -= 1
-            fits = anything[0] <= low and high <= anything[1]  # else the value may wrap
-            self._spans[key] = (low, high) if fits else anything
+            self._spans[key] = unwrapped if _fits(unwrapped, anything) else anything
         return self._spans[key]
 
+    def may_wrap(self, let: Let) -> bool:
+        """Return whether a sum, difference or product of ints or uints may exceed the range of its type."""
+        return not _fits(self._span(let), _SPANS[let.value.type.base])
+
     def _span(self, let: Let) -> Span:
+        """Return the span of a value before it wraps."""
         anything = _SPANS[let.value.type.base]
         if let.op == "const":
             assert isinstance(let.attr, tuple)
@@ -90,6 +94,10 @@ class Known:
             self._spans[key] = anything
             self._spans[key] = _hull([(0, 0), *(self.span(v) for v in self._stored[variable])])
         return self._spans[key]
+
+
+def _fits(span: Span, range: Span) -> bool:
+    return range[0] <= span[0] and span[1] <= range[1]
 
 
 def _hull(spans: list[Span]) -> Span:

@@ -70,6 +70,58 @@ def test_every_width_gives_the_same_bits(limit):
             np.testing.assert_array_equal(one, other)
 
 
+def climbs(name):
+    """Return a program of which some elements run a loop alone, over a table of this name."""
+    rows = sh.Table(TABLE, sh.Attrib4f, name)
+
+    @sh.subroutine(alone=True)
+    def climb(start: sh.Attrib3f, limit: sh.Attrib1f, forward: sh.Attrib1b) -> Found:
+        place = sh.Attrib3f(start)
+        steps = sh.Attrib1i(0)
+        with SH_WHILE(lambda: place.x < 9 * limit):
+            row = rows[steps & 63]
+            place += sh.cond(forward, row.xyz, row.zzz) + 0.125
+            steps += 1
+            SH_BREAK(place.y > 7)
+        return Found(place, steps, forward & ((steps & 1) == 1))
+
+    @sh.program
+    def climbing(start: sh.Attrib3f, limit: sh.Attrib1f) -> Found:
+        place = sh.Attrib3f(1, 2, 3)
+        steps = sh.Attrib1i(-7)
+        odd = sh.Attrib1b(False)
+        with SH_IF(limit > 0.4):
+            found = climb(start, limit, start.z > 0.3)
+            place[:] = found.place
+            steps[:] = found.steps
+            odd[:] = found.odd
+        return Found(place, steps, odd)
+
+    return climbing
+
+
+@pytest.mark.parametrize("name", ["rows", "k", "n", "lanes", "there", "steps_of", "other_k"])
+def test_two_elements_take_turns_with_the_bits_of_each(name):
+    """Whatever the user's names are: the loop over the lanes has names of its own beside them."""
+    climbing = climbs(name)
+    random = np.random.default_rng(2)
+    given = random.random((259, 3)).astype(np.float32), random.random(259).astype(np.float32)
+    wanted = climbing.compile("numpy", loop_limit=None)(*given)
+    assert len(np.unique(wanted.steps)) > 8
+    assert 20 < wanted.odd.sum() < 200
+    for lanes in (1, 4, 16, 32):
+        kernel = climbing.compile("opencl", lanes=lanes, loop_limit=None)
+        assert ("climb_two(" in kernel.source) == (lanes > 1)
+        for one, other in zip(wanted, kernel(*given), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_elements_whose_loop_counts_its_iterations_run_one_after_the_other():
+    source = climbs("rows").compile("opencl", lanes=16, loop_limit=1000).source
+    assert "climb_alone(" in source
+    assert "climb_two(" not in source
+
+
 def test_one_result_and_a_uniform_argument():
     @sh.subroutine(alone=True)
     def root(x: sh.Attrib1f, steps: sh.Attrib1i) -> sh.Attrib1f:

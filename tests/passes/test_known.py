@@ -75,6 +75,20 @@ def test_what_may_wrap_may_be_anything(factor):
     assert index_of(f) == ANY_INT
 
 
+@pytest.mark.parametrize(
+    ("product", "most", "wraps"),
+    [(False, 2**31 - 6, False), (False, 2**31 - 5, True), (True, (2**31 - 1) // 5, False), (True, 2**29, True)],
+)
+def test_a_sum_or_product_wraps_only_beyond_the_range_of_its_type(product, most, wraps):
+    def f(i: sh.Attrib1i) -> sh.Attrib1i:
+        a, b = sh.clamp(i, 0, most), sh.clamp(i, -1, 5)
+        return a * b if product else a + b
+
+    entry = optimise(sh.program(f).ir).entry
+    (made,) = [s for s in walk(entry.body) if isinstance(s, Let) and s.op in ("add", "mul")]
+    assert Known(entry).may_wrap(made) == wraps
+
+
 def test_an_array_holds_what_is_stored_anywhere_in_it():
     def f(i: sh.Attrib1i, j: sh.Attrib1i) -> sh.Attrib1f:
         held = sh.Array(sh.Attrib1i, 4)
@@ -104,7 +118,7 @@ def test_opencl_leaves_out_what_cannot_come_up():
         return ROWS[sh.clamp(i, 0, 30) + 9] + ROWS[sh.clamp(i, 0, 31) + 9] + ROWS[i]
 
     kernel = f.compile("opencl", lanes=1)
-    assert "rows[min(t, 30) + 9u] + rows[sh_at((int)(min(t, 31) + 9u), rows_size)]" in kernel.source
+    assert "rows[min(t, 30) + 9] + rows[sh_at(min(t, 31) + 9, rows_size)]" in kernel.source
     i = np.array([-5, 3, 30, 99], np.int32)
     np.testing.assert_array_equal(kernel(i), f.compile("numpy")(i))
 

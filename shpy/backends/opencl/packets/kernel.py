@@ -40,7 +40,7 @@ from shpy.backends.emit.tree import (
     Pointer,
     number,
 )
-from shpy.backends.opencl.packets.alone import each_lane
+from shpy.backends.opencl.packets.alone import LaneCalls
 from shpy.backends.opencl.packets.operations import PacketBody
 from shpy.backends.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packets.prologue_memory import QUAD, spelled_wide
@@ -58,6 +58,7 @@ from shpy.passes.hide import hide_derivable
 from shpy.passes.inline import inline_calls
 from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pairing import pair
 from shpy.passes.pipeline import optimise
 from shpy.passes.vectorize import vectorize
 
@@ -215,13 +216,17 @@ class PacketMaker(KernelMaker):
         super().spelled(made)
 
     def add(self, function: Function, name: str) -> None:
-        """Add a function to the text; for one that lanes run one after the other, add the loop over the lanes too."""
+        """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
+
+        If two lanes can take turns in the function, it is written for two: one has work while the other waits.
+        """
         if not function.alone:
             super().add(function, name)
             return
-        one = self.globals.take(f"{name}_alone")
         function = replace(function, inputs=function.inputs[:-1])  # the mask is for the loop
-        super().add(function, one)
+        two = pair(function)
+        inner = self.globals.take(f"{name}_alone" if two is None else f"{name}_two")
+        super().add(two or function, inner)
         names = self.globals.scope()
         active = Name(BOOL, names.take("active"))
         inputs, outputs = (
@@ -235,7 +240,8 @@ class PacketMaker(KernelMaker):
             parameters += [Parameter(Pointer(lanes_of(e.type.base, self.lanes)), e.text) for e in outputs]
         parameters += [self.declares(e) for e in handed]
         result = lanes_of(outputs[0].type.base, self.lanes) if single else None
-        block = each_lane(one, active, inputs, outputs, handed, self.lanes)
+        calls = LaneCalls(active, inputs, outputs, handed, self.lanes, names.take)
+        block = calls.one_by_one(inner) if two is None else calls.two_by_two(inner)
         self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
 
     def prelude(self, function: str) -> Block:

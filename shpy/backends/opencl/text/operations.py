@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar, Final
 
 import numpy as np
@@ -37,6 +38,7 @@ from shpy.backends.emit.tree import (
     Operator,
     number,
 )
+from shpy.backends.opencl.text.addresses import steady_parts
 from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Loc, Module, Variable
@@ -112,6 +114,11 @@ class ClBody(Body):
     unit: ClUnit
     scalar_comparisons: ClassVar[bool] = True
 
+    @cached_property
+    def steady(self) -> Mapping[int, tuple[int, int]]:
+        """The reads of tables whose index has a part that their loop does not change."""
+        return steady_parts(self.function, self.known)
+
     # Literals, vectors and names
 
     def literal(self, type: Type, component: float | int | bool) -> Expr:
@@ -185,12 +192,15 @@ class ClBody(Body):
         return Cast(INT, e) if type is INT and e.type is UINT else e
 
     def infix(self, let: Let) -> Expr:
-        """Return `a + b`; for ints, which wrap, at least one operand is converted to a uint."""
+        """Return `a + b`; at least one operand is converted to a uint where ints may wrap."""
         type = let.value.type
         if type.base is not Base.I or let.op not in _WRAPPING:
             return super().infix(let)
-        a, b = self.exprs[let.args[0]], self.exprs[let.args[1]]
-        return self._wrapping(let.op, a, b) if type.size == 1 else self._wrapping_vector(let.op, type, a, b)
+        if type.size > 1:
+            return self._wrapping_vector(let.op, type, *(self.exprs[a] for a in let.args))
+        if not self.known.may_wrap(let):
+            return super().infix(let)
+        return self._wrapping(let.op, *(self.exprs[a] for a in let.args))
 
     def _wrapping(self, op: str, a: Expr, b: Expr) -> Expr:
         if op == "add" and isinstance(b, Literal) and -(2**31) < b.value < 0:
@@ -307,7 +317,12 @@ class ClBody(Body):
         name, unit = str(let.attr), self.unit
         rank, size = unit.tables[name].rank, unit.tables[name].size
         if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
-            return self.read(unit.table_names[name], self.exprs[let.args[0]], let.value.type)
+            array: Expr = unit.table_names[name]
+            index = self.exprs[let.args[0]]
+            if let.value.id in self.steady and self.planned.uses[let.args[0]] == 1:
+                index, start = (self.exprs[part] for part in self.steady[let.value.id])
+                array = tree.infix("+", array, start)
+            return self.read(array, index, let.value.type)
         at = tree.call(unit.prologue.flat_index(rank), UINT, index, unit.size_names[name])
         return self.read(unit.table_names[name], at, let.value.type)
 
