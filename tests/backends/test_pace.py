@@ -73,6 +73,27 @@ def test_a_kernel_whose_cost_is_in_its_data_begins_small():
     assert len(durations(lambda n: 1e-9, 512, 1024, calls=2, steady=False)) == 5 + 3
 
 
+def test_what_gets_cheaper_is_cut_longer_although_rows_do_not_fill_a_dispatch():
+    """2,500 elements are one row of 1,536 and a part of another, so no dispatch has as many."""
+    clock = Clock(lambda n: 1e-6)
+    pace = Pace(0.1, clock)
+    pace.elements = 2500
+    counts = []
+    for _, count in pace.parts(100, 1536):
+        clock.work(count * 1536)
+        counts.append(count)
+    assert counts == [1, 13, 65, 21]
+
+
+def test_a_small_rest_says_nothing():
+    clock = Clock(lambda n: 1e-5 if n < 10_000 else 1e-9)
+    pace = Pace(0.1, clock)
+    pace.elements = 10_000
+    for _, count in pace.parts(11, 1000):
+        clock.work(count * 1000)
+    assert pace.elements == 10_000
+
+
 def test_each_core_has_a_row():
     clock = Clock(lambda n: 1.0)
     for _, count in Pace(0.1, clock).parts(100, 1, 4):

@@ -92,10 +92,11 @@ class Pace:
             self.elements = min(self.elements, AGAIN)
         first = 0
         while first < rows:
-            count = min(rows - first, max(least, self.elements // width))
+            most = max(least, self.elements // width)
+            count = min(rows - first, most)
             started = self._clock()
             yield first, count
-            self._learn(count * width, self._clock() - started)
+            self._learn(count * width, self._clock() - started, whole=count == most)
             first += count
 
     def fits(self, elements: int) -> bool:
@@ -111,7 +112,8 @@ class Pace:
         """Return whether as many elements took less than `BRIEF` when they were timed last."""
         return self.bounded and elements <= self._brief
 
-    def _learn(self, elements: int, seconds: float) -> None:
+    def _learn(self, elements: int, seconds: float, *, whole: bool) -> None:
+        """Learn from the time of a dispatch; `whole`: it had as many rows as it might have."""
         if seconds < BRIEF:
             self._brief = max(self._brief, elements)
         elif elements <= self._brief:
@@ -121,5 +123,5 @@ class Pace:
             # A short dispatch takes as long as it does because of what each dispatch costs.
             if seconds > self.seconds / SHORT or elements >= self.elements:
                 self.elements = max(1, int(fitting))
-        elif elements >= self.elements:  # a small rest says nothing of how many would fit
+        elif whole:  # a small rest says nothing of how many would fit
             self.elements = min(int(fitting), GROWTH * self.elements)
