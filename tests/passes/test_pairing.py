@@ -27,7 +27,9 @@ def paired(module):
         return None
     ports = [Port(v.name or "a", "Attrib") for v in two.inputs], [Port(v.name or "r", "Attrib") for v in two.outputs]
     kept = tuple(f for f in module.functions if f.pure)
-    made = replace(module, inputs=tuple(ports[0]), outputs=tuple(ports[1]), functions=(*kept, replace(two, alone=False)))
+    made = replace(
+        module, inputs=tuple(ports[0]), outputs=tuple(ports[1]), functions=(*kept, replace(two, alone=False))
+    )
     verify(made)
     return made
 
