@@ -148,10 +148,10 @@ def no_loop(x: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def two_loops(x: sh.Attrib1f) -> sh.Attrib1f:
-    for _ in range(2):
-        with SH_WHILE(lambda: x < 10):
-            x += 1
-        x -= 5
+    with SH_FOR(0, 3):
+        x += 1
+    with SH_FOR(0, 3):
+        x *= x
     return x
 
 
