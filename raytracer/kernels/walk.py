@@ -55,7 +55,7 @@ class Found(NamedTuple):
 
 
 class AloneWalk:
-    """A walk that the lanes of a packet take one after the other, each alone."""
+    """A walk that each lane of a packet takes alone; two of them take turns."""
 
     def __init__(self, walk: WideIntersector) -> None:
         self.walk = walk

@@ -1,13 +1,14 @@
 """The walk of one ray alone through a BVH: eight boxes at a time, and four triangles at a time.
 
-Stage: kernel, for rays that have little in common with their neighbours. Vectors of four hold what boxes or triangles
-say to one ray, so a CPU's vectors are full though the ray walks alone. What such a ray waits for is the way from one
-node to the next: the fewer nodes the better, and nothing that can be done beside that way costs much.
+Stage: kernel, for rays that have little in common with their neighbours. A vector of four holds numbers of four boxes
+or triangles for one ray, so a CPU's vectors are full though the ray walks alone. The time of a walk is the number of
+nodes times the latency from one node to the next, in which a few more operations cost little, or another ray can take a
+turn.
 
-Of the boxes that a ray meets the nearest is looked into next; the others are put on a stack, the second on top, and are
-looked into unless a hit has been found before them. Where any hit will do, no order is sought.
+The nearest box that a ray meets is visited next. The others go on a stack, the second nearest on top, and are visited
+unless a nearer hit has been found by then. A search for any hit visits boxes in the order in which they are stored.
 
-What is computed of a triangle is what `TriangleTest` computes, to the bit, and so is the hit.
+A triangle's hit has the bits that `TriangleTest` gives.
 """
 
 from __future__ import annotations

@@ -177,16 +177,23 @@ class Layout:
 
         Raises SceneError for numbers that binary32 does not hold.
         """
+        found = self._rounded(rows)
+        if found is None:
+            raise SceneError(
+                f"a colour, a normal or a uv coordinate of the scene is {np.abs(rows).max():.3g}, out of the range of "
+                'binary32: choose smaller numbers, or precision="f64"'
+            )
+        return found
+
+    def _rounded(self, rows: Rows) -> NDArray[Any] | None:
+        """Return rows as a table holds them; None for numbers that binary32 does not hold."""
         if self.dtype != np.float32:
             return rows
         try:
             with np.errstate(over="raise"):
                 return rows.astype(np.float32, copy=False)
         except FloatingPointError:
-            raise SceneError(
-                f"a colour, a normal or a uv coordinate of the scene is {np.abs(rows).max():.3g}, out of the range of "
-                'binary32: choose smaller numbers, or precision="f64"'
-            ) from None
+            return None
 
     @property
     def roundoff(self) -> float:
@@ -220,9 +227,7 @@ class Layout:
         for number in tinted:
             first, past = ranges[number]
             copy_columns(colors[3 * first : 3 * past], _corner_colors(meshes[number], materials).reshape(-1, 3))
-        try:
-            self.held(colors)
-        except SceneError:
+        if self._rounded(colors) is None:
             return None
         return replace(found, colors=colors), [ranges[number] for number in tinted]
 

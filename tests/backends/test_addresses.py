@@ -1,5 +1,7 @@
 """Indices of tables in loops: the address of the part that a loop does not change is computed before it."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,30 @@ def summing(index, start=lambda at: sh.clamp(at, 0, 7)):
         return total
 
     return sh.program(sums)
+
+
+@pytest.mark.parametrize("base", [np.float32, np.int32, np.uint32, np.bool_])
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+def test_elements_of_every_type(base, size):
+    values = np.random.default_rng(1).integers(0, 2 if base is np.bool_ else 99, (64, size)).astype(base)
+    letter = {np.float32: "f", np.int32: "i", np.uint32: "u", np.bool_: "b"}[base]
+    kind = getattr(sh, f"Attrib{size}{letter}")
+    rows = sh.Table(values if size > 1 else values[:, 0], kind, "rows")
+
+    def last(at: sh.Attrib1i, n: sh.Attrib1i) -> kind:
+        side = sh.clamp(at, 0, 7)
+        found = kind(*[0] * size)
+        with SH_FOR(0, n) as k:
+            found[:] = rows[sh.clamp(5 * k, 0, 48) + side]
+        return found
+
+    program = sh.program(last)
+    assert bool(re.search(r"\(rows \+ \w+\)\[", program.compile("opencl", lanes=1).source)) == (size != 3)
+    at, n = np.arange(-3, 61, dtype=np.int32), np.arange(64, dtype=np.int32) % 9
+    wanted = program.compile("numpy")(at, n)
+    assert len(np.unique(wanted)) == 2 if base is np.bool_ else len(np.unique(wanted)) > 9
+    for lanes in (1, 8):
+        np.testing.assert_array_equal(wanted, program.compile("opencl", lanes=lanes)(at, n))
 
 
 def assert_same_bits(program):

@@ -166,6 +166,7 @@ def test_backends_and_accelerators_agree_to_the_last_bit(monkeypatch):
     monkeypatch.setattr(walk, "MANY", 1)
     alone = Renderer(scene, backend="opencl", bounces=5)
     assert isinstance(alone._tracer.intersector, walk.SplitWalk)
+    assert "find_two(" in alone.kernel.source  # two rays take turns
     same(first, alone.render((48, 32)))
 
 

@@ -296,8 +296,9 @@ def _written(frame: Frame) -> set[int]:
 def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = False) -> Any:
     """Make a function of the language one that stays a function in the emitted text, its arguments by reference.
 
-    With `alone`, lanes of an OpenCL packet run it one after the other, each by itself: that is faster where they would
-    take quite different branches and read different tables. The results are the same; it takes no `sh.Array`.
+    With `alone`, each lane of an OpenCL packet runs it by itself, or two of them in turns: that is faster where lanes
+    would take different branches and read different elements of tables. The results are the same; it takes no
+    `sh.Array`.
 
     Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
     """

@@ -32,6 +32,7 @@ from shpy.testing.generated.operations import (
 )
 from shpy.testing.generated.syntax import (
     F2,
+    F3,
     FIELDS,
     Apply,
     B,
@@ -55,6 +56,9 @@ from shpy.testing.generated.syntax import (
 
 CORE = (F, I, vec("f", 3), B)
 """Every program has a variable of each of these types."""
+
+FEW = "few"
+"""A variable of ints from 0 to 2 that no statement changes."""
 
 OTHERS = tuple(vec(base, size) for size in (2, 4, 3, 1) for base in "fibu" if vec(base, size) not in CORE)
 """And of some of these."""
@@ -313,6 +317,8 @@ class Expressions:
             return Read(F, "line", (self.place(depth),))
         if type is I:
             return Read(I, "counts", (self.place(depth),))
+        if type is F3:
+            return Read(F3, "points", (self.place(depth),))
         return self.leaf(type)
 
     def place(self, depth: int, lanes: int = 10) -> Expr:
@@ -327,6 +333,8 @@ class Expressions:
         if uints and self.chance(20):
             return Name(U, self.pick(uints))
         names = [n for n, t in self.names.items() if t is I]
+        if FEW in self.names and self.chance(30):  # a sum that is in range, and of which loops change one part
+            return Apply(I, "add", (Name(I, FEW), Apply(I, "and", (Name(I, self.pick(names)), Const(I, (1,))))))
         if self.chance(40):
             return Apply(I, "add", (Name(I, self.pick(names)), self.expr(I, depth)))
         return Name(I, self.pick(names))

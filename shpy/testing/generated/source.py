@@ -245,6 +245,7 @@ def source(tree: Tree) -> str:
 _files: Iterator[int] = itertools.count()
 TABLES: dict[str, sh.Table[Any, Any]] = {
     "line": sh.Table(np.array([1.5, -2, 0.25, 3e4, -0.0], np.float32), sh.Attrib1f, name="line"),
+    "points": sh.Table(np.arange(24).reshape(8, 3) / 8, sh.Attrib3f, name="points"),
     "grid": sh.Table(np.arange(12).reshape(2, 3, 2) / 4, sh.Attrib2f, name="grid"),
     "counts": sh.Table(np.array([2**31 - 1, -(2**24) - 1, 0, 7]), sh.Attrib1i, name="counts"),
 }

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from shpy.ir.types import Base, Type
-from shpy.testing.generated.expressions import CORE, OTHERS
+from shpy.testing.generated.expressions import CORE, FEW, OTHERS
 from shpy.testing.generated.inputs import INPUTS
 from shpy.testing.generated.source import UNIFORMS, Generated, record
 from shpy.testing.generated.statements import Statements, flat
@@ -137,12 +137,14 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
         start.append(Declare(f"x{n}", w.const(type) if w.chance(15) else _start(type)))
         w.names[f"x{n}"] = type
         w.stored.append(f"x{n}")
+    start.append(Declare(FEW, Apply(I, "clamp", (_N, Const(I, (0,)), Const(I, (2,))))))
+    w.names[FEW] = I
     if shallow:  # what expressions get wrong shows in programs that are compiled quickly, too
         w.deepest = 1
     body = flat(w.block(8, most=14) if shallow else w.block(3))
     body += tuple(_last(array, types) for array in w.arrays)
     results = tuple(Name(type, f"x{n}") for n, type in enumerate(types))
-    tables: tuple[tuple[str, Type, int], ...] = (("line", F, 1), ("grid", F2, 2), ("counts", I, 1))
+    tables: tuple[tuple[str, Type, int], ...] = (("line", F, 1), ("points", F3, 1), ("grid", F2, 2), ("counts", I, 1))
     limit = 6 if endless else None
     return Tree(INPUTS, tuple(w.arrays), tables, tuple(functions), (*start, *body), results, limit)
 

@@ -40,7 +40,7 @@ class _Finder:
             if isinstance(s, Let):
                 self.lets[s.value.id] = s
                 self.loop_of[s.value.id] = loop
-                if s.op == "table" and loop:
+                if s.op == "table" and loop and s.value.type.size != 3:  # three lie packed, behind a pointer to scalars
                     self.split(s, loop)
             elif inner := regions_of(s):
                 if isinstance(s, Loop):
