@@ -116,6 +116,31 @@ def test_two_elements_take_turns_with_the_bits_of_each(name):
             np.testing.assert_array_equal(one, other)
 
 
+def test_what_a_subroutine_changes_comes_back_of_each_of_two_elements():
+    """Also where the user's names are those of the pair."""
+
+    @sh.subroutine(alone=True)
+    def move(place: sh.Attrib1f, there: sh.Attrib1f, other_there: sh.Attrib1i) -> None:
+        with SH_WHILE(lambda: place < there):
+            place += 0.5 + place * place
+            other_there += 1
+
+    @sh.program
+    def moving(x: sh.Attrib1f, far: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1i]:
+        place, steps = x.copy(), sh.Attrib1i(0)
+        with SH_IF(far > 1):
+            move(place, far, steps)
+            move(place, far * 2, steps)
+        return place, steps
+
+    given = np.linspace(-2, 2, 101, dtype=np.float32), np.linspace(0, 50, 101, dtype=np.float32)
+    kernel = moving.compile("opencl", lanes=16, loop_limit=None)
+    assert "move_two(" in kernel.source
+    for one, other in zip(moving.compile("numpy", loop_limit=None)(*given), kernel(*given), strict=True):
+        assert len(np.unique(one)) > 3
+        np.testing.assert_array_equal(one, other)
+
+
 def test_elements_whose_loop_counts_its_iterations_run_one_after_the_other():
     source = climbs("rows").compile("opencl", lanes=16, loop_limit=1000).source
     assert "climb_alone(" in source
