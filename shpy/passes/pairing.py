@@ -1,7 +1,8 @@
-"""Double a function that lanes run alone, so that two lanes take turns in it.
+"""Make an `alone` function compute two lanes, and interleave the iterations of their loops.
 
-Stage: improve, as packets are printed for OpenCL. The function has one loop, whose iterations wait for each other: in a
-walk through a tree, a node tells which node is next. While one lane waits, the processor works for the other.
+Stage: improve; the OpenCL backend applies it as it prints packets. The function has one loop, in which each iteration
+depends on a load of the one before: in a walk through a tree, a node holds the index of the next node. The processor
+computes one lane during the latency of the other lane's load.
 
     alone function f(%x: f) -> ($y: f) {   |   alone function f(%x: f, %there: b, %other_x: f) -> ($y: f, $other_y: f) {
       store $n = %x                        |     store $n = %x;              store $going = true
@@ -14,7 +15,7 @@ walk through a tree, a node tells which node is next. While one lane waits, the 
                                            |     store $other_y = $other_n
                                            |   }
 
-Before and after the loop, both lanes compute without turns; there `there` has no meaning.
+The statements before and after the loop are not interleaved, and run for the other lane even if `there` is false.
 """
 
 from __future__ import annotations

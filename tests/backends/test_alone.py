@@ -87,15 +87,9 @@ def climbs(name):
 
     @sh.program
     def climbing(start: sh.Attrib3f, limit: sh.Attrib1f) -> Found:
-        place = sh.Attrib3f(1, 2, 3)
-        steps = sh.Attrib1i(-7)
-        odd = sh.Attrib1b(False)
-        with SH_IF(limit > 0.4):
-            found = climb(start, limit, start.z > 0.3)
-            place[:] = found.place
-            steps[:] = found.steps
-            odd[:] = found.odd
-        return Found(place, steps, odd)
+        with SH_IF(limit <= 0.4):
+            SH_RETURN(Found(sh.Attrib3f(1, 2, 3), -7, False))
+        return climb(start, limit, start.z > 0.3)
 
     return climbing
 

@@ -1,4 +1,4 @@
-"""`pair`: two lanes that take turns in one function get what each gets alone."""
+"""`pair`: the function of two lanes gives each lane the outputs of the function of one lane."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_random_functions():
     assert taken > 20
 
 
-def test_the_names_of_the_other_lane_say_so():
+def test_names_for_the_other_lane_have_a_prefix():
     two = paired(sh.program(while_loop).ir).entry
     assert [i.name for i in two.inputs] == ["x", "there", "other_x"]
     assert [v.name for v in two.variables if v.name and v.name.endswith("going")] == ["going", "other_going"]

@@ -113,7 +113,7 @@ class Pace:
         return self.bounded and elements <= self._brief
 
     def _learn(self, elements: int, seconds: float, *, whole: bool) -> None:
-        """Learn from the time of a dispatch; `whole`: it had as many rows as it might have."""
+        """Learn from the time of a dispatch; `whole`: the limit decided its size, not the end of the run."""
         if seconds < BRIEF:
             self._brief = max(self._brief, elements)
         elif elements <= self._brief:
@@ -121,7 +121,7 @@ class Pace:
         fitting = elements * self.seconds / seconds if seconds > 0 else elements * GROWTH
         if fitting < self.elements:
             # A short dispatch takes as long as it does because of what each dispatch costs.
-            if seconds > self.seconds / SHORT or elements >= self.elements:
+            if seconds > self.seconds / SHORT or whole:
                 self.elements = max(1, int(fitting))
         elif whole:  # a small rest says nothing of how many would fit
             self.elements = min(int(fitting), GROWTH * self.elements)

@@ -218,7 +218,7 @@ class PacketMaker(KernelMaker):
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
 
-        If two lanes can take turns in the function, it is written for two: one has work while the other waits.
+        Where `pair` can interleave two lanes, the function computes two, which hides the latency of their loads.
         """
         if not function.alone:
             super().add(function, name)

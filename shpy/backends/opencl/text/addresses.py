@@ -1,10 +1,10 @@
-"""Find the reads of tables in loops whose index is a sum of a part that the loop changes and one that it does not.
+"""Find reads of tables in loops whose index is the sum of a varying and a loop-invariant part.
 
-Stage: emit. The address of the second part is computed once, before the loop, and each read adds the first part to it:
+Stage: emit. The compiler computes the address of the invariant part once, before the loop:
 
     records[row + side]   ->   (records + side)[row]          for a `side` that is made before the loop
 
-That is done where the sum cannot wrap. What waits for such reads, as a walk through a tree does, waits less.
+The sum must not wrap, as addresses have 64 bits. A chain of dependent reads, as in a walk through a tree, gets shorter.
 
     steady_parts(function, Known(function))[read.value.id] == (row, side)
 """
