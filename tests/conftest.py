@@ -1,5 +1,6 @@
 import gc
 import os
+import signal
 import sys
 import zlib
 from collections import Counter
@@ -24,6 +25,10 @@ os.environ.setdefault("SHPY_CACHE_DIR", "")
 
 # A slow machine is no news here; test_slow.py looks at the line.
 os.environ.setdefault("SHPY_QUIET", "1")
+
+# A shell's background jobs ignore SIGINT, and so would every process that a test starts and interrupts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 

@@ -14,13 +14,11 @@ from shpy.backends.opencl.device.waiting import Waiter
 @contextmanager
 def unheard():
     """Have signals reach other threads alone: Python notes them, and no wait of the main thread is interrupted."""
-    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        signal.signal(signal.SIGINT, handler)
 
 
 class Run:
