@@ -47,7 +47,7 @@ def at_line(after: int) -> Iterator[None]:
 
         def count(frame: Any, event: str, _: Any) -> Any:
             nonlocal left
-            if event == "line" and not _leaves_block(frame, entered):
+            if event == "line" and not _hears_nothing(frame, entered):
                 left -= 1
                 if left == 0:
                     raise Interrupted
@@ -63,10 +63,14 @@ def at_line(after: int) -> Iterator[None]:
         sys.settrace(before)
 
 
-def _leaves_block(frame: Any, entered: set[int]) -> bool:
-    """Return whether a frame is at a `with` that it has entered: there CPython handles no signal before `__exit__`."""
-    if not linecache.getline(frame.f_code.co_filename, frame.f_lineno).lstrip().startswith("with "):
-        return False
+def _hears_nothing(frame: Any, entered: set[int]) -> bool:
+    """Return whether CPython handles no signal at a line: at `try:`, or at a `with` that the frame leaves.
+
+    An exception there would pass by the `__exit__` of the block around it, and a lock would stay locked.
+    """
+    text = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
+    if not text.startswith("with "):
+        return text.startswith("try:")
     leaves = frame.f_lineno in entered
     entered.add(frame.f_lineno)
     return leaves

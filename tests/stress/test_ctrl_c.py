@@ -1,10 +1,12 @@
 """Ctrl-C anywhere in a run: the next calls give the right bits, and streams that the run did not write keep theirs."""
 
 import gc
+from threading import Thread
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from patience import HANGING
 from stress.interrupts import Interrupted, at_line, in_a_draw
 from stress.mode import stressed
 
@@ -94,6 +96,15 @@ class Calls:
         np.testing.assert_array_equal(self.x.numpy(), X)
 
 
+def check_in_another_thread(work):
+    """Do some work in another thread, which would wait for ever for a lock that an interrupt left to this one."""
+    done = []
+    thread = Thread(target=lambda: done.append(work()), daemon=True)
+    thread.start()
+    thread.join(HANGING)
+    assert done, "the calls of another thread failed, or did not end"
+
+
 def check(backend, seed, times):
     """Interrupt calls at random places, and make all calls after some of the interrupts."""
     random = np.random.default_rng(seed)
@@ -115,7 +126,7 @@ def check(backend, seed, times):
             np.testing.assert_array_equal(*call(), err_msg=f"{call.__name__} after Ctrl-C in itself")
             if interrupts % 5 == 0:
                 calls.check()
-    calls.check()
+    check_in_another_thread(calls.check)
     assert interrupts > times // 4
 
 
@@ -139,6 +150,7 @@ def test_a_run_in_parts_is_interrupted_at_each_line():
         other = X + line  # its results are nowhere in memory yet
         np.testing.assert_array_equal(kernel(other), 2 * other, err_msg=f"after Ctrl-C at line {line} of the run")
     assert interrupts > 60
+    check_in_another_thread(lambda: kernel(X))
 
 
 def parts_of_a_row(pace, rows, *size):
