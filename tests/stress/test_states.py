@@ -228,16 +228,19 @@ class OnGlsl(Machine):
 
 
 def machine(kind, examples, steps):
-    case = kind.TestCase
-    case.settings = settings(
-        max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck)
-    )
-    return case
+    """Return the test case of a machine. It is a class of its own: `kind.TestCase` is one class for all who ask."""
+
+    class Case(kind.TestCase):
+        settings = settings(
+            max_examples=examples, stateful_step_count=steps, deadline=None, suppress_health_check=list(HealthCheck)
+        )
+
+    return Case
 
 
-TestOnNumpy = machine(OnNumpy, 12, 25)
-TestOnOpenCL = machine(OnOpenCL, 5, 25)
-TestOnGlsl = machine(OnGlsl, 8, 25)
+TestOnNumpy = machine(OnNumpy, 40, 50)
+TestOnOpenCL = machine(OnOpenCL, 30, 50)
+TestOnGlsl = machine(OnGlsl, 20, 50)
 
 
 @pytest.mark.slow
