@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tests.mutation.small_faults import PARTS, ROOT, Fault
 
-EACH_ROUND = 4
+EACH_ROUND = 20
 """Tests taken in each round from a file that has a word of the faulty module in its name; of others it is one."""
 WIDE_WORDS = {"shpy", "raytracer", "backends", "kernels", "passes", "device", "text", "tests", "test", "py", ""}
 """Words of paths that say nothing about what a module does."""
