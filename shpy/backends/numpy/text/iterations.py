@@ -22,7 +22,7 @@ from shpy.ir.nodes import Break, Function, If, Let, Loop, Region, Stmt, Store, V
 from shpy.ir.traverse import defined, map_regions, uses, walk
 from shpy.passes.calls import LaneFacts
 from shpy.passes.components import SCALED
-from shpy.passes.liveness import Note, annotate, loops
+from shpy.passes.liveness import annotate, loops
 
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
@@ -74,16 +74,19 @@ def lanes_alone(functions: Iterable[Function]) -> frozenset[str]:
 
 def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict[int, Iterations]:
     """Find such loops of a function, by `id` of the loop; `alone` are the functions that `lanes_alone` finds."""
-    if not any(isinstance(s, Loop) for s in walk(function.body)):
+    every = [s for s in walk(function.body) if isinstance(s, Loop)]
+    made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)} if every else {}
+    candidates = {id(loop): iterations for loop in every if (iterations := _iterations(loop, made))}
+    if not candidates:
         return {}
-    made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
-    found = ((loop, _iterations(loop, note, made)) for loop, note in loops(function.body, annotate(function)))
-    every = {
-        id(loop): _summed(*iterations, facts, made, used, sizes, alone) for loop, iterations in found if iterations
-    }
-    return {loop: iterations for loop, iterations in every.items() if iterations}
+    summed = {k: _summed(*iterations, facts, made, used, sizes, alone) for k, iterations in candidates.items()}
+    found = {k: iterations for k, iterations in summed.items() if iterations}
+    if not found:  # most often: liveness takes longer than all before
+        return {}
+    after = {id(loop): note.after for loop, note in loops(function.body, annotate(function))}
+    return {k: iterations for k, iterations in found.items() if iterations.counter not in after[k]}
 
 
 def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Function, dict[int, Iterations]]:
@@ -113,7 +116,7 @@ def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Functio
     return (replace(function, body=region(function.body)), made) if found else (function, made)
 
 
-def _iterations(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
+def _iterations(loop: Loop, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
     """Return the loop with its statements if it begins with a test of a counter that it steps at its end."""
     at = next((k for k, s in enumerate(loop.body) if isinstance(s, If)), len(loop.body))
     match loop.body[:at], loop.body[at:], loop.continuing:
@@ -130,7 +133,7 @@ def _iterations(loop: Loop, note: Note, made: dict[int, Let]) -> tuple[Iteration
     step = _constant(made, by)
     straight = len(loads) + len(consts) == len(first) + len(steps) and all(isinstance(s, (Let, Store)) for s in body)
     one = {now, before} <= {s.value.id for s in loads}
-    if not (straight and one and _ends(test, step, loop.turns)) or counter in note.after:
+    if not (straight and one and _ends(test, step, loop.turns)):
         return None
     return Iterations(counter, stop, step, consts, (), (), frozenset()), (*loads, *body)
 

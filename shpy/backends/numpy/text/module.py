@@ -232,16 +232,16 @@ class _PythonBody(NumpyOperations):
     def continued(self) -> dict[int, int]:
         """Find the variables that begin as an input of their name that nothing else reads: they are that argument."""
         inputs = {port.id: port for port in self.function.inputs if isinstance(port, Value)}
-        uses_of = [v for s in walk(self.function.body) for v in uses(s)]
         found: dict[int, int] = {}
         for s in self.function.body:
             if not isinstance(s, Store) or s.value not in inputs or not is_whole(s):
                 break
             named = self.variables[s.variable].name == inputs[s.value].name is not None
             alike = (s.variable in self.varying_slots) == (s.value in self.varying)
-            if named and alike and uses_of.count(s.value) == 1 and s.variable not in self.slots:
-                self.slots[s.variable] = self.exprs[s.value]
-                found[s.value] = s.variable
+            if named and alike and s.variable not in self.slots:
+                if sum(v == s.value for t in walk(self.function.body) for v in uses(t)) == 1:
+                    self.slots[s.variable] = self.exprs[s.value]
+                    found[s.value] = s.variable
         return found
 
     def blank(self) -> list[Variable]:
