@@ -1,13 +1,14 @@
 """Every row of the op table as numpy text, against its meaning: operands varying, uniform, literal and splatted."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from shpy.backends.base import Call, Options
 from shpy.backends.numpy import backend
-from shpy.backends.numpy.lanes import maximum, minimum, select
+from shpy.backends.numpy.lanes import MANY, dot, maximum, minimum, select
 from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES, from_array
@@ -173,3 +174,13 @@ def test_construct_and_swizzle(kinds):
     found = run(types, kinds, data, make, vec("i", 4))
     scalars, pairs = np.broadcast_to(data[0], 64), np.broadcast_to(data[1], (64, 2))
     np.testing.assert_array_equal(found, np.stack([scalars, pairs[:, 0], pairs[:, 0], pairs[:, 1]], -1))
+
+
+def test_a_dot_product_of_many_lanes_keeps_one_product_at_a_time():
+    a, b = np.random.default_rng(4).normal(size=(2, 4, 2 * MANY)).astype(np.float32)
+    tracemalloc.start()
+    found = dot(a, b)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, meaning.dot(a, b))
+    assert peak < 3 * found.nbytes  # the sum and a product; all products would be four
