@@ -133,7 +133,7 @@ def _frame(drawing: _Drawing, key: str, number: int) -> tuple[str, Any]:
 
 
 def spread(seconds: float, frames: int | None, fps: float | None) -> tuple[int, float]:
-    """Return how many frames show so many seconds, and the frames of a second; one that is None suits the other.
+    """Return the number of frames of an animation and its frames per second; one that is None follows from the other.
 
     Raises SceneError where a second has 0 frames, or more than 1000.
     """

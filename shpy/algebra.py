@@ -288,7 +288,7 @@ def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -
 
 
 def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
-    """Give inputs as uniforms."""
+    """Return the program with inputs replaced by uniforms: Params, Tables and textures that hold these values."""
     _known(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}

@@ -97,7 +97,7 @@ class _Completion(argparse.Action):
     """Print shtab's completion script for the whole parser; arguments without fixed choices complete to file names."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: str | None = None) -> None:
-        """Print and leave."""
+        """Print the script, and end the command."""
         try:
             import shtab
         except ImportError:

@@ -143,10 +143,10 @@ class Part:
         return self._routed(records)
 
     def _meet(self, records: Records) -> Records:
-        """Let rays meet the triangles of this part.
+        """Intersect rays with the triangles of this part.
 
-        A triangle of another part that was met before stands as the place that it would have among those of this one:
-        at the same distance, those before this place are the ones of lower numbers.
+        The nearest hit so far may be of another part. The kernel gets it as the place that its number would have among
+        the numbers of this part: at the same distance, the triangle of the lowest number is hit.
         """
         columns, numbers = records.columns, self.data.numbers
         self.visits += len(records)

@@ -144,7 +144,7 @@ class Picture:
         return made
 
     def made(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what `make` gives, made once for a key."""
+        """Return the result of `make`, which is called once for each key."""
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]

@@ -211,7 +211,7 @@ class TableView:
         return (by[0], by[1]), moduli
 
     def _gathered(self, place: Place, given: tuple[int, ...]) -> Array:
-        """Such elements, by the index of each."""
+        """Return the elements at offsets from the place; each is gathered by its own index."""
         by, moduli = self._split(given)
         rank = len(self._extents)
         moved = place.moved(*by[-rank:])
