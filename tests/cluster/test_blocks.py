@@ -233,6 +233,23 @@ def test_an_index_whose_components_are_stored_reaches_as_far():
     assert sh.map_overlap(stored, {"u": cut(U, 4, 4)}, steps=2)["u"].compute().tobytes() == wanted.tobytes()
 
 
+def test_an_index_that_differs_from_branch_to_branch_reaches_as_far_as_each():
+    @sh.program
+    def upwind(u: sh.Table[sh.Attrib1f, 2], f: sh.Attrib1f) -> dict:
+        i = sh.grid_index(2)
+        at = sh.Attrib2i(i)
+        with sh.SH_FOR(0, 2):
+            with sh.SH_IF(u[at] > 0.5):
+                at[:] = i + (0, 3)
+            with sh.SH_ELSE():
+                at[:] = i - (2, 0)
+        return {"u": 0.5 * u[at] + f}
+
+    wanted = sh.repeat(upwind, 3).run(u=U, f=V).streams["u"].numpy()
+    found = sh.map_overlap(upwind, {"u": cut(U, 9, 9), "f": V}, steps=3)["u"]
+    assert found.compute().tobytes() == wanted.tobytes()
+
+
 def test_a_step_that_also_reads_a_whole_table_and_its_own_element():
     weights = sh.Table([0.5, 0.25], sh.Attrib1f)
 
