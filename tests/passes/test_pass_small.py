@@ -111,6 +111,31 @@ def test_fma_of_halves_is_rounded_once():
         assert np.float32(np.float16(got)) == got
 
 
+def test_a_double_is_rounded_once_to_a_half():
+    """1 + 2**-11 + 2**-30 lies above a tie, and on it once it is rounded to binary32."""
+    converted = parse(
+        """
+        module converted
+        input a: Attrib1f
+        output o: Attrib1f
+        function main(%a.0: f) -> ($o.0: f) {
+          %1: d = convert %a.0
+          %2: d = const 0x1.00002p-11
+          %3: d = add %1, %2
+          %4: f = convert %3
+          store $o.0 = %4
+        }
+        """
+    )
+    lowered = lower_half(set_precision(converted, "f16"))
+    verify(lowered)
+    run, reference = Interpreter(lowered), Interpreter(converted, "f16")
+    for a in np.float16([1, 1 + 2**-10, -1, 3, 0, np.inf, 2**-24, 65504]):
+        (got,), _ = run.run_element([np.float32(a)])
+        (wanted,), _ = reference.run_element([a])
+        assert np.float16(got) == wanted == np.float16(np.float64(a) + float.fromhex("0x1.00002p-11"))
+
+
 def test_composites_become_calls_or_short_code():
     lowered = lower(
         module(
