@@ -17,7 +17,7 @@ import functools
 from collections.abc import Callable
 from itertools import chain
 from types import MethodType
-from typing import TYPE_CHECKING, Any, Generic, Literal, cast, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, overload
 
 import numpy as np
 
@@ -274,16 +274,24 @@ def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
     return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
 
 
-def program(function: Callable[_P, _R]) -> Program[_P, _R]:
+@overload
+def program(function: classmethod[Any, _P, _R] | staticmethod[_P, _R]) -> Program[_P, _R]: ...
+@overload
+def program(function: Callable[_P, _R]) -> Program[_P, _R]: ...
+def program(function: Any) -> Any:
     """Record a function, once, by running it on symbolic arguments; every input is annotated.
 
     An input with a default may be left out at a call. A method of a class, whose first parameter is not annotated, is
-    recorded for each instance when it is first asked for (`Method`).
+    recorded for each instance when it is first asked for (`Method`), a class method for each class.
     Raises RecordError and ShpyTypeError at the user's line.
     """
+    if isinstance(function, classmethod):
+        return ClassMethod(function.__func__)
+    if isinstance(function, staticmethod):
+        function = function.__func__
     if is_method(function):
-        return cast("Program[_P, _R]", Method(function))
-    made: Program[_P, _R] = Program(record(function))
+        return Method(function)
+    made: Program[Any, Any] = Program(record(function))
     functools.update_wrapper(made, function, updated=())
     return made
 
@@ -297,6 +305,13 @@ class Method(PerInstance):
         # Not the bound method, which would keep the instance alive.
         functools.update_wrapper(made, self.function, updated=())
         return made
+
+
+class ClassMethod(Method):
+    """A program that is a class method: `Class.shade` is a Program, recorded when it is first asked for."""
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        return self._of(type(instance) if owner is None else owner)
 
 
 def parse(text: str) -> Module:

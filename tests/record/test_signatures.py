@@ -167,6 +167,16 @@ class Shader:
     def named(cls, x: sh.Attrib1f) -> sh.Attrib1f:
         return x * len(cls.__name__)
 
+    @sh.program
+    @staticmethod
+    def third(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x / 3
+
+    @sh.program
+    @classmethod
+    def spelled(cls, x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * len(cls.__name__)
+
 
 def test_a_method_is_a_program_of_its_instance():
     one, three = Shader(1), Shader(3)
@@ -180,6 +190,25 @@ def test_a_method_is_a_program_of_its_instance():
     assert three.twice(1) == 13
     assert Shader.shade(three, 1) == 4
     assert (Shader.half(3), three.half(3), Shader.named(2)) == (1.5, 1.5, 12)
+
+
+def test_a_class_method_is_a_program_of_its_class():
+    """Python 3.13 and later call what is below `@classmethod` with the class; what is above it stays a Program."""
+
+    class Longer(Shader):
+        pass
+
+    assert (Shader.third(3), Shader(1).third(6)) == (1, 2)
+    assert (Shader.spelled(2), Shader(1).spelled(2), Longer.spelled(2), Longer.named(2)) == (12, 12, 12, 12)
+    assert isinstance(Shader.spelled, sh.Program)
+    assert Longer.spelled is Longer.spelled is not Shader.spelled
+    assert Shader.spelled.compile("numpy")(2) == 12
+    below = Shader.__dict__["named"].__func__
+    assert below(Shader, 2) == 12
+    with pytest.raises(AttributeError, match="recorded for each class: @sh.program above @classmethod, and Shader.na"):
+        below.compile  # noqa: B018
+    with pytest.raises(sh.RecordError, match="is given none as cls"):
+        below(2)
 
 
 def test_what_is_recorded_for_an_instance_goes_with_it_and_not_to_its_copies():

@@ -55,10 +55,21 @@ class Shader:
     def shade(self, x: sh.Attrib1f) -> sh.Attrib1f:
         return self.gain * x
 
+    @sh.program
+    @classmethod
+    def double(cls, x: sh.Attrib1f) -> sh.Attrib1f:
+        return 2 * x
+
+    @sh.program
+    @staticmethod
+    def half(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x / 2
+
 
 @sh.program
 def uses_a_method(x: sh.Attrib1f) -> sh.Attrib1f:
-    return assert_type(Shader(2).shade(x), sh.Attrib1f)
+    doubled: sh.Attrib1f = Shader.double(x)
+    return assert_type(Shader(2).shade(doubled), sh.Attrib1f) + assert_type(Shader.half(x), sh.Attrib1f)
 
 
 @sh.program

@@ -63,8 +63,11 @@ class PerInstance:
         return self if instance is None else self._of(instance)
 
     def __call__(self, *args: Any, **named: Any) -> Any:
-        """Run the instance's program: `Class.method(instance, …)`."""
-        if self.owner is None or not args or not isinstance(args[0], self.owner):
+        """Run the instance's program: `Class.method(instance, …)`.
+
+        Below `@classmethod` it has no owner, and from Python 3.13 on it is called with the class.
+        """
+        if not args or not isinstance(args[0], self.owner or type):
             name, first = self.function.__name__, next(iter(inspect.signature(self.function).parameters))
             raise RecordError(
                 f"{self.function.__qualname__} is a method, recorded for each instance, and is given none as {first}",
@@ -76,7 +79,10 @@ class PerInstance:
     def __getattr__(self, name: str) -> Any:
         function = self.__dict__.get("function")
         called = getattr(function, "__name__", "method")
-        text = f"{getattr(function, '__qualname__', called)} is recorded for each instance: instance.{called}.{name}"
+        qualified = getattr(function, "__qualname__", called)
+        text = f"{qualified} is recorded for each instance: instance.{called}.{name}"
+        if self.__dict__.get("owner") is None:
+            text = f"{qualified} is recorded for each class: @sh.program above @classmethod, and {qualified}.{name}"
         raise AttributeError(text, name=name, obj=self)
 
     def __reduce__(self) -> Any:
