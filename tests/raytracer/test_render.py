@@ -1,6 +1,7 @@
 """Pictures: right against the oracle, the same on every backend, with code only for what the scene requires."""
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -101,6 +102,15 @@ def test_layers():
     assert np.all(image.rays[miss] == 1)
     assert 6 < image.rays.max() <= 12  # at most four surfaces, each with two lights before it or behind
     assert image.stats.rays == image.rays.sum()
+
+
+def test_the_seconds_of_the_stages_are_parts_of_those_that_passed():
+    began = time.perf_counter()
+    stats = render(small(), (8, 6), backend="numpy").stats
+    passed = time.perf_counter() - began
+    parts = (stats.build_seconds, stats.record_seconds, stats.compile_seconds, stats.seconds)
+    assert min(parts) > 0
+    assert sum(parts) <= 2 * passed  # the picture's seconds hold those of a kernel that it is the first to need
 
 
 def test_rows_run_from_the_top_and_columns_from_the_left():

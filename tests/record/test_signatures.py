@@ -205,7 +205,7 @@ def test_a_class_method_is_a_program_of_its_class():
     assert Shader.spelled.compile("numpy")(2) == 12
     below = Shader.__dict__["named"].__func__
     assert below(Shader, 2) == 12
-    with pytest.raises(AttributeError, match="recorded for each class: @sh.program above @classmethod"):
+    with pytest.raises(AttributeError, match=r"recorded for each class: @sh\.program above @classmethod"):
         below.compile  # noqa: B018
     with pytest.raises(sh.RecordError, match="is given none as cls"):
         below(2)
