@@ -5,7 +5,7 @@
     found.kind, found.test        # ("behaviour", "tests/passes/test_known.py::test_bounds")
 
 A find is a test that has a name and fails with the fault, and passes alone without it. The same holds for a test that
-kills the process, and for one that does not end in ten times the seconds that it takes without the fault. Modules
+kills the process, and for one that does not end in ten times the seconds of the longest test of its run. Modules
 that cannot be imported are a find of their own. Any other end of pytest (interrupted, an internal error, no tests)
 says nothing about the fault: it raises `Unjudged`.
 """
@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import IO
 
 from tests.mutation.map import Reach
 from tests.mutation.small_faults import ROOT, Fault
@@ -43,7 +44,7 @@ OF_TEXT = (
 )
 """Tests that compare a text of the product, or one it emits, with one that is kept: they find changes of every kind."""
 SLOWER = 10
-"""A test may take this many times its seconds without a fault; other work may share the cores."""
+"""A test may take this many times those of the longest of its run without a fault; other work may share the cores."""
 LEAST_SECONDS = 60.0
 LONGEST_ALONE = 900.0
 """Seconds for a test without a fault."""
@@ -94,7 +95,10 @@ class Copy:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def run(self, command: list[str], seconds: float | None, more: dict[str, str]) -> tuple[int, bool, str]:
-        """Run Python in a session of its own, all of whose processes end with it: status, out of time, output."""
+        """Run Python in a session of its own, all of whose processes end with it: status, out of time, output.
+
+        It is out of time where it prints nothing for this many seconds.
+        """
         environment = os.environ | {"PYTHONPATH": str(self.folder)} | more
         with tempfile.TemporaryFile("w+", errors="replace") as output:
             process = subprocess.Popen(
@@ -108,7 +112,7 @@ class Copy:
                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
             )
             try:
-                stopped = not ends(process, seconds)
+                stopped = not ends(process, seconds, output)
             finally:
                 # The session is gone where nothing of it is left.
                 try:
@@ -136,15 +140,16 @@ class Copy:
         return Ended(status, stopped, failed[0] if failed else None, running[-1] if running else None, text[-2000:])
 
 
-def ends(process: subprocess.Popen[bytes], seconds: float | None) -> bool:
-    """Wait for the end of a process, and return whether it came in time; where we are halted, no time passes."""
-    waited = 0.0
+def ends(process: subprocess.Popen[bytes], seconds: float | None, output: IO[str]) -> bool:
+    """Wait for the end of a process; False where it prints nothing for `seconds`. Where we are halted, none pass."""
+    waited, printed = 0.0, 0
     while seconds is None or waited < seconds:
         try:
             process.wait(0.25)
             return True
         except subprocess.TimeoutExpired:
-            waited += 0.25
+            before, printed = printed, os.fstat(output.fileno()).st_size
+            waited = waited + 0.25 if printed == before else 0.0
     return False
 
 
@@ -212,7 +217,7 @@ class Judge:
 
     def among(self, tests: list[str], fault: Fault, path: Path, source: str) -> Found | None:
         """Run tests with the fault until one fails; it has to pass alone without it."""
-        usual = self.reach.seconds(tests) if self.reach.took else self.most
+        usual = self.reach.longest(tests) if self.reach.took else self.most
         ended = self.copy.pytest(tests, LEAST_SECONDS + SLOWER * usual, "-n0")
         self.tried += len(tests)
         if not ended.stopped and ended.status == 0:

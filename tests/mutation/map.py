@@ -2,7 +2,7 @@
 
 reach = Reach(folder)
 reach.tests(fault)       # those that enter the function of the fault, then those that enter its file
-reach.seconds(tests)     # what they take without a fault
+reach.longest(tests)     # the seconds of the longest one without a fault
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class Reach:
                     self.entering[name].add(told["test"])
                     self.entering[name.partition(":")[0]].add(told["test"])
 
-    def seconds(self, tests: Sequence[str]) -> float:
-        """Return the time of tests without a fault, of all where there are none; unknown tests count nothing."""
-        return sum(self.took.get(test, 0) for test in tests or self.took)
+    def longest(self, tests: Sequence[str]) -> float:
+        """Return the seconds of the longest test without a fault, of all where there are none; 0 for unknown tests."""
+        return max(self.took.get(test, 0.0) for test in tests or self.took)
 
     def tests(self, fault: Fault) -> list[str]:
         """Return the tests that enter a fault's function, then those that enter its file; see `_ordered`."""

@@ -132,5 +132,5 @@ def test_tests_of_a_fault_begin_with_fitting_files_and_end_where_time_does(tmp_p
     ordered = reach.tests(faults.Fault("passes", "shpy/passes/known.py", 7, 0, 1, ""))
     assert [test[-1] for test in ordered] == ["y", "z", "x", "w"]
     assert [[test[-1] for test in run] for run in reach.split(ordered, (3, 3))] == [["y"], ["z"]]
-    assert (reach.seconds(ordered[:2]), reach.seconds([])) == (11, 13)  # no tests: the whole run
+    assert (reach.longest(ordered[:1]), reach.longest([])) == (2, 9)  # no tests: the whole run
     assert reach.failed == ["tests/ir/test_c.py::v"]
