@@ -19,6 +19,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +31,15 @@ _PATIENCE: Final = 100.0
 """Seconds until a server or a browser counts as hanging."""
 _PAUSE: Final = 0.005
 """Seconds between two checks of a condition."""
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@cache
+def chromium() -> str | None:
+    """Return the path of a Chromium that starts, else None: without a snap, Ubuntu's command only asks for one."""
+    for path in filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))):
+        if subprocess.run([path, "--version"], capture_output=True).returncode == 0:
+            return path
+    return None
 
 
 class View:
@@ -94,11 +103,12 @@ class Browsed:
     """A page in a headless Chromium of its own, asked by the protocol of its developer tools."""
 
     def __init__(self, url: str, profile: Path) -> None:
-        if CHROMIUM is None:
+        path = chromium()
+        if path is None:
             raise ShpyError("there is no Chromium here", cure="apt-get install chromium")
         options = ["--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--window-size=1000,860"]
         self.process = subprocess.Popen(
-            [CHROMIUM, *options, f"--user-data-dir={profile}", url],
+            [path, *options, f"--user-data-dir={profile}", url],
             stderr=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
         )

@@ -50,6 +50,8 @@ def installed(package: str) -> str | None:
 def extras() -> dict[str, list[str]]:
     """Return the packages of each optional part, as the installed distribution declares them; empty without one.
 
+    A package that is declared for other versions of Python is left out: pip would not install it either.
+
     >>> extras()["opencl"]
     ['pyopencl']
     """
@@ -61,7 +63,7 @@ def extras() -> dict[str, list[str]]:
 
 
 def _requirements() -> Iterator[tuple[str, str | None]]:
-    """Yield (requirement, extra) of each package that shpy declares, without shpy's own extras of extras."""
+    """Yield (requirement, extra) of each package that shpy declares for this Python, without shpy's own extras."""
     from importlib import metadata
 
     if installed(DISTRIBUTION) is None:
@@ -69,8 +71,14 @@ def _requirements() -> Iterator[tuple[str, str | None]]:
     for line in metadata.metadata(DISTRIBUTION).get_all("Requires-Dist", []):
         requirement, _, condition = line.partition(";")
         extra = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
-        if _normal(requirement) != DISTRIBUTION:
+        if _normal(requirement) != DISTRIBUTION and _holds(condition):
             yield requirement.strip(), extra[1] if extra else None
+
+
+def _holds(condition: str) -> bool:
+    """Tell whether this Python is older than a condition such as `python_version < '3.14'` asks; True without one."""
+    older = re.search(r"python_version < ['\"](\d+)\.(\d+)['\"]", condition)
+    return older is None or sys.version_info[:2] < (int(older[1]), int(older[2]))
 
 
 def _name(requirement: str) -> str:

@@ -23,7 +23,7 @@ TOLD = {"pyopencl": (2024, 2, 7), "matplotlib": (3, 8, 4)}
 def lowest() -> dict[str, str]:
     """The lower bound of each package that users install."""
     extras = ("opencl", "glsl", "raytracer", "accuracy", "cluster", "view", "notebook")
-    wanted = [*PROJECT["dependencies"], *(r for name in extras for r in EXTRAS[name])]
+    wanted = [*PROJECT["dependencies"], *(r.partition(";")[0] for name in extras for r in EXTRAS[name])]
     return dict(re.fullmatch(r"([\w-]+(?:\[array\])?)>=([\d.]+)", requirement).groups() for requirement in wanted)
 
 

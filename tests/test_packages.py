@@ -98,6 +98,23 @@ def test_names_are_compared_as_an_index_does(monkeypatch, own_pip):
     assert packages.install("flip-evaluator") == "pip install 'flip_evaluator>=1.6'"
 
 
+@pytest.mark.parametrize(("version", "found"), [((3, 9), True), ((3, 13), True), ((3, 14), False), ((4, 0), False)])
+def test_a_package_for_earlier_pythons_is_left_out_of_later_ones(monkeypatch, own_pip, version, found):
+    lines = ["mpmath>=1.3; extra == 'accuracy'", "slow>=1.6; (python_version < '3.14') and extra == 'accuracy'"]
+    installation(monkeypatch, *lines)
+    monkeypatch.setattr(packages.sys, "version_info", version)
+    assert packages.extras() == {"accuracy": ["mpmath", "slow"] if found else ["mpmath"]}
+    assert packages.install("slow") == ("pip install 'slow>=1.6'" if found else "pip install slow")
+
+
+def test_requirements_have_no_condition_of_another_kind():
+    """`packages` reads an upper bound of Python's version, and no other marker."""
+    lines = [*PROJECT["dependencies"], *(line for extra in PROJECT["optional-dependencies"].values() for line in extra)]
+    conditions = [line.partition(";")[2].strip() for line in lines if ";" in line]
+    assert conditions
+    assert [c for c in conditions if not re.fullmatch(r"python_version < '\d+\.\d+'", c)] == []
+
+
 def test_without_an_installation_packages_go_by_name(monkeypatch, own_pip):
     def nothing(name):
         raise importlib.metadata.PackageNotFoundError(name)

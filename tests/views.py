@@ -3,12 +3,14 @@
 import json
 import os
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from patience import PAGE
 from websockets.sync.client import connect
 
-from benchmarks.pages import CHROMIUM, View, viewed
+from benchmarks import pages
+from benchmarks.pages import View, viewed
 
 __all__ = ["View", "as_at_first", "chromium", "new_page", "viewed", "watched"]
 
@@ -41,13 +43,14 @@ def watched(browser, view, **size):
 
 @contextmanager
 def chromium():
-    """Start the installed Chromium, driven by Playwright."""
-    if CHROMIUM is None and not os.environ.get("CI"):
-        pytest.skip("there is no Chromium here: apt-get install chromium")
+    """Start the installed Chromium, or Playwright's own, driven by Playwright."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        path = pages.chromium()
+        if not (path or Path(playwright.chromium.executable_path).exists() or os.environ.get("CI")):
+            pytest.skip("there is no Chromium here: apt-get install chromium, or .venv/bin/playwright install chromium")
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         try:
             yield browser
         finally:

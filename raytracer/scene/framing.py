@@ -64,7 +64,7 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
     used = [mesh.corners.reshape(-1, 3) @ turn for mesh in meshes if len(mesh)]
     if not used:
         return np.full(3, -0.5), np.full(3, 0.5)
-    return np.min([u.min(axis=0) for u in used], axis=0), np.max([u.max(axis=0) for u in used], axis=0)
+    return np.stack([u.min(axis=0) for u in used]).min(axis=0), np.stack([u.max(axis=0) for u in used]).max(axis=0)
 
 
 def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Light, Light]:

@@ -164,7 +164,8 @@ def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Content
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
     corners = [mesh.corners.reshape(-1, 3) for mesh in meshes if len(mesh)]
-    low, high = np.min([c.min(axis=0) for c in corners], axis=0), np.max([c.max(axis=0) for c in corners], axis=0)
+    low = np.stack([c.min(axis=0) for c in corners]).min(axis=0)
+    high = np.stack([c.max(axis=0) for c in corners]).max(axis=0)
     return Contents(meshes, scene.camera(low, high), scene.lights((low + high) / 2))
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from raytracer.studies import tradeoff as trade
 from raytracer.studies.tradeoff import Candidate, Tradeoff, Variant, beside, errors
 
 LIGHT = PointLight((2, 4, 3))
+FLIP = sys.version_info < (3, 14)
+"""flip-evaluator is there: it is built for no later Python."""
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +38,7 @@ def candidate(seconds, error, name="strict"):
 
 def test_errors_are_those_of_the_bytes_of_a_picture():
     image = render(mirrors(), (6, 4), backend="numpy")
-    assert errors(image, image) == {"rmse": 0, "max": 0, "off": 0, "objects": 0, "flip": 0}
+    assert errors(image, image) == {"rmse": 0, "max": 0, "off": 0, "objects": 0} | ({"flip": 0} if FLIP else {})
     pixels, objects = image.pixels.copy(), image.object_id.copy()
     pixels[1, 2] = 0
     objects[0, :3] += 1
@@ -46,7 +49,8 @@ def test_errors_are_those_of_the_bytes_of_a_picture():
     assert found["rmse"] == pytest.approx(np.sqrt((off**2).sum() / 72), rel=0.02)
     assert found["off"] == pytest.approx(1 / 24)
     assert found["objects"] == pytest.approx(3 / 24)
-    assert 0 < found["flip"] < 1
+    assert ("flip" in found) == FLIP
+    assert not FLIP or 0 < found["flip"] < 1
 
 
 def test_the_fastest_within_the_error_is_taken_and_what_is_unseen_counts():
