@@ -23,8 +23,8 @@ from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
 from shpy import SH_FOR, SH_IF
 from shpy.backends.base import Options
-from shpy.backends.glsl import TARGET as GLSL
-from shpy.backends.glsl.text.shader import print_shader
+from shpy.backends.glsl import text_for
+from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.numpy.device.run import TARGET as NUMPY
 from shpy.backends.numpy.text.module import print_python
 from shpy.backends.opencl.device.targets import TARGET as OPENCL
@@ -49,7 +49,8 @@ def opencl_text(module: Module) -> str:
 
 
 def glsl_text(module: Module) -> str:
-    return print_shader(prepare(module, Options(), GLSL).module).source
+    """Return the text for a device without faults, which has binary64."""
+    return text_for(module, Options(), Limits(doubles=True))
 
 
 TEXTS: dict[str, Callable[[Module], str]] = {"numpy": numpy_text, "opencl": opencl_text, "glsl": glsl_text}

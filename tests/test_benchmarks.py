@@ -10,9 +10,13 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import shpy as sh
-from benchmarks import alike, command, features, peers, rays, record, report, rounds, startup, view, widths
+from benchmarks import alike, command, features, pages, peers, rays, record, report, rounds, startup, view, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
+from shpy.backends.base import Options
+from shpy.backends.glsl import text_for
+from shpy.backends.glsl.device.context import open_context
+from shpy.backends.glsl.text.interface import Limits
 from shpy.packages import install
 from shpy.screen import moves
 from shpy.view.source import open_file
@@ -188,8 +192,20 @@ def test_recording_and_every_text_is_measured():
 
 def test_the_texts_are_those_that_kernels_have():
     program = record.straight(20)
-    for backend, text in record.TEXTS.items():
-        assert text(program.ir) == program.compile(backend, lanes=1).source
+    for backend in ("numpy", "opencl"):
+        assert record.TEXTS[backend](program.ir) == program.compile(backend, lanes=1).source
+    device = open_context(0).limits
+    assert text_for(program.ir, Options(), device) == program.compile("glsl").source
+    assert text_for(program.ir, Options(), Limits(doubles=True)) == record.TEXTS["glsl"](program.ir)
+
+
+@pytest.mark.parametrize(("status", "found"), [(0, True), (1, False)])
+def test_a_browser_that_only_asks_to_be_installed_is_none(status, found, monkeypatch, tmp_path):
+    command = tmp_path / "chromium-browser"
+    command.write_text(f"#!/bin/sh\nexit {status}\n")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert pages.chromium.__wrapped__() == (str(command) if found else None)
 
 
 def test_a_slow_run_is_a_failure(monkeypatch, capsys):

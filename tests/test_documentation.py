@@ -1,8 +1,9 @@
 """The code in the documents runs, prints what they say, and is emitted as they show it.
 
 In a document, a block `python` is run after those before it; a block `text` that follows is what it printed; a block
-`emitted BACKEND` is the text of the program that was recorded last; `<!-- operations -->` begins a table
-made of the rows of `ir/ops.py`. `pytest --update-snapshots` writes all of these anew.
+`emitted BACKEND` is the text of the program that was recorded last, in GLSL that for a device without faults;
+`<!-- operations -->` begins a table made of the rows of `ir/ops.py`. `pytest --update-snapshots` writes all of these
+anew.
 """
 
 import contextlib
@@ -18,6 +19,7 @@ import trimesh
 from PIL import Image as pillow
 
 import shpy as sh
+from benchmarks.record import glsl_text
 from raytracer.meshes.shapes import knot
 from shpy.ir.listing import table_of_functions, table_of_operations
 
@@ -56,7 +58,8 @@ class Document:
         """Return the text that the block should hold."""
         info, text = match["info"].split(), match["text"]
         if info[1:2] == ["emitted"]:
-            return self.last_program().compile(info[2], lanes=1).source
+            program = self.last_program()
+            return glsl_text(program.ir) if info[2] == "glsl" else program.compile(info[2], lanes=1).source
         if info[0] == "python":
             self.run(text, info[1] if len(info) > 1 else f"block{self.count}.py")
         return self.printed if info[0] == "text" else text

@@ -31,6 +31,20 @@ def without_continuing(b: Builder, loop: Loop) -> Loop:
         if not falls_through(loop.body):
             return Loop(loop.body, (), None, loop.turns, loop.loc)
         return Loop(loop.body + loop.continuing, (), loop.until, loop.turns, loop.loc)
+    return in_one_iteration(b, loop)
+
+
+def in_one_iteration(b: Builder, loop: Loop) -> Loop:
+    """Return the loop with its body in a loop of one iteration, which all of its exits leave; `b` as above.
+
+    Without a Continue, `continuing` and `until` may read values of the body: then they belong to the inner loop, too.
+    """
+    if not continues(loop):
+        body = loop.body
+        if falls_through(body):
+            last = () if loop.until is None else (If(loop.until, (Break(loop.loc),), (), loop.loc),)
+            body += (*loop.continuing, *last)
+        loop = Loop(body, (), None, loop.turns, loop.loc)
     left = b.variable(vec(Base.B), name="left")
     b.push()
     b.store(left, b.const(left.type, [False]))

@@ -2,10 +2,11 @@
 
 Stage: improve. Each pass is a function Module -> Module in its own file. This file applies them in order:
 
-    precision -> half -> lower -> share -> inline -> by value -> exits -> optimise -> unused functions
+    precision -> half -> lower -> share -> inline -> by value -> shelter -> exits -> optimise -> unused functions
 
 `share` is for targets whose compilers inline everything, and for large programs only. `inline` and `by value` are for
-targets that run packets of elements; `vectorize`, also theirs, comes after that.
+targets that run packets of elements; `vectorize`, also theirs, comes after that. `shelter` is for targets whose drivers
+nest blocks to a limited depth.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from shpy.passes.independent import inline_independent
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.modes import Math, Precision, formulas_of
+from shpy.passes.nesting import shelter_loops
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
 from shpy.passes.share import WORTH_SHARING, share_calls
@@ -44,11 +46,11 @@ class Target:
     `native`: the composite operations that it computes exactly as the op table defines them, and the transcendentals
     that it computes within the bounds of relaxed mode. `fast`: those that it has at any accuracy. `wrong`: those of
     binary32 that it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for
-    small angles only. `loop_flags`: the device may stop long loops on its own. `vector`: the prepared module goes to
-    `vectorize`, whose functions take values only. `inlines`: its compiler copies every function to each call. `looped`:
-    parts of strict functions that it prints as loops, if an element takes few iterations in total. `doubles`: it has
-    binary64. `fuses`: it has fma of binary64 in hardware. `exact`: the transcendentals of binary32 that it rounds
-    correctly itself.
+    small angles only. `loop_flags`: the device may stop long loops on its own. `nesting`: the depth of blocks that its
+    driver takes. `vector`: the prepared module goes to `vectorize`, whose functions take values only. `inlines`: its
+    compiler copies every function to each call. `looped`: parts of strict functions that it prints as loops, if an
+    element takes few iterations in total. `doubles`: it has binary64. `fuses`: it has fma of binary64 in hardware.
+    `exact`: the transcendentals of binary32 that it rounds correctly itself.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Target:
     wrong: frozenset[str] = frozenset()
     bounded: frozenset[str] = frozenset()
     loop_flags: bool = False
+    nesting: int | None = None
     vector: bool = False
     inlines: bool = False
     looped: frozenset[str] = frozenset()
@@ -122,6 +125,8 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
         shared = lowered is not before
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
+    if target.nesting is not None:
+        lowered = shelter_loops(lowered, target.nesting)
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
     made = optimised if target.vector else remove_dead(remove_decided_selects(optimised))

@@ -61,12 +61,48 @@ def test_comparisons_are_hidden_where_a_driver_negates_them(wrong: Any) -> None:
     given = x, np.stack([x, -x], axis=-1), high
     wanted = Kernel(sorted_out.recorded, Reference(), Options())(*given)
     for hidden in (True, False):
-        wrong(negates=not hidden)
+        wrong(negates=not hidden, signs=True)
         kernel = compiled(sorted_out, "glsl")
         assert ("sh_keep(x < high)" in kernel.source) == hidden
         assert ("!(a < b)" in " ".join(kernel.notes)) == hidden
         if hidden:
             assert np.array_equal(kernel(*given), wanted)
+
+
+@sh.program
+def signs(m: sh.Attrib2f, z: sh.Attrib1f, x: sh.Attrib1f):
+    """Zeros that are chosen, of which a product shows the sign."""
+    kept = sh.Attrib1f(m.x)
+    with SH_IF(~(m.x >= z)):
+        kept[:] = z
+    chosen = (
+        *(sh.cond(c, m.x, z) for c in (m.x >= z, m.x <= z, m.x > z, ~(m.x < z), (m.x >= z) & ~sh.isnan(m.y))),
+        sh.cond((m.x < z) | (m.x != m.x), z, m.x),
+        *(f(*pair) for f in (sh.min, sh.max) for pair in ((m.x, z), (z, m.x), (m.x, 0.0))),
+        sh.clamp(m.x, 0.0, 1.0),
+        sh.clamp(m.x, -1.0, z),
+        sh.max(m, z).y,
+        kept,
+    )
+    return tuple(c * x for c in chosen)
+
+
+def test_signs_of_zeros_are_kept_where_a_driver_takes_choices_for_maxima(wrong: Any) -> None:
+    m, z, x = (grid.ravel() for grid in np.meshgrid(*2 * [np.float32([0.0, -0.0, 1, -1, np.nan])], np.float32([-2, 3])))
+    given = np.stack([m, -m], axis=-1), z, x
+    expected = flat_leaves(signs.compile("numpy")(*given))
+    for device in ({}, {"signs": False}, {"signs": True}):
+        if device:
+            wrong(**device)
+        kernel = compiled(signs, "glsl")
+        if device:
+            hidden = not device["signs"]
+            assert ("sh_keep(m.x >= z)" in kernel.source) == hidden
+            assert ("a != a" in kernel.source) != hidden
+            assert ("signs of zeros" in " ".join(kernel.notes)) == hidden
+        if device != {"signs": True}:
+            found = flat_leaves(kernel(*given))
+            assert [k for k, (f, e) in enumerate(zip(found, expected, strict=True)) if differs(f, e).any()] == []
 
 
 @pytest.mark.parametrize("name", ["asin", "acos", "asinh", "acosh", "hypot"])
@@ -131,19 +167,19 @@ def test_comparisons_stand_apart_where_a_driver_makes_maxima_of_choices(wrong: A
 
     a, b = np.float32([np.nan, 1, 2]), np.float32([3, np.nan, 5])
     for chooses in (True, False):
-        wrong(chooses=chooses)
+        wrong(chooses=chooses, signs=True)
         kernel = compiled(larger, "glsl")
         assert ("precise bool" in kernel.source) is not chooses
         assert any("for a maximum" in note for note in kernel.notes) is not chooses
     assert np.array_equal(kernel(a, b), np.float32([np.nan, 1, 5]), equal_nan=True)
 
 
-@pytest.mark.parametrize("off", [None, "stores", "choices", "exits", "negations", "decimals"])
+@pytest.mark.parametrize("off", [None, "stores", "choices", "exits", "negations", "signs", "decimals"])
 def test_what_a_shader_draws_tells_the_faults_of_opengl(off: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A driver that draws what it should has none of them, and one that draws something else has that one."""
     questions = {
         "stores": probes.STORES, "choices": probes.CHOICES, "exits": probes.EXITS, "negations": probes.NEGATIONS,
-        "decimals": probes.decimal_floats(),
+        "signs": probes.SIGNS, "decimals": probes.decimal_floats(),
     }  # fmt: skip
     drawn = {text: [1.0] * 8 for text in questions.values()}
     drawn |= {probes.STORES: [0.0] * 3 + [5.0] + [0.0] * 4, probes.EXITS: [5.0] * 8}

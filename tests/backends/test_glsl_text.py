@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
+from benchmarks.record import glsl_text
 from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
 from shpy.backends.glsl.text.prologue import Prologue, helpers
 from shpy.ir.types import Base, vec
@@ -62,7 +63,7 @@ PROGRAMS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_golden_text(name: str, snapshots: Any) -> None:
-    snapshots.check(f"{name}.glsl", PROGRAMS[name].compile("glsl").source)
+    snapshots.check(f"{name}.glsl", glsl_text(PROGRAMS[name].ir))
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

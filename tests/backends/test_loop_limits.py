@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loop_stops import stops_loops
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
@@ -178,12 +179,6 @@ def beside(spelling: Body) -> sh.Program:
     return looping
 
 
-def llvmpipe() -> bool:
-    from shpy.backends.glsl import backend
-
-    return "llvmpipe" in backend.devices()[0].name
-
-
 def known(spelling: Body, n: int) -> Body:
     """The spelling, whose bound is a constant of the program."""
     return lambda c, _: spelling(c, n)
@@ -193,7 +188,7 @@ def right_or_told(program: sh.Program, n: np.ndarray, limit: int | None, *, stop
     """Run on GLSL over an array and a stream: all is right, or LoopLimitExceeded is raised where the device stops."""
     kernel = program.compile("glsl", loop_limit=limit)
     stream = sh.Stream(n, sh.Attrib1i, backend="glsl")
-    if not (stops and llvmpipe()):
+    if not (stops and stops_loops()):
         assert kernel(n).tolist() == n.tolist()
         assert kernel(stream).numpy().tolist() == n.tolist()
         return
@@ -305,7 +300,7 @@ def test_loops_that_share_calls_are_told(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(re.findall(r"long\(", kernel.source)) < 16
     few, many = np.full(3, 32_000, np.int32), np.full(3, 160_000, np.int32)
     assert kernel(few).tolist() == few.tolist()
-    if llvmpipe():
+    if stops_loops():
         with pytest.raises(sh.LoopLimitExceeded, match="the device stopped"):
             kernel(many)
 

@@ -35,7 +35,10 @@ def test_the_ir(name, snapshots):
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_text_for(target, name, snapshots):
-    snapshots.check(f"programs/{name}.{SUFFIX[target]}", PROGRAMS[name].compile(target, lanes=1).source)
+    """GLSL's is for a device without faults: others get corrections of their own."""
+    program = PROGRAMS[name]
+    text = glsl_text(program.ir) if target == "glsl" else program.compile(target, lanes=1).source
+    snapshots.check(f"programs/{name}.{SUFFIX[target]}", text)
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

@@ -17,6 +17,7 @@ from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
+from shpy.passes.nesting import shelter_loops
 from shpy.passes.pipeline import Target, optimise, prepare
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
@@ -26,10 +27,15 @@ def by_value(module):
     return pass_by_value(inline_calls(module, takes_array))
 
 
+def shelter_all(module):
+    return shelter_loops(module, 0, 0)
+
+
 PASSES = (
     set_precision,
     lower,
     inline_calls,
+    shelter_all,
     by_value,
     promote,
     remove_dead_stores,
@@ -41,7 +47,7 @@ PASSES = (
 TARGETS = (
     Target("plain"),
     Target("values", vector=True),
-    Target("flags", native=frozenset({"dot", "mix"}), loop_flags=True),
+    Target("flags", native=frozenset({"dot", "mix"}), loop_flags=True, nesting=2),
 )
 SIZES = (Sizes(5, 3), Sizes(8, 2), Sizes(4, 4))
 MODULES = 300

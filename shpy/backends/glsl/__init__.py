@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
@@ -26,7 +26,8 @@ from shpy.backends.device.probe import notes_of, refuse_wrong
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.device.memory import GlslSpace
 from shpy.backends.glsl.device.run import Program, Runtime, unsupported
-from shpy.backends.glsl.text.interface import Limits
+from shpy.backends.glsl.text.interface import Limits, Shader
+from shpy.backends.glsl.text.nesting import MAX_NESTING
 from shpy.backends.glsl.text.operations import FAST, NATIVE
 from shpy.backends.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
@@ -41,11 +42,11 @@ from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.passes.outputs import select_outputs
-from shpy.passes.pipeline import Target, prepare
+from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 
-TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, inlines=True)
+TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING, inlines=True)
 _SHARED = (
     "its calls stand in loops, which take longer to run, because OpenGL's compilers copy each function to each call "
     "and would take many times as long to compile it"
@@ -126,14 +127,7 @@ class GlslBackend:
             return build(_printable(ready.module, exact), flagged=ready.flagged, rejects=True)
 
         def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
-            shader = print_shader(
-                part,
-                limits,
-                exact=exact,
-                flagged=flagged,
-                limited=options.loop_limit is not None,
-                rejects=rejects,
-            )
+            shader = _printed(part, options, limits, flagged=flagged, rejects=rejects)
             return runtime.build(shader, module.entry.loc, steady=few_turns(part))
 
         prepared = prepare(module, options, target)
@@ -142,10 +136,8 @@ class GlslBackend:
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
         if options.math in REPRODUCIBLE:
             refuse_wrong(prepared.module, limits.wrong, "this device")
-        whole = _printable(prepared.module, exact)
-        groups = _groups(len(whole.entry.outputs), limits.outputs)
-        parts = [select_outputs(whole, group) if len(groups) > 1 else whole for group in groups]
-        programs = [build(part, flagged=prepared.flagged) for part in parts]
+        groups = _groups(len(prepared.module.entry.outputs), limits.outputs)
+        programs = [build(part, flagged=prepared.flagged) for part in _parts(prepared, groups, exact)]
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(limits)
         if prepared.shared:
@@ -167,7 +159,7 @@ class GlslBackend:
             return limits
         if (device, limits) not in self._judged:
             options, modules = Options(device=device), {name: _module_of(name) for name in _HARD}
-            texts = [_text_of(module, options, limits) for module in modules.values()]
+            texts = [text_for(module, options, limits) for module in modules.values()]
             key = store.key("glsl hard cases", *context.call(lambda: context.about), *texts)
 
             def ask() -> set[str]:
@@ -219,13 +211,24 @@ def _module_of(name: str) -> Module:
     return Module(name, (Port("x", ""),), (Port("y", ""),), (), (), (b.finish(),))
 
 
-def _text_of(module: Module, options: Options, limits: Limits) -> str:
-    """Return the text of a module without loops, which no driver has seen yet."""
-    ready = prepare(module, options, _target(limits, module, options))
-    shader = print_shader(
-        _printable(ready.module, exact=True), limits, exact=True, flagged=False, limited=False, rejects=False
-    )
-    return shader.source
+def text_for(module: Module, options: Options, limits: Limits) -> str:
+    """Return the text of a module for a device with these limits, which need not be here."""
+    prepared = prepare(module, options, _target(limits, module, options))
+    groups = _groups(len(prepared.module.entry.outputs), limits.outputs)
+    parts = _parts(prepared, groups, options.math != "fast")
+    return "\n".join(_printed(part, options, limits, flagged=prepared.flagged).source for part in parts)
+
+
+def _parts(prepared: Prepared, groups: tuple[tuple[int, ...], ...], exact: bool) -> Iterator[Module]:
+    """Yield the module for each group of outputs, ready to print."""
+    whole = _printable(prepared.module, exact)
+    for group in groups:
+        yield select_outputs(whole, group) if len(groups) > 1 else whole
+
+
+def _printed(part: Module, options: Options, limits: Limits, *, flagged: bool, rejects: bool = False) -> Shader:
+    exact, limited = options.math != "fast", options.loop_limit is not None
+    return print_shader(part, limits, exact=exact, flagged=flagged, limited=limited, rejects=rejects)
 
 
 def _rounds(name: str, executable: GlslExecutable, limits: Limits) -> bool:
@@ -255,6 +258,8 @@ def _notes(limits: Limits) -> tuple[str, ...]:
         notes.append("this device takes a < b ? b : a for a maximum, also of NaN: comparisons stand apart")
     if not limits.negates:
         notes.append("this device takes !(a < b) for a >= b, also of NaN: comparisons are hidden from its compiler")
+    if not limits.signs:
+        notes.append("this device loses signs of zeros in choices: comparisons are hidden from its compiler")
     if limits.doubles and not limits.roots:
         notes.append("this device gets sqrt of binary64 wrong: strict mode corrects it")
     if not limits.reads:

@@ -31,6 +31,7 @@ from shpy.backends.glsl.device.probes import (
     NEGATIONS,
     PROBE,
     ROOTS,
+    SIGNS,
     STORES,
     decimal_doubles,
     decimal_floats,
@@ -52,7 +53,7 @@ void main() {
 }
 """
 
-_OF_GLSL = frozenset({"stores", "choices", "negations", "decimals"})
+_OF_GLSL = frozenset({"stores", "choices", "negations", "signs", "decimals"})
 """Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT, _ROOTED, _READ = "exact", "rooted", "read"
@@ -216,6 +217,8 @@ class Context:
             wrong.add("choices")
         if self._drawn(NEGATIONS) != [1] * 8:
             wrong.add("negations")
+        if self._drawn(SIGNS) != [1] * 8:
+            wrong.add("signs")
         if self._drawn(decimal_floats()) != [1] * 8:
             wrong.add("decimals")
         if self._drawn(EXITS) != [5] * 8:
@@ -269,7 +272,8 @@ class Context:
     def _probe(self) -> Limits:
         gl, about = self.gl, self.about
         ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
-        key = store.key("glsl faults", *about, str(ordered), PROBE, STORES, EXITS, CHOICES, NEGATIONS, decimal_floats())
+        texts = PROBE, STORES, EXITS, CHOICES, NEGATIONS, SIGNS, decimal_floats()
+        key = store.key("glsl faults", *about, str(ordered), *texts)
         faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
         binary64 = self._binary64(about, flushed="denormals" in faults) if ordered else frozenset()
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
@@ -284,6 +288,7 @@ class Context:
             fuses="fma" not in faults,
             keeps_order=ordered,
             negates="negations" not in faults,
+            signs="signs" not in faults,
             doubles=_EXACT in binary64,
             roots=_ROOTED in binary64,
             reads="decimals" not in faults and (_READ in binary64 or _EXACT not in binary64),

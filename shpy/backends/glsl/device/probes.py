@@ -81,6 +81,26 @@ void main() {
 }
 """
 
+# A choice of -0.0, whose product with -1.0 is 0.0: `zero` would be as good a maximum, but for its sign.
+SIGNS: Final = """\
+#version 330 core
+#ifdef GL_ARB_gpu_shader5
+#extension GL_ARB_gpu_shader5 : enable
+#else
+#define precise
+#endif
+layout(location = 0) out vec4 found;
+void main() {
+    uint unknown = uint(min(int(gl_FragCoord.x), 0));
+    precise float x = uintBitsToFloat(0x80000000u + unknown);
+    precise float zero = float(unknown);
+    precise bool greater = x >= zero;
+    precise float chosen = greater ? x : zero;
+    precise float product = -1.0 * chosen;
+    found = vec4(floatBitsToUint(product) == 0u ? 1.0 : 0.0);
+}
+"""
+
 # A comparison whose negation holds, as NaN is not less than anything.
 NEGATIONS: Final = """\
 #version 330 core

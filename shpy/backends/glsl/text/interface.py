@@ -54,6 +54,8 @@ class Limits:
     """True if the device's own `fma` rounds once."""
     negates: bool = True
     """True if `!(a < b)` holds where a is NaN."""
+    signs: bool = True
+    """True if the choice of a zero keeps its sign, also where only a product shows it."""
     doubles: bool = False
     """True if the device has binary64, and computes exactly in it."""
     roots: bool = True

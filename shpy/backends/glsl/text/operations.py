@@ -24,12 +24,13 @@ from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
-from shpy.backends.glsl.text.interface import RUNNING, Limits
+from shpy.backends.glsl.text.interface import NOTHING, RUNNING, Limits
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.nesting import is_shelter
 
 NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
@@ -42,7 +43,10 @@ _KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg", *COMPARISON
 """Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x, and `x + -x` for 0."""
 
 _ORDERED: Final = frozenset({"lt", "le", "gt", "ge"})
-"""Comparisons that NVIDIA's compiler negates: it takes `!(a < b)` for `a >= b`, also where one is NaN."""
+"""Comparisons that NVIDIA's compiler negates: it takes `!(a < b)` for `a >= b`, also where one is NaN.
+
+Mesa 26.1 takes `(a >= b ? a : b) * c` for a product with the maximum, also where a and b are zeros of two signs.
+"""
 
 # The functions of GLSL that do what the table says; those of FAST come here in fast mode alone.
 _OWN: Final[Mapping[str, str]] = {
@@ -72,7 +76,8 @@ _OF_VECTORS: Final[Mapping[str, str]] = {
 }
 _LEAST: Final = -(1 << 31)
 _FLOAT: Final = vec(Base.F)
-_ONE_ITERATION: Final = "one iteration: so that returns do not nest what follows them"
+_UINT: Final = vec(Base.U)
+_ONE_ITERATION: Final = "one iteration: so that exits do not nest what follows them"
 
 
 class GlslUnit(Unit):
@@ -100,7 +105,8 @@ class GlslUnit(Unit):
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
         self.leaves_loops = limits.leaves_loops
         self.kept_apart = exact and not limits.keeps_order
-        self.prologue = Prologue(exact=exact, precise=limits.keeps_order)
+        self.hides_comparisons = exact and not (limits.negates and limits.signs)
+        self.prologue = Prologue(exact=exact, precise=limits.keeps_order, signs=limits.signs)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         self.params: dict[str, Name] = {}
@@ -178,15 +184,16 @@ class GlslBody(Body):
         """Return the conditions on floats, and what else would lose its order."""
         if not self.unit.exact:
             return ()
-        conditions = precise_conditions(self.function, self.unit.callees)
+        conditions, least = precise_conditions(self.function, self.unit.callees), 2
         if not self.unit.limits.chooses:
             conditions |= inlined & choices_and_arguments(self.function)
-        return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees)
+            least = 1
+        return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees, least)
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
         made, type, unit = super().operation(let), let.value.type, self.unit
-        kept = _KEPT if unit.kept_apart else _ORDERED if unit.exact and not unit.limits.negates else frozenset()
+        kept = _KEPT if unit.kept_apart else _ORDERED if unit.hides_comparisons else frozenset()
         if let.op in kept and self.types[let.args[0]].is_float:
             return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, made)
         return made
@@ -314,13 +321,24 @@ class GlslBody(Body):
         if self.function.name not in self.unit.sheltered:
             super().statements()
             return
-        running = self.unit.runtime_name(RUNNING, BOOL)
         with self.block() as inside:
             if not self.ended():
-                inside.append(tree.If(running, (self.leave(),)))
-        self.out.append(tree.Loop(tuple(inside), test=running, loc=self.function.loc, note=_ONE_ITERATION))
+                inside.append(self.leave())
+        self.out.append(self._shelter(tree.Loop(tuple(inside), loc=self.function.loc)))
         if self.gives_value:
             self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
+
+    def _shelter(self, made: tree.Loop) -> tree.Loop:
+        """Return a loop of one iteration with an end that the compiler cannot derive.
+
+        Mesa 22 takes a loop apart that ends in an exit, and Mesa 26 also where its test tells that it does.
+        """
+        running, body = self.unit.runtime_name(RUNNING, BOOL), made.body
+        if body and isinstance(body[-1], Exit):
+            nothing = tree.infix("==", self.unit.runtime_name(NOTHING, _UINT), Literal(_UINT, 0), BOOL)
+            body = (*body[:-1], tree.If(nothing, (body[-1],)))
+        test = running if made.test is None else tree.infix("&&", made.test, running)
+        return replace(made, body=body, test=test, note=_ONE_ITERATION)
 
     def unknown_zero(self, type: Type) -> Expr | None:
         """Return the global; None for floats that are hidden already, as all are but in fast mode (passes/hide.py)."""
@@ -335,6 +353,8 @@ class GlslBody(Body):
         is such an end.
         """
         unit = self.unit
+        if is_shelter(s):
+            return self._shelter(made)
         if not unit.flagged or s.turns == 1 or (unit.limited and s.turns is None):
             return made
         running = unit.runtime_name(RUNNING, BOOL)

@@ -1,0 +1,98 @@
+"""The depth to which blocks nest for a driver, and loops of one iteration that keep it small.
+
+Stage: improve; the GLSL printer measures the depth again. Mesa makes a condition of each block, and nests in it what
+follows an exit, but for loops that it cannot take apart:
+
+    if (a) { continue; }            if (a) { } else {
+    if (b) { continue; }    is          if (b) { } else { ... } }
+    ...
+
+A shelter is such a loop: it has one iteration, and an end that the driver cannot derive. `shelter_loops` puts the body
+of a loop with many exits into one, and the GLSL printer a function with many returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+from shpy.ir.builder import Builder
+from shpy.ir.nodes import Break, Call, Continue, Function, If, Loop, Module, Region, Return, Stmt
+from shpy.ir.traverse import regions_of, walk
+from shpy.passes.continuing import in_one_iteration
+
+Kinds = frozenset[type[Stmt]]
+"""Kinds of exits."""
+
+NONE: Final[Kinds] = frozenset()
+RETURNS: Final[Kinds] = frozenset({Return})
+ALL: Final[Kinds] = frozenset({Return, Break, Continue})
+_FEW: Final = 8
+"""The most exits of a loop that has no shelter."""
+
+
+def depth_of(region: Region, depths: Mapping[str, int], exits: Kinds, in_loops: Kinds) -> int:
+    """Return how deep the region's blocks nest, counting the blocks of the functions that it calls (`depths`).
+
+    The kinds of `exits` nest what follows them, and in loops those of `in_loops`; in a shelter no exit does.
+    """
+    deepest = before = 0
+    for s in region:
+        inner = depths[s.function] if isinstance(s, Call) else 0
+        if isinstance(s, If | Loop):
+            kinds = exits if isinstance(s, If) else NONE if is_shelter(s) else in_loops
+            inner = 1 + max(depth_of(r, depths, kinds, in_loops) for r in regions_of(s))
+        deepest = max(deepest, before + inner)
+        before += any(type(s) in exits for s in _exits(s))
+    return deepest
+
+
+def is_shelter(loop: Loop) -> bool:
+    """Return whether the loop has many exits, and one iteration that ends with a Break."""
+    return loop.turns == 1 and bool(loop.body) and isinstance(loop.body[-1], Break) and _count_exits(loop) > _FEW
+
+
+def shelter_loops(module: Module, most: int, few: int = _FEW) -> Module:
+    """Return the module with shelters in loops with more than `few` exits, where blocks nest deeper than `most`."""
+    depths: dict[str, int] = {}
+    functions = []
+    for function in module.functions:
+        depth = depth_of(function.body, depths, NONE, ALL)
+        if depth > most:
+            function = _sheltered(function, few)
+            depth = depth_of(function.body, depths, NONE, ALL)
+        depths[function.name] = depth
+        functions.append(function)
+    return replace(module, functions=tuple(functions))
+
+
+def _sheltered(function: Function, few: int) -> Function:
+    b = Builder(function=function)
+
+    def sheltered(region: Region) -> Region:
+        b.push()
+        for s in region:
+            if isinstance(s, If):
+                s = replace(s, then=sheltered(s.then), orelse=sheltered(s.orelse))
+            elif isinstance(s, Loop):
+                s = replace(s, body=sheltered(s.body))
+                s = in_one_iteration(b, s) if _count_exits(s) > few else s
+            b.append(s)
+        return b.pop()
+
+    b.extend(sheltered(function.body))
+    return b.finish()
+
+
+def _count_exits(loop: Loop) -> int:
+    return sum(len(_exits(s)) for s in loop.body)
+
+
+def _exits(statement: Stmt) -> list[Stmt]:
+    """Return the exits in a statement that leave the region around it: of the loops in it their Returns alone."""
+    if isinstance(statement, Loop):
+        return [s for r in regions_of(statement) for s in walk(r) if isinstance(s, Return)]
+    if isinstance(statement, If):
+        return [exit for r in regions_of(statement) for s in r for exit in _exits(s)]
+    return [statement] if type(statement) in ALL else []
