@@ -168,17 +168,32 @@ RUSTICL = Source(
     "rusticl", "libRusticlOpenCL.so.1", debian=("mesa-opencl-icd", "libclc-15", "libllvmspirvlib15"), fixed=True
 )
 POCL = Source("pocl-pypi", "libpocl-*.so*", pypi=("pocl-binary-distribution",))
-DEBIAN_13 = ("libegl1", "libegl-mesa0", "libgl1-mesa-dri", "mesa-opencl-icd", "mesa-vulkan-drivers", "pocl-opencl-icd")
+OF_DEBIAN = ("libegl1", "libegl-mesa0", "libgl1-mesa-dri", "mesa-opencl-icd", "mesa-vulkan-drivers", "pocl-opencl-icd")
+RELEASES = {13: "trixie", 14: "forky"}
 
 
-def of_debian_13(library: str) -> Source:
-    """A driver of Debian 13, whose libraries, that of C among them, lie over those of the system while it runs."""
-    return Source("debian-13", library, DEBIAN_13, fixed=True, release="trixie")
+def of_debian(number: int, library: str) -> Source:
+    """A driver of another Debian, whose libraries, that of C among them, lie over those of the system as it runs."""
+    return Source(f"debian-{number}", library, OF_DEBIAN, fixed=True, release=RELEASES[number])
 
 
 def lanes_of(name: str, widths: tuple[int, ...], **more: object) -> list[Driver]:
     """An OpenCL driver at several widths."""
     return [Driver(f"{name}, {n} lane{'s' * (n > 1)}", f"opencl-{n}", **more) for n in widths]  # type: ignore[arg-type]
+
+
+def drivers_of_debian(number: int) -> list[Driver]:
+    """The drivers of another Debian that need no GPU."""
+    name, egl = f"Debian {number}", of_debian(number, "libEGL_mesa.so.0")
+    return [
+        Driver(f"{name}: llvmpipe", "glsl", MESA, egl),
+        Driver(f"{name}: softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}, egl),
+        Driver(f"{name}: zink on lavapipe", "glsl", {**MESA, **ZINK}, of_debian(number, "libvulkan_lvp.so")),
+        *lanes_of(f"{name}: PoCL", (1, 8, 16), source=of_debian(number, "libpocl.so.2")),
+        *lanes_of(
+            f"{name}: rusticl", (1, 8), environment=LLVMPIPE_CL, source=of_debian(number, "libRusticlOpenCL.so.1")
+        ),
+    ]
 
 
 DRIVERS = [
@@ -192,11 +207,8 @@ DRIVERS = [
     *lanes_of("Oclgrind", (1, 8), source=OCLGRIND),
     *lanes_of("rusticl", (1, 8), environment=LLVMPIPE_CL, source=RUSTICL),
     *lanes_of("PoCL of PyPI", (1, 8, 16), source=POCL),
-    Driver("Debian 13: llvmpipe", "glsl", MESA, of_debian_13("libEGL_mesa.so.0")),
-    Driver("Debian 13: softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}, of_debian_13("libEGL_mesa.so.0")),
-    Driver("Debian 13: zink on lavapipe", "glsl", {**MESA, **ZINK}, of_debian_13("libvulkan_lvp.so")),
-    *lanes_of("Debian 13: PoCL", (1, 8, 16), source=of_debian_13("libpocl.so.2")),
-    *lanes_of("Debian 13: rusticl", (1, 8), environment=LLVMPIPE_CL, source=of_debian_13("libRusticlOpenCL.so.1")),
+    *drivers_of_debian(13),
+    *drivers_of_debian(14),
     Driver("NVIDIA, OpenGL", "glsl", file=NVIDIA),
     Driver("NVIDIA, OpenCL", "opencl-1", file=NVIDIA),
 ]  # fmt: skip
@@ -250,8 +262,9 @@ class Report:
         part = f" ({len(self.outcomes)} of {whole} were run)" if len(self.outcomes) < whole else ""
         cells = [f"same bits: {same} programs{part}"] if same else []
         for note in self.notes:
-            fault, _, cure = note.removeprefix("this device ").partition(": ")
-            cells.append(f"corrected: {fault} ({cure})" if cure else fault)
+            note = note.removeprefix("this device ")
+            fault, _, cure = note.rpartition(": ")
+            cells.append(f"corrected: {fault} ({cure})" if fault else note)
         reasons = Counter(o.partition(": ")[2] for o in self.outcomes.values() if o.startswith("refused"))
         cells += [
             f"refused: {reason.removeprefix(self.device).strip()} ({n} programs)"
@@ -298,8 +311,9 @@ with a `CompileError` that names the operation or type which the device gets wro
 
 `python -m tests.drivers --get` downloads the drivers that are not installed to a folder of their own; it leaves the
 system as it is. rusticl looks for the files of libclc in /usr/lib, so it runs in a mount namespace (`unshare`) where
-they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) run so too, its libraries over those of Debian 12. Rows were made on
-an AMD EPYC with AVX2, another with AVX-512, and an Intel Xeon with AVX-512; PoCL and Intel's runtime tell the name.
+they are. Those of Debian 13 (Mesa 25.0, PoCL 6.0) and of Debian 14, which is not released yet (Mesa 26.1, PoCL 7.1),
+run so too, their libraries over those of Debian 12. Rows were made on an AMD EPYC with AVX2, another with AVX-512, and
+an Intel Xeon with AVX-512; PoCL and Intel's runtime tell the name.
 Where fewer programs were run, the time ended: older rows of PoCL took one to three seconds a program.
 
 "Exits of loops": Mesa 22.3 leaves a loop at once where an exit follows the step of what it compares and holds for the
@@ -307,8 +321,14 @@ first value. rusticl has this fault too; Mesa 25.0 has it no more. Two faults of
 takes minutes to compile sixteen subroutines that return from loops. Zink of 25.0 hangs while it opens, with
 "vkCreateInstance failed", where `MESA_LOADER_DRIVER_OVERRIDE=zink` is set and there is no Vulkan driver: unset it.
 
-Mesa 25.0's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in arguments
-of functions. A probe finds it, and comparisons and arguments are variables of their own there.
+Mesa 25.0's and 26's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in
+arguments of functions. A probe finds it, and comparisons and arguments are variables of their own there. Mesa 26.1 also
+takes `(a >= b ? a : b) * c` for a product with the maximum, which loses the sign of a zero. Another probe finds that,
+and comparisons are hidden there, which takes time.
+
+Mesa 26 takes loops apart whose end it can derive, and then nests what follows their exits; llvmpipe ignores, in
+silence, conditions that nest deeper than 79. So a loop with that many exits has its body in another loop of one
+iteration, for every driver.
 
 NVIDIA's drivers were run on an H100; other GPUs were not. Its GLSL multiplies by reciprocals, takes `!(a < b)` for
 `a >= b`, clamps ints to bounds that cross in the other order, takes `abs(i) < 0` for false, rounds square roots of
@@ -322,7 +342,9 @@ program of bools was wrong. All bits of pictures of four scenes, Whitted's and p
 (`raytracer render` of `boxes`, `glass` and `materials`, and of `cornell --integrator path`).
 
 rusticl of Mesa 25.0 is wrong in three programs where it takes a product of zero and an infinity for 0, beyond what is
-corrected: `bools_of_a_counter`, `literals_as_arguments` and `products_of_constants`. Mesa 22.3 is right there.
+corrected: `bools_of_a_counter`, `literals_as_arguments` and `products_of_constants`. Mesa 22.3 is right there. That
+of Mesa 26.1 is right there and wrong in four others: `half`, `halves_beside_floats`, `a_quotient_that_is_counted` and
+`the_square_of_a_root_is_not_its_radicand`.
 
 | driver | device and version | results |
 |---|---|---|
