@@ -105,6 +105,24 @@ def test_signs_of_zeros_are_kept_where_a_driver_takes_choices_for_maxima(wrong: 
             assert [k for k, (f, e) in enumerate(zip(found, expected, strict=True)) if differs(f, e).any()] == []
 
 
+@pytest.mark.parametrize("fault", ["negates", "signs"])
+def test_operands_of_a_hidden_comparison_keep_their_order(fault: str, wrong: Any) -> None:
+    """They are arguments of a function then, and Mesa would compute 0.9 * x * x * x in another order there."""
+
+    @sh.program
+    def of_cube(x: sh.Attrib1f):
+        y = 0.9 * x * x * x
+        return sh.cond(y > 0.9 * (x * x * x), y, -y)
+
+    x = np.linspace(0, 1, 5000, dtype=np.float32)
+    expected = of_cube.compile("numpy")(x)
+    assert set(np.sign(expected)) == {-1, 0, 1}
+    wrong(**{fault: False})
+    kernel = compiled(of_cube, "glsl")
+    assert "sh_keep(" in kernel.source
+    assert np.array_equal(kernel(x), expected)
+
+
 @pytest.mark.parametrize("name", ["asin", "acos", "asinh", "acosh", "hypot"])
 def test_square_roots_of_binary64_are_corrected(name: str, wrong: Any) -> None:
     wrong(roots=False)

@@ -72,13 +72,13 @@ _PLAIN: Final = _COMPARISONS | _ROUNDED | _PART_OF_IT | {"not", "swizzle", "cons
 
 
 def precise_operands(
-    function: Function, inlined: Collection[int], callees: Mapping[str, Function], least: int
+    function: Function, inlined: Collection[int], callees: Mapping[str, Function], least: int, hidden: Collection[str]
 ) -> set[int]:
     """Return the values that are rounded `least` times or more in an argument of a function, or in a choice.
 
     Mesa computes these in any order, `(0.9 * x) * x` as `0.9 * (x * x)`, whatever becomes of the result: neither a
     parameter that is `precise` nor the variable that takes `c ? a : b` counts there. Mesa 26 also takes `a - a` for 0
-    there, which is rounded once.
+    there, which is rounded once. Operations that are `hidden` are arguments of a function as well.
 
         f(0.9 * x * x)    ->   precise float t = 0.9 * x * x;
                                f(t)
@@ -88,7 +88,7 @@ def precise_operands(
     for s in walk(function.body):
         if isinstance(s, Let):
             made = sum(roundings.get(a, 0) for a in s.args if a in inlined and a not in kept)
-            if s.op not in _PLAIN:
+            if s.op not in _PLAIN or s.op in hidden:
                 kept.update(a for a in s.args if roundings.get(a, 0) >= least)
                 made = 0
             roundings[s.value.id] = made + (s.op in _ROUNDED and s.value.type.is_float)

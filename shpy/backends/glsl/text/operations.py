@@ -105,7 +105,7 @@ class GlslUnit(Unit):
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
         self.leaves_loops = limits.leaves_loops
         self.kept_apart = exact and not limits.keeps_order
-        self.hides_comparisons = exact and not (limits.negates and limits.signs)
+        self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
         self.prologue = Prologue(exact=exact, precise=limits.keeps_order, signs=limits.signs)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
@@ -184,16 +184,17 @@ class GlslBody(Body):
         """Return the conditions on floats, and what else would lose its order."""
         if not self.unit.exact:
             return ()
-        conditions, least = precise_conditions(self.function, self.unit.callees), 2
-        if not self.unit.limits.chooses:
+        unit, least = self.unit, 2
+        conditions = precise_conditions(self.function, unit.callees)
+        if not unit.limits.chooses:
             conditions |= inlined & choices_and_arguments(self.function)
             least = 1
-        return conditions | precise_operands(self.function, inlined - conditions, self.unit.callees, least)
+        return conditions | precise_operands(self.function, inlined - conditions, unit.callees, least, unit.hidden)
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
         made, type, unit = super().operation(let), let.value.type, self.unit
-        kept = _KEPT if unit.kept_apart else _ORDERED if unit.hides_comparisons else frozenset()
+        kept = _KEPT if unit.kept_apart else unit.hidden
         if let.op in kept and self.types[let.args[0]].is_float:
             return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, made)
         return made
