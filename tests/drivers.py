@@ -324,7 +324,7 @@ takes minutes to compile sixteen subroutines that return from loops. Zink of 25.
 Mesa 25.0's and 26's llvmpipe and zink take `a < b ? b : a` for a maximum, also where a is NaN, and forget `precise` in
 arguments of functions. A probe finds it, and comparisons and arguments are variables of their own there. Mesa 26.1 also
 takes `(a >= b ? a : b) * c` for a product with the maximum, which loses the sign of a zero. Another probe finds that,
-and comparisons are hidden there, which takes time.
+and comparisons are hidden there.
 
 Mesa 26 takes loops apart whose end it can derive, and then nests what follows their exits; llvmpipe ignores, in
 silence, conditions that nest deeper than 79. So a loop with that many exits has its body in another loop of one
