@@ -39,12 +39,13 @@ def depth_of(region: Region, depths: Mapping[str, int], exits: Kinds, in_loops: 
     """
     deepest = before = 0
     for s in region:
-        inner = depths[s.function] if isinstance(s, Call) else 0
         if isinstance(s, If | Loop):
             kinds = exits if isinstance(s, If) else NONE if is_shelter(s) else in_loops
             inner = 1 + max(depth_of(r, depths, kinds, in_loops) for r in regions_of(s))
-        deepest = max(deepest, before + inner)
-        before += any(type(s) in exits for s in _exits(s))
+            deepest = max(deepest, before + inner)
+            before += bool(exits) and any(type(s) in exits for s in _exits(s))
+        elif isinstance(s, Call):
+            deepest = max(deepest, before + depths[s.function])
     return deepest
 
 
