@@ -16,7 +16,6 @@ from raytracer.meshes.shapes import knot
 from shpy.backends.base import Options
 from shpy.backends.glsl import text_for
 from shpy.backends.glsl.device.context import open_context
-from shpy.backends.glsl.text.interface import Limits
 from shpy.packages import install
 from shpy.screen import moves
 from shpy.view.source import open_file
@@ -196,7 +195,6 @@ def test_the_texts_are_those_that_kernels_have():
         assert record.TEXTS[backend](program.ir) == program.compile(backend, lanes=1).source
     device = open_context(0).limits
     assert text_for(program.ir, Options(), device) == program.compile("glsl").source
-    assert text_for(program.ir, Options(), Limits(doubles=True)) == record.TEXTS["glsl"](program.ir)
 
 
 @pytest.mark.parametrize(("status", "found"), [(0, True), (1, False)])

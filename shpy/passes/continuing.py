@@ -40,11 +40,9 @@ def in_one_iteration(b: Builder, loop: Loop) -> Loop:
     Without a Continue, `continuing` and `until` may read values of the body: then they belong to the inner loop, too.
     """
     if not continues(loop):
-        body = loop.body
-        if falls_through(body):
-            last = () if loop.until is None else (If(loop.until, (Break(loop.loc),), (), loop.loc),)
-            body += (*loop.continuing, *last)
-        loop = Loop(body, (), None, loop.turns, loop.loc)
+        plain = without_continuing(b, loop)
+        last = () if plain.until is None else (If(plain.until, (Break(loop.loc),), (), loop.loc),)
+        loop = Loop((*plain.body, *last), (), None, loop.turns, loop.loc)
     left = b.variable(vec(Base.B), name="left")
     b.push()
     b.store(left, b.const(left.type, [False]))

@@ -21,6 +21,7 @@ from shpy.ir.builder import Builder
 from shpy.ir.nodes import Break, Call, Continue, Function, If, Loop, Module, Region, Return, Stmt
 from shpy.ir.traverse import regions_of, walk
 from shpy.passes.continuing import in_one_iteration
+from shpy.passes.rewriter import falls_through
 
 Kinds = frozenset[type[Stmt]]
 """Kinds of exits."""
@@ -50,8 +51,8 @@ def depth_of(region: Region, depths: Mapping[str, int], exits: Kinds, in_loops: 
 
 
 def is_shelter(loop: Loop) -> bool:
-    """Return whether the loop has many exits, and one iteration that ends with a Break."""
-    return loop.turns == 1 and bool(loop.body) and isinstance(loop.body[-1], Break) and _count_exits(loop) > _FEW
+    """Return whether the loop has many exits, and one iteration that ends with some of them."""
+    return loop.turns == 1 and not falls_through(loop.body) and _count_exits(loop) > _FEW
 
 
 def shelter_loops(module: Module, most: int, few: int = _FEW) -> Module:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
+from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 from shpy.passes.nesting import shelter_loops
 
 MANY = 100
@@ -104,6 +104,31 @@ def breaks_before_a_value_of_the_body(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attr
     return t + rounds
 
 
+@sh.program
+def a_choice_of_exits_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
+    t = sh.Attrib1i(x)
+    with SH_WHILE(lambda: t != 7):
+        steps(x, t, SH_BREAK)
+        with SH_IF(t > n):
+            SH_BREAK()
+        with SH_ELSE():
+            t += 1
+            SH_BREAK()
+    return t
+
+
+@sh.program
+def a_choice_of_returns_at_the_end(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
+    t = sh.Attrib1i(x)
+    for k in range(MANY):
+        SH_RETURN(7 * k, x == k)
+        t[:] = 3 * t + k
+    with SH_IF(t > n):
+        SH_RETURN(t)
+    with SH_ELSE():
+        SH_RETURN(t + 1)
+
+
 @sh.subroutine
 def found(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
     t = sh.Attrib1i(x)
@@ -128,6 +153,8 @@ PROGRAMS = [
     a_break_of_one_iteration_first,
     both_before_a_condition_at_the_end,
     breaks_before_a_value_of_the_body,
+    a_choice_of_exits_at_the_end,
+    a_choice_of_returns_at_the_end,
     returns_of_a_subroutine,
 ]
 

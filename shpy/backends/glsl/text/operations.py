@@ -334,12 +334,10 @@ class GlslBody(Body):
 
         Mesa 22 takes a loop apart that ends in an exit, and Mesa 26 also where its test tells that it does.
         """
-        running, body = self.unit.runtime_name(RUNNING, BOOL), made.body
-        if body and isinstance(body[-1], Exit):
-            nothing = tree.infix("==", self.unit.runtime_name(NOTHING, _UINT), Literal(_UINT, 0), BOOL)
-            body = (*body[:-1], tree.If(nothing, (body[-1],)))
+        running, (*body, last) = self.unit.runtime_name(RUNNING, BOOL), made.body
+        nothing = tree.infix("==", self.unit.runtime_name(NOTHING, _UINT), Literal(_UINT, 0), BOOL)
         test = running if made.test is None else tree.infix("&&", made.test, running)
-        return replace(made, body=body, test=test, note=_ONE_ITERATION)
+        return replace(made, body=(*body, tree.If(nothing, (last,))), test=test, note=_ONE_ITERATION)
 
     def unknown_zero(self, type: Type) -> Expr | None:
         """Return the global; None for floats that are hidden already, as all are but in fast mode (passes/hide.py)."""
