@@ -454,7 +454,7 @@ def _scenes(options: argparse.Namespace) -> int:
         return 0
     width = max(map(len, SCENES))
     for name, make in SCENES.items():
-        print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0]}")
+        print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0].removeprefix('Return ')}")
     return 0
 
 

@@ -205,7 +205,7 @@ def alike(a: Layout, b: Layout) -> bool:
 
 
 def _fits(given: Layout, wanted: Layout) -> bool:
-    """Return whether a call takes it: the same structure, numbers that widen, a scalar for a vector."""
+    """Return whether an input takes a value: an equal structure, or a leaf that widens or is a scalar."""
     if isinstance(given, Leaf) and isinstance(wanted, Leaf):
         old, new = given.cls.type, wanted.cls.type
         return old.size in (1, new.size) and widens(old.base, new.base)
@@ -373,7 +373,7 @@ def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
 
 
 def _tuple_class(name: str, names: tuple[str, ...]) -> Any:
-    """Return a class for parts of these names. The IR takes any text as a name; one that Python refuses is numbered."""
+    """Return a named tuple class with these fields; a name that the IR allows and Python refuses becomes its number."""
     make: Any = namedtuple
     return make(name if name.isidentifier() and not iskeyword(name) else "Parts", names, rename=True)
 

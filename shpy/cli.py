@@ -5,7 +5,7 @@ Stage: above all others. Takes the arguments of the command line, prints, and re
     shpy --version
     shpy doctor                                   # status 0 where numpy works, which needs nothing else
     shpy doctor --all                             # status 0 only where every backend works
-    shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them part
+    shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them diverge
     shpy certify                                  # status 1 where a device gives other bits than the package ships
     shpy accuracy module:program                  # errors in ULP on every backend
     shpy tradeoff module:program --error 2ulp -o t.png
@@ -61,7 +61,9 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _add_diff(commands: Any) -> None:
-    command = commands.add_parser("diff", help="whether an IR text gives the same on every backend, and where it parts")
+    command = commands.add_parser(
+        "diff", help="compare an IR text on every backend, and name the statement where they diverge"
+    )
     command.add_argument("ir", type=Path, help="a file with the text of a program's IR, or - for standard input")
     command.add_argument(
         "--backends", help="numpy,opencl,glsl,interpreter or a width: opencl-4 (default: each there is)"

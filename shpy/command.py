@@ -140,7 +140,7 @@ def _say(name: str, text: str, status: int) -> int:
 
 
 def _prepare_streams() -> None:
-    """Open streams that were closed, so that no file gets their descriptors; let no character fail."""
+    """Open the null device for closed streams, so that no file gets their descriptors; escape unknown characters."""
     for stream, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, stream) is None:
             setattr(sys, stream, open(os.devnull, mode))

@@ -83,7 +83,7 @@ def in_ieee_arithmetic(function: Callable[P, T]) -> Callable[P, T]:
 
 @cache
 def _library() -> Any:
-    """Return the C library; its calls keep the interpreter's lock, which takes longer to release than they take."""
+    """Return the C library, or None. Its calls keep the interpreter's lock: releasing it takes longer than a call."""
     if sys.platform != "linux":
         return None
     try:
@@ -95,7 +95,7 @@ def _library() -> Any:
 
 
 def _set_default() -> Any:
-    """Set the default environment; return the one before, or None where that cannot be done, which is a warning."""
+    """Set C's default floating-point environment and return the previous one; warn and return None if that fails."""
     _seen.set()
     library = _library()
     if library is not None:

@@ -50,7 +50,7 @@ def ulp(found: float) -> Budget: ...
 @overload
 def ulp(found: Any, exact: Any) -> Array: ...
 def ulp(found: Any, exact: Any = None) -> Budget | Array:
-    """`ulp(4)` is a budget of four units in the last place; `ulp(found, exact)` how far results are off.
+    """Return a budget, `ulp(4)`, or the errors of results, `ulp(found, exact)`, in units in the last place.
 
     `found` is an array of floats, `exact` one of the same shape, in the same type or a wider one. See `ulps`.
     """

@@ -71,7 +71,7 @@ def scale_of(corners: NDArray[np.float64], precision: str) -> float:
 def placed(what: str, position: ArrayLike, origin: Rows, scale: float, dtype: np.dtype[Any]) -> Rows:
     """Return a position (3,) in the kernel's coordinates.
 
-    Raises SceneError, which names `what` stands there, where `dtype` does not hold them.
+    Raises SceneError, which names the object `what`, if `dtype` cannot hold them.
     """
     found = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
     if not (np.abs(found) <= np.finfo(dtype).max).all():

@@ -1,7 +1,7 @@
 """The hierarchy with eight boxes a node and four triangles a leaf: what one ray can try at once on vectors of four.
 
-Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. What holds four triangles or fewer
-is a leaf. A node takes the place of up to seven of the two-armed ones, which `families` chooses.
+Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. A node with four triangles
+or fewer is a leaf. A wide node replaces up to seven binary nodes, which `families` chooses.
 
 >>> from raytracer.accel.bvh import build_bvh
 >>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3, 4), np.ones(1))

@@ -32,8 +32,8 @@ class _Known:
             known = ", ".join(self._sources or self.__dict__.get("given", ()))
             raise AttributeError(f"this {type(self).__name__} has no {name}: it has {known}")
         self.read.add(name)
-        # A copy: what a user's program does to it stays there. It is not kept, as the next reader may stand in another
-        # branch, where it would not have been computed.
+        # A copy, since the user's program may change it. It is not kept, since the next read may be in another branch,
+        # where the kept value would not have been computed.
         return fields_of(type(self))[name](self._sources[name]())
 
 

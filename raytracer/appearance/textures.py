@@ -110,7 +110,7 @@ def _read(path: Path, alpha: bool) -> NDArray[Any]:
 def opened(source: Path | BinaryIO) -> Iterator[Any]:
     """Open a picture with Pillow, from a file or its contents, without decoding it; raise whatever Pillow raises.
 
-    Pillow's warnings are not shown: it warns of half as many pixels as it refuses, and of faults that it mends.
+    Hide Pillow's warnings: they come at half the number of pixels that it refuses, and for faults that it repairs.
     Raises SceneError where Pillow is missing, and for a picture with more than 16384 pixels along a side.
     """
     try:

@@ -99,11 +99,11 @@ class Part:
         return records
 
     def first_step(self, *band: int) -> Stepped:
-        """Make eye rays and take them as far as they go here; the arguments are those of `begin`."""
+        """Make eye rays (`begin`) and trace them until each is finished or goes to another part."""
         return self._follow([self._aimed(self.begin(*band))])
 
     def step(self, incoming: Records) -> Stepped:
-        """Take rays that have come here as far as they go here."""
+        """Trace the incoming rays until each is finished or goes to another part."""
         return self._follow(self._advanced(incoming))
 
     def _follow(self, batches: list[Records]) -> Stepped:

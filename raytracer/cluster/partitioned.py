@@ -162,7 +162,7 @@ class _Run:
     def traced(self, top: int, count: int, width: int) -> Pixel:
         """Trace `count` rows of eye rays from `top` on; return their layers.
 
-        Once more where a worker is lost: the records that it held are lost as well.
+        If a worker is lost, its records are lost, too, and the rows are traced again.
         """
         before = self.moved.copy()
         for losses in range(LOSSES + 1):

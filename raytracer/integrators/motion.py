@@ -1,4 +1,4 @@
-"""The objects of a renderer's scene as they have been moved and deformed since.
+"""The meshes of a renderer's scene, with the moves and deformations made so far.
 
 Stage: render. A `Renderer` asks for what has changed before each picture.
 """
@@ -18,7 +18,7 @@ from raytracer.meshes.mesh import Mesh, affine
 
 
 class Motion:
-    """The meshes of a scene where they are now; `changed` are the numbers of those that the picture does not show yet.
+    """The meshes of a scene at their places; `changed` are the numbers of those that the picture does not show yet.
 
     Each has the mesh that was given or deformed last, and the matrix by which it is transformed.
     """

@@ -1,7 +1,7 @@
 """Choices of one of n with given probabilities in two look-ups: the alias method (Walker 1977, Vose 1991).
 
-Stage: kernel. Probabilities are those with which 32 hashed bits choose, to the last bit, and not what they were meant
-to be: an estimate that is divided by them has no error but that of its samples.
+Stage: kernel. The table rounds the requested probabilities, and `probabilities` are exactly those with which 32 hashed
+bits choose. So an estimate that is divided by them has only the error of sampling.
 """
 
 from __future__ import annotations

@@ -64,9 +64,9 @@ Accept = Callable[[CandidateHit], Any]
 class RayHit:
     """The nearest hit so far: distance `l`, barycentric `uv` of corners 1 and 2, and triangle `id`, -1 for none.
 
-    `kernels.queries` has other ways to keep hits. A walk asks each of them how far it has to go (`l`) and for its hit
-    (`id`), and offers it the triangles that are met. With `accept` it takes only points that pass this filter. `sample`
-    is the number of the sample of a layered depth cube that is shaded, -1 for none; None where none ever is.
+    `kernels.queries` has other classes with this interface: a walk searches up to the distance `l`, reads `id`, and
+    offers each triangle that the ray meets. With `accept` only points that pass this filter become hits. `sample` is
+    the number of the shaded sample of a layered depth cube, -1 for no sample; None where no cube is shaded.
     """
 
     sample: Any = None
@@ -190,8 +190,7 @@ class Triangles:
         for part in parts(len(levels)):
             held = rows.reshape(-1, 3, 4)[part].astype(np.float64, copy=False)
             corners = held[..., :3]
-            # Rows that were rounded to another precision hold the corners exactly, which were so before, but not
-            # normals.
+            # Rounding rows to another precision keeps corners, which are exact in it, but not normals.
             levels[part] = levels_of(corners, held[..., 3] if rows.dtype == np.float64 else normals_of(corners))
         return levels
 

@@ -200,7 +200,7 @@ class Stack:
                 farthest[:] = greatest_of(rest)
 
     def pop(self, reach: Any) -> tuple[Any, Any]:
-        """Take off what begins beyond `reach`, and give the first that does not; at the bottom is what begins at 0."""
+        """Pop entries until one begins within `reach`, and return it; the bottom one begins at 0."""
         with SH_DO():
             self.top -= 1
             SH_UNTIL(sh.float_from_bits(self.held[self.top].y) <= reach)

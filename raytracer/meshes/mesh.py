@@ -267,7 +267,7 @@ def affine(matrix: ArrayLike) -> Floats:
 def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
     """Return the matrix for rows of normals where `matrix` transforms the places: its cofactors, transposed.
 
-    They are the inverse but for a factor, and there are cofactors where there is no inverse: of a scale (1, 1, 0).
+    They equal the inverse up to a factor, and singular matrices have them, too, such as a scale by (1, 1, 0).
     """
     matrix = matrix / (np.abs(matrix).max() or 1)
     x, y, z = matrix.T

@@ -160,7 +160,7 @@ def _corners(words: list[str], line: int, numbers: tuple[Rows, ...]) -> list[tup
 
 
 def _check(places: NDArray[np.int64], lines: list[int], count: int, kind: str) -> None:
-    """Raise SceneError for the first triangle (T, 3) with a corner that is not there."""
+    """Raise SceneError for the first triangle (T, 3) with a corner that names a missing vertex."""
     wrong = np.argwhere(places >= count)
     if len(wrong):
         row, column = wrong[0]

@@ -38,8 +38,8 @@ def converted(
 ) -> Converted:
     """Return the factors for colours (3,); `picture` (3,) is the mean of the picture that multiplies `diffuse`.
 
-    With a picture the colour is the factor that it is multiplied by, for what is more than half a metal the colour in
-    place of it.
+    With a picture, the colour is the factor that multiplies it; for a surface that is more than half a metal, the
+    colour replaces the picture.
     """
     factor, shine = np.asarray(diffuse, np.float64), np.asarray(specular, np.float64)
     seen = factor if picture is None else factor * picture

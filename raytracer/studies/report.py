@@ -107,8 +107,8 @@ def finish(axes: Iterable[Any], **legend: Any) -> None:
 def new_figure(path: str | Path, size: tuple[float, float] = (10, 6)) -> Any:
     """Return a matplotlib Figure of `size` in inches that can be written to `path`.
 
-    Raises SceneError for an ending that is no picture's and without matplotlib, OSError where it, or JSON beside it,
-    cannot be written: FileNotFoundError where the folder does not exist.
+    Raises SceneError for an ending that is no picture format, or if matplotlib is missing; OSError if the picture, or
+    the JSON beside it, cannot be written: FileNotFoundError if the folder does not exist.
     """
     path = Path(path)
     try:

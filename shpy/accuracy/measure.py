@@ -53,7 +53,7 @@ class Variant:
 def variants(
     backends: Iterable[str] | str | None, math: Iterable[str] | str | None, precision: Iterable[str] | str | None
 ) -> list[Variant]:
-    """Return every combination; None stands for each backend that is available, each mode that there is, and f32.
+    """Return every combination; None means all available backends, all modes, or f32.
 
     Raises ShpyTypeError for an unknown precision.
     """

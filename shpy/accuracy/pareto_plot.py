@@ -90,7 +90,7 @@ def _entries() -> Any:
 
 
 def _in_order(names: Iterable[str], known: tuple[str, ...]) -> dict[str, int]:
-    """Return a number for each name: where some are known, these have the same number in every picture."""
+    """Return a number for each name; if one is in `known`, all known names keep their numbers."""
     every = [*(known if set(names) & set(known) else ()), *sorted(set(names) - set(known))]
     return {name: n for n, name in enumerate(every) if name in names}
 

@@ -300,7 +300,7 @@ def loop(
 
 
 def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
-    """Return the members, held back where `when` has a share for their names."""
+    """Return the members; each that `when` names waits until its share of the elements is ready."""
     names = dict.fromkeys(member.name for member in members if isinstance(member, Member))
     kernels = [kernel for member in members for kernel in member.kernels]
     known = {n: layout for kernel in kernels for n, layout in kernel.outputs}

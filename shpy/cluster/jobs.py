@@ -85,7 +85,7 @@ class Grid:
             self.uniforms[PERIOD] = Param(kind, _vector(period), PERIOD)
 
     def placed(self, recorded: Recorded, cut: Collection[str], reach: Sequence[int] = ()) -> Recorded:
-        """Return a program for blocks, or the same one if it does not ask for its place; see `place_blocks`."""
+        """Return the program with a block's place added to its indices, unchanged if it reads none (`place_blocks`)."""
         module, rank = recorded.module, len(self.shape)
         if self.uniforms:
             module = place_blocks(module, cut, rank, reach if self.wraps else None)

@@ -187,7 +187,7 @@ def _check_borders(chain: Chain, shape: Shape, depth: list[int], wraps: Any, cla
 
 
 def _widened(sizes: tuple[int, ...], depth: int) -> tuple[int, ...]:
-    """Return the chunks of an axis, of which neighbours are joined until each is as long as the halo."""
+    """Join neighbouring chunks of an axis until each is as long as the halo; return their sizes."""
     made: list[int] = []
     for size in sizes:
         if made and (made[-1] < depth or not made[-1]):

@@ -63,7 +63,7 @@ def _ordered(
 ) -> tuple[list[tuple[Any, int]], tuple[int, ...]]:
     """Return the sorted parts, each with its number of elements, and the extents of the components' axes.
 
-    `keeps`: the parts hold the elements.
+    With `keeps` the parts hold the elements, too.
     """
     import dask
 

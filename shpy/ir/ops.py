@@ -5,7 +5,8 @@ the tests run every row on every backend, and docs/numerics.md prints the table.
 
 A signature reads `bases: arguments -> result`. Bases: `f` floats, `i` ints, `u` only u, `b` only b, `n` floats and
 ints, `w` ints and b, `a` any. Arguments: `T` one type of those bases for all T, `S` its scalar, `V` T with size >= 2,
-`V3` T of size 3, `B` b of T's size, `I` i of T's size, `X` any int type of T's size, `b` scalar b, `U` u of T's size.
+`V3` T of size 3, `B` b of T's size, `I` i of T's size, `X` any int type of T's size, `b` scalar b, `U` u of T's size,
+`F` f of T's size.
 
 >>> result_type("dot", (vec("f", 3), vec("f", 3)))
 f

@@ -277,7 +277,7 @@ class Stream(StreamReductions, Shown):
         return found[0] if len(found) == 1 else found
 
     def on_device(self, function: Callable[..., Any]) -> Any:
-        """Call a function with what `native` gives, for several leaves with each of these; return what it returns.
+        """Call `function` with the native object of each leaf as an argument (see `native`), and return its result.
 
         It runs on the thread that may use the device's library: for GLSL that is a thread of shpy, since an OpenGL
         context belongs to one thread. There it may use moderngl, also `texture.ctx`, and other streams.

@@ -200,7 +200,7 @@ class Ongoing:
         return 0.0 if self._ready.get((wanted, self._size or (0, 0)), True) is False else None
 
     def refused(self, wanted: Form) -> Exception | None:
-        """Return the error with which a target refuses `show`; `advance` raises that of one of the chain's kernels."""
+        """Return the error with which a target refuses `show`; `advance` raises the error of a kernel of the chain."""
         return self.kernels.refused(wanted) if self.kernels else None
 
     def trace(self, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:

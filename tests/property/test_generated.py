@@ -1,7 +1,7 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-About 140 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
-340 more, and 5,400 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
+160 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
+360 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
 """

@@ -100,7 +100,7 @@ class Operations:
         return e
 
     def splat_of(self, e: Expr) -> Expr | None:
-        """Return the scalar that may stand for a vector beside another one."""
+        """Return the scalar that `e` repeats, which may replace it beside a vector; None if `e` is no splat."""
         return e.splat
 
     def literal(self, type: Type, component: float | int | bool) -> Expr:

@@ -349,7 +349,7 @@ def picked(e: Expr, components: Sequence[int], type: Type) -> Member:
 
 
 def several(values: Sequence[Expr]) -> Expr:
-    """Return one value, or several side by side."""
+    """Return the value if there is one, else a Tuple of the values."""
     return values[0] if len(values) == 1 else Tuple(BOOL, tuple(values))
 
 

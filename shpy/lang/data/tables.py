@@ -378,7 +378,7 @@ class CompoundTable(Table):
             part._change(data, start)
 
     def leaves(self, name: str) -> dict[str, Table]:
-        """Return the tables of the leaves by their names in a module, where this one is called `name`."""
+        """Return the tables of the leaves, by their names in a module in which this table is called `name`."""
         paths = [path for path, _, _ in leaves(self._layout, name)]
         return dict(zip(paths, self._parts, strict=True))
 

@@ -198,7 +198,7 @@ class _Slice:
                 )
 
     def _asks(self, name: str) -> bool:
-        """Return whether a function, or one that it calls, has a grid_index."""
+        """Return whether a function, or one that it calls, reads grid_index."""
         for s in walk(self.callees[name].body):
             called = s.function if isinstance(s, Call) else s.attr if isinstance(s, Let) and s.op == "call" else None
             if (isinstance(s, Let) and s.op == "grid_index") or (called is not None and self._asks(str(called))):

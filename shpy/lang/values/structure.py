@@ -389,7 +389,7 @@ def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:
 
 
 def _struct_class(cls: type, fields: dict[str, Any]) -> Any:
-    """Return the struct of a class: a class of its name, of which it is the first base."""
+    """Return the struct of a class: a subclass with the same name, whose first base is that class."""
     body = {name: getattr(cls, name) for name in ("__doc__", "__module__", "__qualname__")}
     # With the user's class among the bases, super() in its methods finds the class behind it.
     made: Any = type(cls.__name__, (cls, Struct), {**body, "_shpy_fields": fields})

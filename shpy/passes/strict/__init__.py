@@ -1,8 +1,8 @@
-"""The functions that strict mode expands, so that they give the same bits on every target.
+"""The formulas of elementary functions in portable mode, and in strict mode at f64: the same bits on every target.
 
 Stage: improve. `FUNCTIONS["sin"]` writes sine as a formula of operations that are rounded correctly everywhere: no
-fused multiply-add, no binary64 for a binary32. `lower` makes functions such as `sin_strict` from these formulas. It
-imports this package when a module first needs one.
+fused multiply-add, no binary64 for a binary32. `lower` makes functions such as `sin_portable` and `sin_strict_d` from
+them, and imports this package when a module first needs one. `passes/exact` has those of strict mode at f32.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def input_checks() -> list[Check]:
 
 
 def _all(name: str, part: int, target: Target) -> Finding:
-    """Return the errors of a part of the inputs on numpy; on others whether they give numpy's bits on this machine."""
+    """Compare part of the inputs: numpy's results with the bound, other backends' with numpy's bits here."""
     verdict: Verdict = "same"
     ulp = 0.0
     kernel, reference = target.compile(function(name)), Target("numpy").compile(function(name))

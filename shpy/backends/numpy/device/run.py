@@ -67,7 +67,7 @@ class NumpyBackend:
 
     def __init__(self) -> None:
         # glibc gives memory back to the system as soon as more than 128 KiB are free, and a tile's arrays would be
-        # mapped anew at every operation. Once a block was freed it keeps twice as much; nothing is written to this one.
+        # mapped anew at every operation. After a large block was freed it keeps twice its size. Nothing writes to it.
         np.empty(_KEPT_MEMORY, np.uint8)
 
     def devices(self) -> list[Device]:

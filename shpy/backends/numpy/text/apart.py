@@ -74,7 +74,7 @@ def _only_places(module: Module) -> bool:
 
 
 def _holds(module: Module, kind: Callable[[Variable], bool]) -> bool:
-    """Return whether a slot of the module is of this kind."""
+    """Return whether `kind` holds for a variable or an output of a function."""
     return any(kind(slot) for f in module.functions for slot in (*f.variables, *f.outputs))
 
 

@@ -139,8 +139,8 @@ def _started() -> subprocess.Popen[bytes]:
         raise Refused("there is no Python to compile in another process")
     path = [str(p) for p in sys.path]
     command = f"import sys; sys.path[:] = {path!r}; from shpy.backends.opencl.device.background import serve; serve()"
-    # In a group of its own it does not hear Ctrl-C, which is for this process. It stays in the session: Linux weighs
-    # priorities within a session only.
+    # A process group of its own keeps Ctrl-C, which is meant for this process, from it. It stays in the session,
+    # because Linux compares priorities only within a session.
     group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}
     return subprocess.Popen(
         [sys.executable, "-c", command],

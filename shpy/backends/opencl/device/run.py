@@ -343,8 +343,8 @@ class OpenCLExecutable:
         args += self._params(call.params)
         results = (*call.outputs, *(() if call.status is None else (call.status,)))
         args += [own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
-        # A kernel holds its arguments, so each run that is to be repeated has one of its own. To make one takes longer
-        # than a small run, so those of runs that are gone are used again.
+        # A kernel object holds its arguments, so each repeated run has its own. To make an object takes longer than a
+        # small run, so the objects of runs that were deleted are used again.
         compiled = self.compiled if once else self._spare_kernel()
         run = self._starter(compiled, args, count, row, reads=False, shared=once)
         if not once:
