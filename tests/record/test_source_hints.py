@@ -121,7 +121,7 @@ def test_why_python_wants_a_bool(line: str) -> None:
 
 def test_an_elif_and_a_test_on_several_lines() -> None:
     assert asked("elif x > 0: n = 2", before="    if n == 1:\n        n = 5\n") == (
-        ((decided("if", "x > 0"), "with SH_ELIF(x > 0):"),) * 2
+        ((decided("if", "x > 0"), "else:, and in it with SH_IF(x > 0):"),) * 2
     )
     with_frame, _ = asked("if (n == 3", after="            and x > 0):\n        n = 2\n")
     assert with_frame[1] == "with SH_IF((n == 3) & (x > 0)):"
@@ -130,7 +130,7 @@ def test_an_elif_and_a_test_on_several_lines() -> None:
 def test_with_the_frame_the_right_one_of_several_is_found() -> None:
     with_frame, by_line = asked("n = (n and 1) + (1 if x else 2)")
     assert with_frame == (decided("if", "x"), "sh.cond(x, 1, 2)")
-    assert by_line == (decided("and", "n and 1"), "n & 1")
+    assert by_line == (decided("and", "n and 1"), "sh.cond(n, 1, n)")
     assert asked("n = [1, 2].index(x)") == (
         (compares("[1, 2].index"), "compare with each, as in `(x == a) | (x == b)`"),
         None,

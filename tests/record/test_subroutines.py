@@ -363,3 +363,92 @@ def test_one_variable_may_be_read_twice_and_copies_may_be_written():
         return Both(x, square)
 
     assert case(3) == (7, 9)
+
+
+@sh.subroutine
+def squared(x: sh.Attrib1f):
+    return x * x
+
+
+@sh.subroutine
+def product(v: sh.Attrib3f):
+    return sh.dot(v, v)
+
+
+@sh.subroutine
+def stretched(v: sh.Normal3f):
+    return sh.Matrix4f((2, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)) @ v
+
+
+@sh.subroutine
+def raised(n: sh.Vector3f):
+    n += 1
+
+
+def test_arguments_are_taken_as_their_parameters_are_annotated():
+    @sh.program
+    def f(n: sh.Attrib1i, v: sh.Vector3f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f, sh.Normal3f]:
+        return squared(n), product(n), product(v), stretched(v)
+
+    square, scalar, vector, normal = f(100_000, (2, 1, 1))
+    assert (square, scalar, vector) == (1e10, np.float32(3e10), 6)
+    assert normal.tolist() == [1, 1, 1]
+    assert functions_of(f) == ["squared", "product", "stretched"]
+
+
+def test_another_kind_is_passed_by_reference():
+    @sh.program
+    def f(v: sh.Normal3f) -> sh.Normal3f:
+        raised(v)
+        return v
+
+    assert f((1, 2, 3)).tolist() == [2, 3, 4]
+
+
+def narrow(x: sh.Attrib1f) -> sh.Attrib1f:
+    return whole(x)
+
+
+def short(x: sh.Attrib2f) -> sh.Attrib1f:
+    return product(x)
+
+
+def stored(x: sh.Attrib1i) -> sh.Attrib1f:
+    grow(x)
+    return x
+
+
+@sh.subroutine
+def whole(n: sh.Attrib1i):
+    return n + 1
+
+
+@sh.subroutine
+def grow(x: sh.Attrib1f):
+    x += 1
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            narrow,
+            "n of whole of type i would narrow f\n  write instead: the conversion written out, sh.Attrib1i(…)",
+        ),
+        (
+            short,
+            "v of product takes 3 components or one, not 2\n"
+            "  write instead: pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)",
+        ),
+        (
+            stored,
+            "grow stores into x, which is given a value of another type: it is converted, so the store would be lost\n"
+            "  write instead: a value of its own: x = sh.Attrib1f(…), then grow(x)",
+        ),
+    ],
+)
+def test_an_argument_that_its_parameter_does_not_take_is_an_error(call, message):
+    with pytest.raises(sh.ShpyError) as caught:
+        sh.program(call)
+    line = call.__code__.co_firstlineno + 1
+    assert str(caught.value) == f"{__file__}:{line}: {message}"

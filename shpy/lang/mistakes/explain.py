@@ -22,8 +22,9 @@ import numpy as np
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
-from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library
-from shpy.lang.mistakes.rewrite import rewritten
+from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library, module_cure
+from shpy.lang.mistakes.objects import named
+from shpy.lang.mistakes.rewrite import ends_of, rewritten, size_of
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.tree import parsed, quoted
 from shpy.lang.values.abstract import AbstractValue
@@ -39,6 +40,27 @@ _SAME = {row.name for row in OPS.values() if row.says and (hasattr(np, row.name)
 }
 """The functions that numpy or math has by the same name."""
 _JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
+_OF_COUNTS = {
+    ("round", 2): "{prefix}round({0} * 10**{1}) / 10**{1}",
+    ("around", 2): "{prefix}round({0} * 10**{1}) / 10**{1}",
+    ("log", 2): "{prefix}log({0}) / {prefix}log({1})",
+    ("fmod", 2): "{0} - {1} * {prefix}trunc({0} / {1})",
+    ("remainder", 2): "{0} - {1} * {prefix}round({0} / {1})",
+    ("copysign", 2): "{prefix}cond({1} < 0, -abs({0}), abs({0}))",
+    ("logical_and", 2): "{0} & {1}",
+    ("logical_or", 2): "{0} | {1}",
+    ("logical_not", 1): "~{0}",
+    ("complex", 1): "a vector of two, {prefix}vec2({0}, 0)",
+    ("complex", 2): "a vector of two, {prefix}vec2({0}, {1})",
+    ("log1p", 1): "{prefix}log(1 + {0})",
+    ("expm1", 1): "{prefix}exp({0}) - 1",
+    ("cbrt", 1): "{prefix}sign({0}) * {prefix}pow(abs({0}), 1 / 3)",
+    ("square", 1): "{0} * {0}",
+    ("uniform", 2): "{0} + ({1} - {0}) * {prefix}unit_float({prefix}hash(i))",
+    ("randint", 2): "the bits of {prefix}hash(i), the same in every run",
+}
+"""Cures for functions of Python and numpy, by their number of arguments."""
+_NUMERIC = ("math", "cmath", "np", "numpy")
 _CASTING = {
     "float32": "Attrib1f", "float64": "Attrib1d", "float16": "Attrib1h", "int32": "Attrib1i", "int64": "Attrib1i",
     "uint32": "Attrib1u", "bool_": "Attrib1b",
@@ -90,14 +112,15 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
     if loc is None:
         return None
     try:
-        roots, spelling = _statements(loc), _Spelling.of(loc.file)
+        roots, frame = _statements(loc), frame or user_frame()
+        spelling = _Spelling.of(loc.file, frame if frame and frame.f_code.co_filename == loc.file else None)
         if asked == "bool":
             tests = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
             site = _chosen(tests, loc, frame) or _in_a_call(roots, loc, frame)
             return None if site is None else _bool_hint(site, spelling)
-        asking = [_Site(n, n, root) for root in roots for n in _in_order(root) if _asks(n, asked)]
+        asking = [_Site(n, n, root) for root in roots for n in _in_order(root) if _asks(n, asked, spelling.frame)]
         asking.sort(key=lambda site: isinstance(site.node, ast.Call) and isinstance(site.node.func, ast.Attribute))
-        site = _chosen(asking, loc, frame)
+        site = _chosen(asking, loc, frame) or _in_a_call(roots, loc, frame)
         if site is None:
             return None
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
@@ -108,14 +131,15 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
 
 @dataclass(frozen=True, slots=True)
 class _Spelling:
-    """The way in which a file writes shpy's names."""
+    """The way in which a file writes shpy's names; `frame` knows the types of its own names."""
 
     file: str
     prefix: str
     imported: frozenset[str]
+    frame: FrameType | None
 
     @classmethod
-    def of(cls, file: str) -> _Spelling:
+    def of(cls, file: str, frame: FrameType | None = None) -> _Spelling:
         """Find how the file imports shpy: the prefix of its names, and the names imported directly."""
         prefix, imported = "sh.", set[str]()
         tree = parsed(file)
@@ -126,7 +150,11 @@ class _Spelling:
                         prefix = f"{alias.asname or alias.name}."
             elif isinstance(node, ast.ImportFrom) and node.module == "shpy":
                 imported |= {alias.name for alias in node.names}
-        return cls(file, prefix, frozenset(imported))
+        return cls(file, prefix, frozenset(imported), frame)
+
+    def test(self, node: ast.expr) -> str:
+        """Return an expression as a bool of the language."""
+        return rewritten(node, self.prefix, self.frame, test=True)
 
     def quoted(self, node: ast.AST) -> str:
         """Return the code as it stands in the file."""
@@ -220,15 +248,17 @@ def _of_the_host(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant)
 
 
-def _asks(node: ast.AST, kind: str) -> TypeGuard[ast.expr]:
+def _asks(node: ast.AST, kind: str, frame: FrameType | None) -> TypeGuard[ast.expr]:
     """Return whether the expression may ask a value for this kind of number."""
     match node:
+        case ast.Call(func=function, args=[_, *_]) if getattr(named(function, frame), "__module__", "") in _NUMERIC:
+            return True
         case ast.Call(func=ast.Name(id=name)):
             return kind == {"range": "index", "complex": "float"}.get(name, name)
         case ast.Call(func=ast.Attribute(value=ast.Name(id=module))):
-            return module in ("math", "cmath", "np", "numpy") and bool(node.args)
+            return module in _NUMERIC and bool(node.args)
         case ast.Call(func=ast.Attribute(value=ast.Attribute(value=ast.Name(id=module)))):
-            return module in ("np", "numpy") and bool(node.args)
+            return module in _NUMERIC and bool(node.args)
         case ast.Subscript():
             return kind == "index" and not isinstance(node.slice, ast.Constant)
     return False
@@ -311,24 +341,25 @@ def _word(node: ast.AST) -> str | None:
 
 def _test_cure(site: _Site, spelling: _Spelling) -> str:
     """Return the whole construct as it should be written."""
-    whole, prefix = site.whole, spelling.prefix
+    whole = site.whole
     match whole:
         case ast.If(test=test):
-            name = "SH_ELIF" if _is_elif(whole) else "SH_IF"
-            return f"with {spelling.control(name)}({rewritten(test, prefix)}):"
+            # Python has decided the `if` above an `elif`, so no SH_IF is there to continue.
+            inside = "else:, and in it " if _is_elif(whole) else ""
+            return f"{inside}with {spelling.control('SH_IF')}({spelling.test(test)}):"
         case ast.While(test=test):
-            return f"with {spelling.control('SH_WHILE')}(lambda: {rewritten(test, prefix)}):"
+            return f"with {spelling.control('SH_WHILE')}(lambda: {spelling.test(test)}):"
         case ast.Assert(test=test):
-            return f"give `{rewritten(test, prefix)}` as an output, and check that"
-        case ast.Compare(ops=[ast.In() | ast.NotIn()], comparators=[items]) if not isinstance(
-            items, ast.Tuple | ast.List | ast.Set
+            return f"give `{spelling.test(test)}` as an output, and check that"
+        case ast.Compare(ops=[ast.In() | ast.NotIn()], comparators=[items]) if (
+            not isinstance(items, ast.Tuple | ast.List | ast.Set) and ends_of(items) is None
         ):
             left, found = spelling.quoted(whole.left), isinstance(whole.ops[0], ast.In)
             return _each(left) if found else f"compare with each, as in `({left} != a) & ({left} != b)`"
         case ast.comprehension():
-            return f"with {spelling.control('SH_IF')}({rewritten(site.tested, prefix)}):"
+            return f"with {spelling.control('SH_IF')}({spelling.test(site.tested)}):"
         case ast.expr():
-            return rewritten(whole, prefix)
+            return rewritten(whole, spelling.prefix, spelling.frame)
     return spelling.quoted(whole)
 
 
@@ -353,12 +384,14 @@ def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
         )
     if name == "sorted":
         return message, f"compare and exchange with {spelling.prefix}min and {spelling.prefix}max"
+    asks = f"Python's `{name}` asks while recording, and what it asks is known only when the program runs"
     if name in ("any", "all"):
-        message = f"Python's `{name}` asks while recording, and what it asks is known only when the program runs"
+        message = asks
         sign = "|" if name == "any" else "&"
         return message, f"join the items with `{sign}`; `{spelling.prefix}{name}(v)` is for the components of a vector"
     if name not in ("min", "max"):
-        return message, _each("x")
+        compares = isinstance(node.func, ast.Attribute) and node.func.attr in ("index", "count", "remove")
+        return (message, _each("x")) if compares else (asks, _UNSEEN["bool"][1])
     match node.args:
         case [ast.Tuple(elts=items) | ast.List(elts=items)]:
             arguments = [ast.unparse(i) for i in items]
@@ -387,29 +420,36 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 f"with {spelling.control('SH_FOR')}({arguments}) as {index}:",
             )
         case ast.Call(func=function, args=arguments):
-            inside = ", ".join(ast.unparse(a) for a in arguments)
             message = f"`{asked}` is computed while recording, and its argument is known only when the program runs"
-            if isinstance(function, ast.Attribute) and OTHER_NAMES.get(function.attr, function.attr) in _JOINING:
-                return message, _joined(arguments, prefix)
-            return message, _function_cure(function, inside, prefix)
+            name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
+            if OTHER_NAMES.get(name, name) in _JOINING:
+                return message, _joined(arguments, spelling)
+            return message, _function_cure(function, arguments, spelling)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
 
 
-def _joined(arguments: list[ast.expr], prefix: str) -> str:
+def _joined(arguments: list[ast.expr], spelling: _Spelling) -> str:
     """Return the cure for numpy's functions that make one array of what they are given."""
     inside = ", ".join(ast.unparse(a) for a in arguments[:1])
     if not arguments or not isinstance(arguments[0], ast.List | ast.Tuple):
         return f"{inside or 'the value'}, which needs no array"
-    parts = arguments[0].elts
-    return f"{prefix}vec{min(max(len(parts), 2), 4)}({', '.join(ast.unparse(part) for part in parts)})"
+    parts: list[ast.expr] = []
+    for part in arguments[0].elts:
+        parts += part.elts if isinstance(part, ast.List | ast.Tuple) else [part]
+    size = sum(size_of(part, spelling.frame) for part in parts)
+    return f"{spelling.prefix}vec{min(max(size, 2), 4)}({', '.join(ast.unparse(part) for part in parts)})"
 
 
-def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
-    if isinstance(function, ast.Name):
-        types = {"int": "Attrib1i", "float": "Attrib1f", "round": "round"}
-        return f"{prefix}{types.get(function.id, function.id)}({inside})"
-    name = function.attr if isinstance(function, ast.Attribute) else ""
-    name = OTHER_NAMES.get(name, name)
+def _function_cure(function: ast.expr, arguments: list[ast.expr], spelling: _Spelling) -> str:
+    """Return what to write in place of a call of a function of numbers."""
+    prefix, inside = spelling.prefix, ", ".join(ast.unparse(a) for a in arguments)
+    name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
+    held = named(function, spelling.frame)
+    if held is not None and not isinstance(held, type):  # from math import sin as s
+        name = getattr(held, "__name__", name)
+    if (name, len(arguments)) in _OF_COUNTS:
+        return _OF_COUNTS[name, len(arguments)].format(*map(_operand, arguments), prefix=prefix)
+    name = {"int": "int32", "float": "float32"}.get(name, OTHER_NAMES.get(name, name))
     if name in _CASTING:
         return f"{prefix}{_CASTING[name]}({inside})"
     if name == "length":
@@ -418,4 +458,10 @@ def _function_cure(function: ast.expr, inside: str, prefix: str) -> str:
         return f"{prefix}{name}({inside})"
     if is_in_library(name):
         return f"{prefix}library.{name}({inside})"
-    return f"a function of shpy, such as `{prefix}sqrt`"
+    return module_cure(name, ()) or f"a function of shpy, such as `{prefix}sqrt`"
+
+
+def _operand(node: ast.expr) -> str:
+    """Return an argument as an operand of any operator."""
+    text = ast.unparse(node)
+    return text if isinstance(node, ast.Name | ast.Attribute | ast.Constant | ast.Subscript | ast.Call) else f"({text})"

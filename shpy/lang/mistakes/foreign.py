@@ -18,7 +18,7 @@ from shpy.ir.ops import OPS
 OTHER_NAMES = {
     "fabs": "abs", "absolute": "abs", "power": "pow", "arcsin": "asin", "arccos": "acos", "arctan": "atan",
     "arctan2": "atan2", "arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "minimum": "min", "maximum": "max",
-    "where": "cond", "clip": "clamp", "norm": "length", "fmod": "mod", "rint": "round",
+    "where": "cond", "clip": "clamp", "norm": "length", "rint": "round",
     "dist": "distance", "deg2rad": "radians", "rad2deg": "degrees", "matmul": "dot", "vdot": "dot",
 }  # fmt: skip
 """A function of numpy or math, and the function of shpy that does the same."""
@@ -46,6 +46,7 @@ _SHADING = {
 }  # fmt: skip
 _PLAIN = {
     "pi": "math.pi", "PI": "math.pi", "tau": "math.tau", "e": "math.e", "inf": "math.inf", "nan": "math.nan",
+    "fmod": "x - y * sh.trunc(x / y), or sh.mod(x, y) with the sign of y",
     "square": "x * x", "rcp": "1 / x", "reciprocal": "1 / x", "sum": "sum(v), Python's", "lessThan": "a < b",
     "greaterThan": "a > b", "lessThanEqual": "a <= b", "greaterThanEqual": "a >= b", "equal": "a == b",
     "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.library.outer(a, b)",

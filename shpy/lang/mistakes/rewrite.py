@@ -1,8 +1,9 @@
 """Rewrite the user's expression in the operators of the language, for the texts of cures.
 
-Stage: record. Takes an expression's tree; returns text.
+Stage: record. Takes an expression's tree, and the frame that computes it where it is known; returns text.
 
     a < b < c → (a < b) & (b < c)      x and not y → x & ~y      1 if c else 2 → sh.cond(c, 1, 2)
+    with an int n:      not n → n == 0      n or 7 → sh.cond(n != 0, n, 7)
 """
 
 from __future__ import annotations
@@ -10,39 +11,73 @@ from __future__ import annotations
 import ast
 import copy
 from functools import reduce
+from types import FrameType
+from typing import NamedTuple, TypeAlias
 
+from shpy.ir.types import Base
+from shpy.lang.mistakes.objects import named
+from shpy.lang.values.value import Value
 from shpy.parsing import parse
 
 _LONGEST = 96
+_BITS: TypeAlias = ast.BitAnd | ast.BitOr | ast.BitXor
+_OF_BOOLS = ("any", "all")
+_TO_BOOLS = ("isnan", "isinf")
+
+
+class _Form(NamedTuple):
+    """The form of a value: bools or numbers, and the number of components."""
+
+    bools: bool
+    size: int
+
+
+_BOOL = _Form(True, 1)
 
 
 class _Rewriter(ast.NodeTransformer):
     """Rewrites Python's own logic as operators that values have."""
 
-    def __init__(self, prefix: str) -> None:
-        self.prefix = prefix
+    def __init__(self, prefix: str, frame: FrameType | None) -> None:
+        self.prefix, self.frame = prefix, frame
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        """Rewrite `and` as `&`, `or` as `|`."""
-        self.generic_visit(node)
-        operator = ast.BitAnd() if isinstance(node.op, ast.And) else ast.BitOr()
-        return reduce(lambda left, right: ast.BinOp(left, operator, right), node.values)
+        """Rewrite `and` of bools as `&`, `or` as `|`; of numbers as the choice that Python makes."""
+        forms = [self.form(value) for value in node.values]
+        if all(form is None or form.bools for form in forms):
+            return self.joined(node)
+        *first, last = node.values
+        chosen: ast.expr = self.visit(last)
+        for value in reversed(first):
+            held, kept = self.holds(value), self.visit(copy.deepcopy(value))
+            chosen = self.call("cond", held, *((chosen, kept) if isinstance(node.op, ast.And) else (kept, chosen)))
+        return chosen
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """Rewrite `not` as `~`."""
-        self.generic_visit(node)
-        return ast.UnaryOp(ast.Invert(), node.operand) if isinstance(node.op, ast.Not) else node
+        """Rewrite `not` as `~`, of a number as `== 0`."""
+        if not isinstance(node.op, ast.Not):
+            self.generic_visit(node)
+            return node
+        form = self.form(node.operand)
+        if form is not None and form == _Form(False, 1):
+            return ast.Compare(self.visit(node.operand), [ast.Eq()], [ast.Constant(0)])
+        return ast.UnaryOp(ast.Invert(), self.holds(node.operand))
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """Rewrite a chain as the `&` of its links; `in` a display compares with each item."""
+        """Rewrite a chain as the `&` of its links; `in` a display compares with each item, `in` a range its ends."""
         self.generic_visit(node)
         if joined := _joined(node):
             return joined
         links: list[ast.expr] = []
         left = node.left
         for operator, right in zip(node.ops, node.comparators, strict=True):
+            wanted = isinstance(operator, ast.In)
             if isinstance(operator, ast.In | ast.NotIn) and isinstance(right, ast.Tuple | ast.List | ast.Set):
-                links.append(_membership(left, right.elts, wanted=isinstance(operator, ast.In)))
+                links.append(_membership(left, right.elts, wanted=wanted))
+            elif isinstance(operator, ast.In | ast.NotIn) and (ends := ends_of(right)):
+                links.append(_between(left, *ends, wanted=wanted))
+            elif isinstance(operator, ast.In | ast.NotIn):
+                links.append(_membership(left, [ast.Name("a"), ast.Name("b")], wanted=wanted))
             else:
                 links.append(ast.Compare(left, [operator], [right]))
             left = right
@@ -50,13 +85,83 @@ class _Rewriter(ast.NodeTransformer):
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
         """Rewrite `a if c else b` as `cond(c, a, b)`."""
+        test = self.holds(node.test)
         self.generic_visit(node)
-        function = parse(f"{self.prefix}cond", "eval").body
-        return ast.Call(function, [node.test, node.body, node.orelse], [])
+        return self.call("cond", test, node.body, node.orelse)
 
     def visit_Lambda(self, node: ast.Lambda) -> ast.expr:
         """Keep a lambda unchanged, since its body belongs to another function."""
         return node
+
+    def call(self, name: str, *arguments: ast.expr) -> ast.expr:
+        """Return a call of a function of shpy."""
+        return ast.Call(parse(f"{self.prefix}{name}", "eval").body, list(arguments), [])
+
+    def joined(self, node: ast.BoolOp) -> ast.expr:
+        """Return the operands as bools, joined by the operator of bools."""
+        operator = ast.BitAnd() if isinstance(node.op, ast.And) else ast.BitOr()
+        return reduce(lambda left, right: ast.BinOp(left, operator, right), map(self.holds, node.values))
+
+    def holds(self, node: ast.expr) -> ast.expr:
+        """Return the scalar bool of the language that tells whether Python takes an expression for true."""
+        if isinstance(node, ast.BoolOp):
+            return self.joined(node)
+        form = self.form(node)
+        made: ast.expr = self.visit(copy.deepcopy(node))
+        if form is None or form == _BOOL:
+            return made
+        if not form.bools:
+            made = ast.Compare(made, [ast.NotEq()], [ast.Constant(0)])
+        if form.size == 1:
+            return made
+        differs = isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.NotEq)
+        return self.call("any" if differs or not form.bools else "all", made)
+
+    def form(self, node: ast.expr) -> _Form | None:
+        """Return the form of an expression, None where it is not known."""
+        match node:
+            case ast.Constant(value=bool()):
+                return _BOOL
+            case ast.Constant(value=int() | float()):
+                return _Form(False, 1)
+            case ast.Compare(left=left, ops=[operator], comparators=[right]):
+                plain = not isinstance(operator, ast.In | ast.NotIn)
+                return _Form(True, self.widest(left, right)) if plain else _BOOL
+            case ast.Compare() | ast.UnaryOp(op=ast.Not()):
+                return _BOOL
+            case ast.UnaryOp(operand=operand):
+                return self.form(operand)
+            case ast.BinOp(left=left, op=operator, right=right):
+                a, b = self.form(left), self.form(right)
+                if a is None or b is None:
+                    return None
+                return _Form(a.bools and b.bools and isinstance(operator, _BITS), max(a.size, b.size))
+            case ast.IfExp(body=body):
+                return self.form(body)
+            case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=[argument]) if name in _TO_BOOLS:
+                return _Form(True, self.widest(argument))
+            case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=[_]) if name in _OF_BOOLS:
+                return _BOOL
+            case ast.Call(func=function):
+                made = named(function, self.frame)
+                return _of_class(made) if isinstance(made, type) else None
+            case ast.Attribute(value=value, attr=picked) if isinstance(held := named(value, self.frame), Value):
+                return _Form(held.base is Base.B, len(picked))
+            case ast.Subscript(value=value) if isinstance(held := named(value, self.frame), Value):
+                return _Form(held.base is Base.B, 1)
+        held = named(node, self.frame)
+        if isinstance(held, bool):
+            return _BOOL
+        return _Form(False, 1) if isinstance(held, int | float) else _of_class(type(held))
+
+    def widest(self, *nodes: ast.expr) -> int:
+        """Return the greatest number of components, 1 for what is not known."""
+        return max((form.size for node in nodes if (form := self.form(node))), default=1)
+
+
+def _of_class(cls: type) -> _Form | None:
+    """Return the form of the values of a class of the language."""
+    return _Form(cls.base is Base.B, cls.size) if issubclass(cls, Value) else None
 
 
 def _joined(node: ast.Compare) -> ast.expr | None:
@@ -77,7 +182,34 @@ def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.e
     return reduce(lambda a, b: ast.BinOp(a, join, b), compared) if compared else ast.Constant(not wanted)
 
 
-def rewritten(node: ast.expr, prefix: str) -> str:
-    """Return the expression's text with Python's logic (`and`, `not`, `a < b < c`) replaced; `prefix` is as `sh.`."""
-    text = ast.unparse(ast.fix_missing_locations(_Rewriter(prefix).visit(copy.deepcopy(node))))
+def ends_of(node: ast.expr) -> tuple[ast.expr, ast.expr] | None:
+    """Return the two ends of a call of `range` without a step."""
+    match node:
+        case ast.Call(func=ast.Name(id="range"), args=[end]):
+            return ast.Constant(0), end
+        case ast.Call(func=ast.Name(id="range"), args=[begin, end]):
+            return begin, end
+    return None
+
+
+def _between(left: ast.expr, begin: ast.expr, end: ast.expr, *, wanted: bool) -> ast.expr:
+    """Rewrite `n in range(a, b)` as `(n >= a) & (n < b)`, `not in` as `(n < a) | (n >= b)`."""
+    join: ast.operator = ast.BitAnd() if wanted else ast.BitOr()
+    low, high = (ast.GtE(), ast.Lt()) if wanted else (ast.Lt(), ast.GtE())
+    return ast.BinOp(ast.Compare(left, [low], [begin]), join, ast.Compare(left, [high], [end]))
+
+
+def rewritten(node: ast.expr, prefix: str, frame: FrameType | None, *, test: bool = False) -> str:
+    """Return the expression's text with Python's logic (`and`, `not`, `a < b < c`) replaced; `prefix` is as `sh.`.
+
+    `frame` tells the types of names. With `test` the result is a scalar bool, else the value that Python would give.
+    """
+    rewriter = _Rewriter(prefix, frame)
+    made = rewriter.holds(node) if test else rewriter.visit(copy.deepcopy(node))
+    text = ast.unparse(ast.fix_missing_locations(made))
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def size_of(node: ast.expr, frame: FrameType | None) -> int:
+    """Return the number of components of an expression, 1 where it is not known."""
+    return _Rewriter("", frame).widest(node)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -65,7 +65,7 @@ class Subroutine:
         bound.apply_defaults()
         if self._hints is None:
             self._hints = hints_of(self.function)
-        given = {name: self._argument(name, value) for name, value in bound.arguments.items()}
+        given = {name: self._argument(recording.frame, name, value) for name, value in bound.arguments.items()}
         key = self._key(given)
         recorded = recording.subroutines.get(key) if key is not None else None
         if recorded is None:
@@ -78,7 +78,8 @@ class Subroutine:
             recorded = self._record(recording, given)
             if key is not None and key == self._key(given):  # the function has changed nothing that it reads
                 recording.subroutines[key] = recorded
-        return recorded.call(recording.frame, given)
+        converted = {name for name, value in given.items() if self._is_converted(value, bound.arguments[name])}
+        return recorded.call(recording.frame, given, converted)
 
     def _key(self, given: dict[str, Any]) -> Hashable | None:
         """Return the key of the recording for a call: the types of values, and snapshots of all other objects read.
@@ -90,14 +91,28 @@ class Subroutine:
         seen = snapshot(*hosts) if self._is_library else snapshot(self.function, *hosts)
         return None if seen is None else (self, kinds, seen)
 
-    def _argument(self, name: str, value: Any) -> Any:
-        """Return a number for an annotated parameter as a value of that type; return other host objects unchanged."""
+    def _argument(self, frame: Frame, name: str, value: Any) -> Any:
+        """Return a value or a number as its parameter's annotation says; return other objects unchanged.
+
+        A value whose type differs is converted, as an input of a program is: it widens, or a scalar fills a vector.
+        """
         assert self._hints is not None
         hint = self._hints.get(name)
-        plain = literal(value) is not None or sequence(value) is not None
-        if plain and isinstance(hint, type) and issubclass(hint, Value | Matrix):
+        if not isinstance(hint, type) or not issubclass(hint, Value | Matrix):
+            return value
+        if literal(value) is not None or sequence(value) is not None:
             return hint(value)
-        return value
+        if not isinstance(value, Value) or isinstance(value, hint) or not issubclass(hint, Value):
+            return value
+        if value.type is hint.type:
+            return _of_kind(hint, value)
+        handle = arithmetic.convert(frame, value, hint.type, f"{name} of {self.name}")
+        return arithmetic.made(hint.kind, hint.type, FrameEmitter(frame), handle)
+
+    @staticmethod
+    def _is_converted(value: Any, given: Any) -> bool:
+        """Return whether an argument is a copy of another type, not the variable of the value that was given."""
+        return isinstance(given, Value) and isinstance(value, Value) and value.type is not given.type
 
     def _record(self, recording: Recording, given: dict[str, Any]) -> Recorded:
         frame = Frame(recording, recording.function_name(self.name), self._loc)
@@ -162,6 +177,14 @@ def _slot_value(frame: Frame, cls: type[Value], name: str, loc: Loc | None) -> V
     return value
 
 
+def _of_kind(cls: type[Value], value: Value) -> Value:
+    """Return the same variable or constant under another kind."""
+    other = object.__new__(cls)
+    for attribute in ("_frame", "_variable", "_const", "_part", "_loc"):
+        object.__setattr__(other, attribute, getattr(value, attribute))
+    return other
+
+
 def _slots(value: Any) -> list[int]:
     """Return the slots of an argument's leaves, in order; none for host objects."""
     if isinstance(value, Array):
@@ -208,9 +231,9 @@ class Recorded:
         """Return everything but the name; recordings with equal contents share one function."""
         return self.layout, self.function.loc, replace(self.function, name="")
 
-    def call(self, frame: Frame, given: dict[str, Any]) -> Any:
-        """Record a call from `frame`; return the function's result."""
-        args = self._arguments(frame, given)
+    def call(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> Any:
+        """Record a call from `frame`; return the function's result. Arguments in `converted` cannot be stored into."""
+        args = self._arguments(frame, given, converted)
         loc = here()
         outputs = self.function.outputs
         if self.function.pure:
@@ -226,9 +249,17 @@ class Recorded:
         wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
         return wrapped[0] if isinstance(self.layout, Leaf) else build_values(self.layout, iter(wrapped))
 
-    def _arguments(self, frame: Frame, given: dict[str, Any]) -> list[int]:
+    def _arguments(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> list[int]:
         emitter = FrameEmitter(frame)
         passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
+        for (name, leaf), stored in zip(passed, self.stored, strict=True):
+            if stored and name in converted:
+                raise RecordError(
+                    f"{self.function.name} stores into {name}, which is given a value of another type: it is "
+                    "converted, so the store would be lost",
+                    loc=here(),
+                    cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
+                )
         args = [
             self._reference(frame, leaf, name) if reference else int(leaf._read(emitter))
             for (name, leaf), reference in zip(passed, self.by_reference, strict=True)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import os
 import sys
+import sysconfig
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import FrameType
 
 import numpy as np
@@ -30,7 +31,9 @@ _START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", ""
 """The start of the command line: no line outside of it is the user's."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
 """Frames of numpy count as the user's line that called numpy."""
-_inside: dict[str, bool] = {}
+_STANDARD = os.path.join(sysconfig.get_path("stdlib"), "")
+"""Frames of the standard library do, too; other packages may be installed in a folder of it."""
+_skipped: dict[str, bool] = {}
 
 
 class _Recording(threading.local):
@@ -60,25 +63,30 @@ def is_library(loc: Loc) -> bool:
 
 
 def user_frame() -> FrameType | None:
-    """Return the innermost frame whose code is not shpy's."""
+    """Return the innermost frame whose code is not shpy's, numpy's or Python's own."""
     frame: FrameType | None = sys._getframe(1)
     library = _thread.library > 0
     while frame is not None:
         file = frame.f_code.co_filename
-        ours = _inside.get(file)
-        if ours is None:
-            ours = _look_inside(file)
-        if not ours or (library and file.startswith(_LIBRARIES)):
+        skipped = _skipped.get(file)
+        if skipped is None:
+            skipped = _skipped[file] = _look_inside(file) or _is_standard(file)
+        if not skipped or (library and file.startswith(_LIBRARIES)):
             return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None
 
 
+@cache
 def _look_inside(file: str) -> bool:
-    """Return whether a file is shpy's or numpy's, remembered."""
+    """Return whether a file is shpy's or numpy's."""
     path = os.path.abspath(file)
-    ours = _inside[file] = path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_PROGRAMS)
-    return ours
+    return path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_PROGRAMS)
+
+
+def _is_standard(file: str) -> bool:
+    """Return whether a file is one of the standard library."""
+    return file.startswith(_STANDARD) and f"-packages{os.sep}" not in file
 
 
 def is_users(file: str) -> bool:
