@@ -86,17 +86,19 @@ class BoundArrays(Bound):
         if out is None:
             make: Any = np.empty if self.executable.writes_all else np.zeros
             made = [make(shape, dtype) for shape, _, dtype in self.outputs]
-            result = made[0] if type(layout) is Leaf else build_arrays(layout, iter(made))
         else:
             shape, _, dtype = self.outputs[0]
             fits = type(out) is np.ndarray and type(layout) is Leaf and out.shape == shape and out.dtype == dtype
             if not fits or not out.flags.carray or any(np.may_share_memory(out, array) for array in flat):
                 return None
-            made, result = [out], out
+            made = [out]
         written = tuple(a.reshape(shape) for a, (_, shape, _) in zip(made, self.outputs, strict=True))
         data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
         call = Call(self.shape, tuple(flat), written, params, data)
-        return result, self.shape, self.executable.run(call), None
+        status = self.executable.run(call)
+        # Only now: the rows of a matrix are copied into one array.
+        result = made[0] if type(layout) is Leaf else build_arrays(layout, iter(made))
+        return result, self.shape, status, None
 
 
 @dataclass(frozen=True, slots=True)
