@@ -21,13 +21,14 @@ from shpy.errors import LoopLimitExceeded
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Region, Stmt, Value, Variable
 from shpy.ir.ops import TRANSCENDENTALS
-from shpy.ir.traverse import map_regions, rewrite
+from shpy.ir.traverse import map_regions, rewrite, walk
 from shpy.ir.types import Base, vec
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
+from shpy.passes.modes import Precision
 from shpy.program import Program
 from shpy.testing.arrays import Array
 from shpy.testing.observers import Setting
@@ -91,7 +92,8 @@ def _run(
     setting: Setting, watcher: type[_Watcher], lines: Collection[Loc] | None = None
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
     """Return the watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
-    module = _without_pure_functions(lower(setting.program.ir, TRANSCENDENTALS))
+    whole = TRANSCENDENTALS | _of_halves(setting.program.ir, setting.precision)
+    module = _without_pure_functions(lower(setting.program.ir, whole))
     module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
     made = watcher(entry, _LEAST[setting.precision], lines)
@@ -108,6 +110,13 @@ def _run(
     except LoopLimitExceeded as error:
         found = error.result.outputs
     return [np.asarray(part).reshape(-1) for part in found], made.places
+
+
+def _of_halves(module: Module, precision: Precision) -> frozenset[str]:
+    """Return the operations with results of binary16: these are computed in binary32, where they meet no denormal."""
+    bases = {Base.H, Base.F} if precision == "f16" else {Base.H}
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    return frozenset(let.op for let in lets if let.value.type.base in bases)
 
 
 def _without_pure_functions(module: Module) -> Module:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
-from shpy.testing.arrays import EXACT, Array, Bound, flat_leaves
+from shpy.lang.values.structure import flatten
+from shpy.testing.arrays import EXACT, Array, Bound
 from shpy.testing.observers import Setting
 from shpy.testing.reference import flushes_denormals, kernel
 
@@ -41,8 +42,9 @@ def run(setting: Setting, target: str, only: Collection[int] | None = None) -> R
     except LoopLimitExceeded as error:
         result, stopped = error.result, error.count
     written = np.asarray(result.written).reshape(-1)
-    flat = tuple(leaf.reshape(written.size, -1) for leaf in flat_leaves(result.outputs))
-    return Run(target, flat, written, stopped, tuple(compiled.notes))
+    flat = flatten(setting.program.recorded.output, result.outputs, "the output")  # a matrix has a leaf for each row
+    parts = tuple(np.asarray(leaf).reshape(written.size, -1 if written.size else 1) for leaf in flat)
+    return Run(target, parts, written, stopped, tuple(compiled.notes))
 
 
 def parted(a: Run, b: Run, bound: Bound = EXACT) -> Array:

@@ -206,3 +206,13 @@ def test_mpmath_and_matplotlib_are_optional():
     assert "plots need matplotlib" in done.stdout
     assert sh.packages.install("mpmath") in done.stdout
     assert sh.packages.install("matplotlib") in done.stdout
+
+
+def test_a_matrix_is_measured_row_by_row():
+    @sh.program
+    def turned(x: sh.Attrib1f) -> sh.Matrix2f:
+        return sh.Matrix2f((sh.cos(x), -sh.sin(x)), (sh.sin(x), sh.cos(x)))
+
+    report = sh.accuracy.measure(turned, {"x": (0, 10)}, backends="numpy", math="strict", samples=40)
+    assert [row.output for row in report.rows] == ["[0]", "[1]"]
+    assert all(max(row.ulp) <= 0.5 for row in report.rows)

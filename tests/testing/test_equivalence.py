@@ -304,3 +304,30 @@ def test_hypothesis_is_optional():
     assert done.returncode == 0, done.stderr
     assert "agree on 1 elements" in done.stdout
     assert f"programs() needs hypothesis\n  write instead: {sh.packages.install('hypothesis')}" in done.stdout
+
+
+@sh.program
+def of_a_matrix(x: sh.Attrib1f) -> sh.Matrix2f:
+    return sh.Matrix2f((x, sh.exp(x)), (1, x))
+
+
+def test_a_matrix_is_shown_by_its_rows():
+    with pytest.raises(AssertionError, match=r"output \[0\]:(.|\n)*output \[1\]:"):
+        sh.testing.assert_equivalent(of_a_matrix, np.linspace(0, 10, 50), math="fast", backends=("numpy", "glsl"))
+
+
+@pytest.mark.parametrize("shape", [(0,), (3, 0)])
+def test_backends_agree_on_no_elements(shape):
+    for program in (small_program(), of_a_matrix):
+        assert sh.testing.assert_equivalent(program, np.zeros(shape)).elements == 0
+
+
+@pytest.mark.parametrize("precision", ["f32", "f16"])
+def test_denormals_beside_operations_of_halves_are_found(precision):
+    @sh.program
+    def mixed(x: sh.Attrib1f) -> tuple[sh.Attrib1h, sh.Attrib1f, sh.Attrib1f]:
+        half, least = sh.Attrib2h(x, 1), 1e-39 if precision == "f32" else 1e-7
+        return sh.length(half), sh.length(sh.Attrib2f(x, 2)), x * least
+
+    agreement = sh.testing.assert_equivalent(mixed, [1.0, 2.0], precision=precision, backends=("numpy", "glsl"))
+    assert agreement.flushed == ({"glsl": 2} if precision == "f32" else {})
