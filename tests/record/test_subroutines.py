@@ -452,3 +452,69 @@ def test_an_argument_that_its_parameter_does_not_take_is_an_error(call, message)
         sh.program(call)
     line = call.__code__.co_firstlineno + 1
     assert str(caught.value) == f"{__file__}:{line}: {message}"
+
+
+@sh.struct
+class Ball:
+    place: sh.Point2f
+    hits: sh.Attrib1i
+
+
+@sh.subroutine
+def pushed(ball):
+    ball.place += sh.Vector2f(1, 0)
+
+
+@sh.subroutine
+def scaled_corner(m):
+    m[0, 0] = m[0, 0] * 3
+
+
+def test_an_element_of_an_array_that_is_kept_may_be_given_for_a_written_parameter():
+    @sh.program
+    def f(k: sh.Attrib1i) -> tuple[sh.Point2f, sh.Attrib1f]:
+        balls, matrices = sh.Array(Ball, 3), sh.Array(sh.Matrix2f, 2)
+        ball = balls[k]
+        pushed(ball)
+        balls[k] = ball
+        matrices[k] = sh.Matrix2f((2, 0), (0, 2))
+        m = matrices[k]
+        scaled_corner(m)
+        matrices[k] = m
+        return balls[k].place, matrices[k][0, 0]
+
+    place, corner = f(1)
+    assert (place.tolist(), corner) == ([1, 0], 6)
+
+
+def test_without_text_an_element_that_an_earlier_line_read_is_one_that_is_kept():
+    names = {"sh": sh, "grow": grow}
+    exec("def kept(k):\n a = sh.Array(sh.Attrib1f, 3)\n x = a[k]\n grow(x)\n a[k] = x\n return a[k]\n", names)
+    exec("def lost(k):\n a = sh.Array(sh.Attrib1f, 3)\n grow(a[k])\n return a[k]\n", names)
+    for name in ("kept", "lost"):
+        names[name].__annotations__["k"] = sh.Attrib1i
+    assert sh.program(names["kept"])(1) == 1
+    with pytest.raises(sh.RecordError, match="grow stores into x, which is given "):
+        sh.program(names["lost"])
+
+
+def at_once(k: sh.Attrib1i):
+    balls = sh.Array(Ball, 3)
+    pushed(balls[k])
+
+
+def over_lines(k: sh.Attrib1i):
+    balls = sh.Array(Ball, 3)
+    pushed(
+        balls[k],
+    )
+
+
+@pytest.mark.parametrize("function", [at_once, over_lines])
+def test_an_element_that_the_call_reads_is_a_copy(function):
+    with pytest.raises(sh.RecordError) as caught:
+        sh.program(function)
+    assert str(caught.value).partition(": ")[2] == (
+        "pushed stores into ball, which is given balls[i], a copy\n"
+        "  write instead: x = balls[i] first, and balls[i] = x after the call"
+    )

@@ -114,9 +114,14 @@ class Array(Symbolic):
         parts = []
         for variable, cls in zip(self._variables, self._classes, strict=True):
             part = arithmetic.made(cls.kind, cls.type, emitter, emitter.let("load", (index,), cls.type, variable))
-            object.__setattr__(part, "_part", f"{self._frame.names[self._variables[0]] or 'a'}[i]")
+            object.__setattr__(part, "_part", f"{self._name()}[i]")
             parts.append(part)
         return build_values(self._layout, iter(parts))
+
+    def _name(self) -> str:
+        """Return the name of the whole array; its variables are named after the leaves, too."""
+        path = next(iter(leaves(self._layout, "")))[0]
+        return (self._frame.names[self._variables[0]] or "").removesuffix(f"_{path}") or "a"
 
     def __setitem__(self, i: Any, value: Any) -> None:
         index = self._index(i)

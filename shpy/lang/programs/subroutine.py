@@ -26,6 +26,7 @@ from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import at, here, in_library, is_library
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
+from shpy.lang.recording.tree import in_one_statement, parsed
 from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
@@ -261,7 +262,7 @@ class Recorded:
                     cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
                 )
         args = [
-            self._reference(frame, leaf, name) if reference else int(leaf._read(emitter))
+            self._reference(frame, leaf, name, given[name]) if reference else int(leaf._read(emitter))
             for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
         ]
         self._check_apart(passed)
@@ -287,7 +288,7 @@ class Recorded:
                 cure="a copy for one of them: x.copy()",
             )
 
-    def _reference(self, frame: Frame, leaf: Any, name: str) -> int:
+    def _reference(self, frame: Frame, leaf: Any, name: str, given: Any) -> int:
         if isinstance(leaf, int):
             slot = leaf
         else:
@@ -299,13 +300,24 @@ class Recorded:
                 )
             leaf._check(frame)
             slot = leaf._variable
-            if leaf._part is not None and frame.names[slot] is None:
+            if leaf._part is not None and frame.names[slot] is None and _is_temporary(given, leaf):
                 raise RecordError(
                     f"{self.function.name} stores into {name}, which is given {leaf._part}, a copy",
                     loc=here(),
                     cure=f"x = {leaf._part} first, and {leaf._part} = x after the call",
                 )
         return slot
+
+
+def _is_temporary(given: Any, leaf: Value) -> bool:
+    """Return whether an argument without a name of its own is a part that the call itself reads.
+
+    Lines name values. They name no leaf of a struct or matrix, and without source text nothing: then a part that an
+    earlier statement read is one that the user keeps.
+    """
+    loc = here()
+    named = isinstance(given, Value) and loc is not None and parsed(loc.file) is not None
+    return named or in_one_statement(leaf._loc, loc)
 
 
 def _leaves(value: Any) -> list[Any]:

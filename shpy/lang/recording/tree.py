@@ -15,6 +15,7 @@ import linecache
 from types import CodeType
 from typing import TypeAlias
 
+from shpy.ir.nodes import Loc
 from shpy.parsing import parse
 
 FunctionNode: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
@@ -60,6 +61,19 @@ def _functions(tree: ast.Module) -> dict[tuple[str, int], list[FunctionNode]]:
             first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
             found.setdefault((node.name, first), []).append(node)
     return found
+
+
+def in_one_statement(a: Loc | None, b: Loc | None) -> bool:
+    """Return whether two lines are one, or belong to one statement without others in it, such as a call over lines."""
+    if a is None or b is None or a == b:
+        return a == b
+    low, high = sorted((a.line, b.line))
+    tree = parsed(a.file) if a.file == b.file else None
+    return tree is not None and any(
+        node.lineno <= low and high <= (node.end_lineno or 0)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.stmt) and not hasattr(node, "body")
+    )
 
 
 def quoted(file: str, node: ast.AST) -> str:
