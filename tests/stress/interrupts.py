@@ -24,6 +24,8 @@ from benchmarks.pages import wait_until
 from shpy.backends.glsl.device.context import Context
 
 SHPY = Path(sys.modules["shpy"].__file__ or "").parent
+LOCKS = (threading.__file__, os.path.join(os.path.dirname(threading.__file__), "concurrent", ""))
+"""Modules of Python whose locks a runtime may hold: an interrupt may come between a lock and its `with` block."""
 RUNTIMES = tuple(str(SHPY / part) for part in ("backends", "streams", "chains", "collectives"))
 
 
@@ -37,10 +39,12 @@ def _raise(number: int, frame: Any) -> None:
 
 @contextmanager
 def at_line(after: int) -> Iterator[None]:
-    """Raise Interrupted in this thread once so many lines of the runtimes were executed."""
+    """Raise Interrupted in this thread once so many lines of the runtimes were executed, or returns of their locks."""
     left = after
 
     def follow(frame: Any, event: str, _: Any) -> Any:
+        if frame.f_code.co_filename.startswith(LOCKS):
+            return leave
         if not frame.f_code.co_filename.startswith(RUNTIMES):
             return None
         entered: set[int] = set()
@@ -54,6 +58,14 @@ def at_line(after: int) -> Iterator[None]:
             return count
 
         return count
+
+    def leave(frame: Any, event: str, _: Any) -> Any:
+        nonlocal left
+        if event == "return":
+            left -= 1
+            if left == 0:
+                raise Interrupted
+        return leave
 
     before = sys.gettrace()
     sys.settrace(follow)
@@ -85,9 +97,10 @@ def in_a_draw(after: int) -> Iterator[None]:
         nonlocal left
         left -= 1
         if left == 0 and threading.current_thread() is not threading.main_thread():
-            wanted = context._wanted
+            job = context._job
+            assert job is not None
             os.kill(os.getpid(), signal.SIGINT)
-            wait_until(lambda: not wanted.is_set())
+            wait_until(lambda: not job.wanted)
         real(context)
 
     before = signal.signal(signal.SIGINT, _raise)

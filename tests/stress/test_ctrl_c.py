@@ -158,6 +158,22 @@ def parts_of_a_row(pace, rows, *size):
     return [(first, 1) for first in range(rows)]
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_small_run_is_interrupted_at_each_line(backend):
+    """Also behind each lock that it takes: the next run, on another thread, waits for none of them."""
+    kernel = double.compile(backend)
+    kernel(X[0])
+    interrupts = 0
+    for line in range(1, 90):
+        try:
+            with at_line(line):
+                kernel(X[0])
+        except Interrupted:
+            interrupts += 1
+            check_in_another_thread(lambda: kernel(X[0]))
+    assert interrupts > 10
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("seed", range(10, 20))

@@ -13,15 +13,14 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
-from contextlib import suppress
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from shpy.backends.base import Array
 from shpy.backends.device import store
+from shpy.backends.device.answer import Answer
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backends.device.processes import HEARD, Driver
 from shpy.backends.glsl.device.probes import (
@@ -75,17 +74,28 @@ def check(gl: Any, what: str) -> None:
         raise ShpyError(f"GL could not {what}: {error}")
 
 
+class _Job(Answer[Any]):
+    """Work for the context's thread, `wanted` until its caller is interrupted."""
+
+    __slots__ = ("wanted", "work")
+
+    def __init__(self, work: Callable[[], Any]) -> None:
+        super().__init__()
+        self.work, self.wanted = work, True
+
+
 class Context:
     """A GL context with its thread. `gl` is moderngl's, to be touched inside `call` only."""
 
     def __init__(self, index: int | None) -> None:
         self.moderngl = _moderngl()
-        self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any], threading.Event] | None] = SimpleQueue()
+        self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         """Jobs for the thread; None ends it."""
         self._ending = False
         self.doomed: list[Any] = []
         """GL objects whose owner is gone; released before the next job."""
-        self._wanted = threading.Event()
+        self._job: _Job | None = None
+        """The job that the thread runs."""
         self.gl: Any = None
         self.resting: Any = None
         """Always bound when nothing else is: moderngl binds the last framebuffer again when it makes a new one."""
@@ -122,33 +132,33 @@ class Context:
         """Return whether this is the context's thread."""
         return threading.current_thread() is self._thread
 
-    def _do(self, job: Callable[[], T]) -> T:
-        future: Future[T] = Future()
-        wanted = threading.Event()
-        wanted.set()
+    def _do(self, work: Callable[[], T]) -> T:
+        job = _Job(work)
         try:
-            self._jobs.put((job, future, wanted))
-            while not future.done():
-                with suppress(TimeoutError):
-                    return future.result(HEARD)
-            return future.result()
+            self._jobs.put(job)
+            while not job.wait(HEARD):
+                pass
+            return cast(T, job.result())
         except BaseException:
-            wanted.clear()
+            job.wanted = False
             raise
+        finally:
+            del job  # the traceback of its error holds this frame
 
     def _serve(self) -> None:
         set_ieee_arithmetic()  # the driver's threads compute as this one does
-        while (taken := self._jobs.get()) is not None:
-            job, future, self._wanted = taken
+        while (job := self._jobs.get()) is not None:
+            self._job = job
             try:
                 while self.doomed:
                     self.doomed.pop().release()
-                future.set_result(job())
+                job.give(job.work())
             except BaseException as error:
                 if self.resting is not None:
                     self.settle()
-                future.set_exception(error)
-            del taken, job, future  # and what they hold
+                job.refuse(error)
+            self._job = None
+            del job  # and what it holds
 
     def settle(self) -> None:
         """Bring GL back to its state between jobs: one that raised may have left it anywhere."""
@@ -159,7 +169,7 @@ class Context:
 
     def go_on(self) -> None:
         """Raise an error, which no user sees, if the caller no longer waits: after Ctrl-C or as the process ends."""
-        if self._ending or not self._wanted.is_set():
+        if self._ending or self._job is None or not self._job.wanted:
             raise ShpyError("the run was interrupted")
 
     def _end(self) -> None:

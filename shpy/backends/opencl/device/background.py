@@ -4,9 +4,9 @@ Stage: compile. A driver's compiler takes seconds of a core, and may hold locks 
 process, which starts with the first task, ends when it has had no task for a while, and never outlives this one. A
 thread waits for its answers. Neither is waited for at the end of the process.
 
-    future = background().submit(task)      # a picklable function without arguments
-    future.done()                           # False until the process has answered
-    future.result()                         # Refused with the reason where the task raised or the process ended
+    answer = background().submit(task)      # a picklable function without arguments
+    answer.given                            # False until the process has answered
+    answer.result()                         # Refused with the reason where the task raised or the process ended
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
 from functools import cache, partial
 from queue import Empty, SimpleQueue
 from typing import IO, Any, Final, TypeVar
+
+from shpy.backends.device.answer import Answer
 
 T = TypeVar("T")
 
@@ -48,7 +49,7 @@ class Background:
 
     def __init__(self) -> None:
         self._owner = os.getpid()
-        self._tasks: SimpleQueue[tuple[Callable[[], Any], weakref.ref[Future[Any]]]] = SimpleQueue()
+        self._tasks: SimpleQueue[tuple[Callable[[], Any], weakref.ref[Answer[Any]]]] = SimpleQueue()
         self._process: subprocess.Popen[bytes] | None = None
         self._working = False
         threading.Thread(target=self._serve, name="shpy-background", daemon=True).start()
@@ -59,11 +60,11 @@ class Background:
         """Return whether the process has work, so that what is timed now may take longer than usual."""
         return self._working or not self._tasks.empty()
 
-    def submit(self, task: Callable[[], T]) -> Future[T]:
-        """Run a task in the process, which skips it if nobody holds the future any longer."""
-        future: Future[T] = Future()
-        self._tasks.put((task, weakref.ref(future)))
-        return future
+    def submit(self, task: Callable[[], T]) -> Answer[T]:
+        """Run a task in the process, which skips it if nobody holds the answer any longer."""
+        answer: Answer[T] = Answer()
+        self._tasks.put((task, weakref.ref(answer)))
+        return answer
 
     def _serve(self) -> None:
         while True:
@@ -111,20 +112,20 @@ class Background:
             process.kill()
 
 
-def _answer(wanted: weakref.ref[Future[Any]], ask: Callable[[], Any]) -> None:
-    """Set the result of a future, or its exception; do nothing if its owner has dropped it."""
-    answer, refusal = None, None
+def _answer(wanted: weakref.ref[Answer[Any]], ask: Callable[[], Any]) -> None:
+    """Give the answer or its error; do nothing if its owner has dropped it."""
+    found, refusal = None, None
     try:
-        answer = ask()
+        found = ask()
     except Exception as error:
         refusal = error if isinstance(error, Refused) else Refused(f"{type(error).__name__}: {error}")
-    future = wanted()
-    if future is None:
+    answer = wanted()
+    if answer is None:
         return
     if refusal is not None:
-        future.set_exception(refusal)
+        answer.refuse(refusal)
     else:
-        future.set_result(answer)
+        answer.give(found)
 
 
 @cache

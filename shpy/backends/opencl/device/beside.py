@@ -11,11 +11,11 @@ driver's binary, which this process loads: that takes a hundredth of the time of
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from shpy.backends.device.answer import Answer
 from shpy.backends.opencl.device.background import Refused, background
 from shpy.errors import CompileError
 
@@ -63,16 +63,16 @@ class Waiting:
     """A width that is being compiled."""
 
     beside: Beside
-    future: Future[Compiled]
+    answer: Answer[Compiled]
 
     def done(self) -> bool:
         """Return whether the process has answered."""
-        return self.future.done()
+        return self.answer.given
 
     def result(self) -> tuple[Sized, float]:
         """Return the kernel and the seconds of its compilation; CompileError where there is none that can be loaded."""
         try:
-            compiled = self.future.result()
+            compiled = self.answer.result()
             return self.beside.load(compiled), compiled.seconds
         except (Refused, self.beside.machine.cl.Error) as error:
             raise CompileError(str(error)) from error

@@ -17,23 +17,22 @@ import threading
 from queue import SimpleQueue
 from typing import Any, Final
 
+from shpy.backends.device.answer import Answer
 from shpy.backends.device.processes import HEARD
 
 _GRACE: Final = 1.0
 """Seconds that the end of an interrupted process waits for the device: most dispatches take less."""
 
 
-class _Job:
+class _Job(Answer[None]):
     """A wait for an event; `kept` holds the memory that the device uses until then."""
 
-    __slots__ = ("done", "error", "event", "kept")
+    __slots__ = ("event", "kept")
 
     def __init__(self, event: Any, kept: Any = None) -> None:
+        super().__init__()
         self.event = event
         self.kept = kept
-        self.error: Exception | None = None
-        self.done = threading.Lock()
-        self.done.acquire()
 
 
 class Waiter:
@@ -58,13 +57,15 @@ class Waiter:
             return
         job = _Job(event)
         self._jobs.put(job)
-        while not job.done.acquire(timeout=HEARD):
+        while not job.wait(HEARD):
             pass
         if self._ending and threading.current_thread().daemon:
             self._parked.set()
             threading.Event().wait()  # for ever: nobody waits for this thread, and the process ends
-        if job.error is not None:
-            raise job.error
+        try:
+            job.result()
+        finally:
+            del job  # the traceback of its error holds this frame
 
     def keep(self, event: Any, things: Any) -> None:
         """Hold references to a run's memory until the event completes, after Ctrl-C has interrupted the run."""
@@ -77,9 +78,9 @@ class Waiter:
             try:
                 if job.event is not None:
                     job.event.wait()
+                job.give(None)
             except Exception as error:
-                job.error = error
-            job.done.release()
+                job.refuse(error)
             del job  # and what it kept
 
     def end(self) -> None:
@@ -90,7 +91,7 @@ class Waiter:
             while not self._parked.is_set() and not self._lock.acquire(timeout=0.01):
                 pass
             self._jobs.put(last)
-            ended = last.done.acquire(timeout=_GRACE if self._interrupted else -1)
+            ended = last.wait(_GRACE if self._interrupted else -1)
         except KeyboardInterrupt:
             ended = False
         if not ended:
