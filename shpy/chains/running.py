@@ -342,9 +342,11 @@ class Run:
                 return next(iter(many.values()))
         if self._shape is not None:
             return self._shape
-        for found in (read, written):
-            if found:
+        for found in (read, written):  # of one element each; a number has no axes
+            if any(found.values()):
                 return max(found.values(), key=len)
+        if read or written:
+            return ()
         raise ShpyTypeError(
             f"{member.signature} reads no stream by element that would tell how many there are",
             loc=here(),

@@ -341,3 +341,15 @@ def test_a_loop_of_known_length_is_whole_or_the_chain_tells_of_it(turns):
             chain.run(n=n, backend="glsl")
     else:
         assert chain.run(n=n, backend="glsl").streams["n"].numpy().tolist() == [turns] * 3
+
+
+@sh.program
+def beside_a_number(u: sh.Table[sh.Attrib1f, 1], c: sh.Attrib1f) -> dict:
+    i = sh.grid_index(1)
+    return {"u": c * (u[i - 1] + u[i + 1])}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_table_beside_a_number_keeps_its_axes(backend, count):
+    found = sh.repeat(beside_a_number, 2).run(u=np.ones(count, np.float32), c=0.5, backend=backend).streams["u"]
+    assert found.numpy().tolist() == [1] * count

@@ -262,7 +262,19 @@ class Machine:
     def take(self, size: int) -> Any:
         """Return a buffer of at least `size` bytes; the caller gives it back."""
         size = rounded(max(size, _LEAST))
-        return self.pool.take(Kind(size), lambda: self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size))
+        return self.pool.take(Kind(size), lambda: self._buffer(size))
+
+    def _buffer(self, size: int) -> Any:
+        """Return a new buffer. On the host's memory it is allocated now: PoCL ends the process if it cannot later."""
+        flags = self.cl.mem_flags.READ_WRITE
+        if self.shares_memory:
+            flags |= self.cl.mem_flags.ALLOC_HOST_PTR
+        try:
+            return self.cl.Buffer(self.context, flags, size)
+        except self.cl.RuntimeError as error:
+            if error.code != self.cl.status_code.OUT_OF_HOST_MEMORY:
+                raise
+            raise self.cl.MemoryError(str(error)) from error
 
     def give_back(self, buffers: list[Any]) -> None:
         """Return buffers to the pool, after the device has finished with them."""
