@@ -350,6 +350,7 @@ def beside_a_number(u: sh.Table[sh.Attrib1f, 1], c: sh.Attrib1f) -> dict:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
+@on_every_backend
 def test_a_table_beside_a_number_keeps_its_axes(backend, count):
     found = sh.repeat(beside_a_number, 2).run(u=np.ones(count, np.float32), c=0.5, backend=backend).streams["u"]
     assert found.numpy().tolist() == [1] * count

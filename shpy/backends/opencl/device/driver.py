@@ -53,6 +53,8 @@ ANY_SIZE = 1 << 16
 """Work items of the first launch of a kernel; all of them are idle, so it takes microseconds on any device."""
 _LEAST = 64
 """Bytes of the smallest buffer."""
+_TRIED: Final = 1 << 20
+"""Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
 _FEW: Final = 16
 """The most brief runs for which a wait need not be interruptible."""
 
@@ -265,16 +267,16 @@ class Machine:
         return self.pool.take(Kind(size), lambda: self._buffer(size))
 
     def _buffer(self, size: int) -> Any:
-        """Return a new buffer. On the host's memory it is allocated now: PoCL ends the process if it cannot later."""
-        flags = self.cl.mem_flags.READ_WRITE
-        if self.shares_memory:
-            flags |= self.cl.mem_flags.ALLOC_HOST_PTR
-        try:
-            return self.cl.Buffer(self.context, flags, size)
-        except self.cl.RuntimeError as error:
-            if error.code != self.cl.status_code.OUT_OF_HOST_MEMORY:
-                raise
-            raise self.cl.MemoryError(str(error)) from error
+        """Return a new buffer; MemoryError of the driver if the host's memory, where it is used, has no such part.
+
+        PoCL allocates a buffer at its first use, and ends the process if it cannot.
+        """
+        if self.shares_memory and size >= _TRIED:
+            try:
+                np.empty(size, np.uint8)
+            except MemoryError as error:
+                raise self.cl.MemoryError(str(error)) from error
+        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
 
     def give_back(self, buffers: list[Any]) -> None:
         """Return buffers to the pool, after the device has finished with them."""
