@@ -114,10 +114,6 @@ class Body(Operations):
         """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
         return None
 
-    def called(self, function: str) -> str:
-        """Name a function of the module as the text does."""
-        return self.unit.functions[function]
-
     # The function
 
     def begin(self, *, returns: bool) -> None:
@@ -300,16 +296,15 @@ class Body(Operations):
             for a, port in zip(s.args, function.inputs, strict=True)
         ]
         self.settle(place)
-        name, handed = self.called(s.function), self.context(s.function)
         if len(s.results) == 1:
-            self._call_with_result(tree.call(name, s.results[0].type, *args, *handed), s, place)
+            self._call_with_result(self.called(s.function, s.results[0].type, args), s, place)
             return
         for result in s.results:
             temporary = Name(result.type, self.scope.take(result.name))
             self.out.append(Declare(result.type, temporary.text, loc=s.loc))
             self.exprs[result.id] = temporary
             args.append(self.out_argument(temporary))
-        self.out.append(Do(tree.call(name, BOOL, *args, *handed), s.loc))
+        self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, made: Expr, s: Call, place: Place) -> None:
         (result,), region = s.results, self.planned.regions[place[0]]

@@ -285,21 +285,23 @@ class GlslBody(Body):
 
     # What the runtime gives
 
-    def param(self, name: str) -> Expr:
+    def op_param(self, let: Let) -> Expr:
         """Return a uniform."""
-        return self.unit.params[name]
+        return self.unit.params[str(let.attr)]
 
-    def table(self, let: Let, index: Expr) -> Expr:
+    def op_table(self, let: Let) -> Expr:
         """Return `heights_at(i)`."""
-        return tree.call(self.unit.read_table(str(let.attr)), let.value.type, index)
+        return tree.call(self.unit.read_table(str(let.attr)), let.value.type, *self.args(let))
 
-    def table_size(self, name: str) -> Expr:
+    def op_table_size(self, let: Let) -> Expr:
         """Return the uniform of a table's shape."""
-        return self.unit.shape_of(name)
+        return self.unit.shape_of(str(let.attr))
 
-    def grid(self, op: str, type: Type) -> Expr:
+    def op_grid_index(self, let: Let) -> Expr:
         """Return `sh_grid_index2()`, `sh_grid_shape.xy`."""
-        return self.unit.place(op, type)
+        return self.unit.place(let.op, let.value.type)
+
+    op_grid_shape = op_grid_index
 
     # Statements
 

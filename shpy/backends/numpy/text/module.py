@@ -280,10 +280,6 @@ class _PythonBody(NumpyOperations):
         """Return whether an operation may change the array of its first operand."""
         return self.updates is not None and self.updates.allows(s)
 
-    def called(self, function: str) -> str:
-        """Name a function of the module as the text does."""
-        return self.module.functions[function]
-
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return the names that a call passes on besides the arguments."""
         return tuple([self.lanes if key == LANES else self.given[key] for key in self.module.handed[function]])
@@ -390,8 +386,7 @@ class _PythonBody(NumpyOperations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.settle(place)
-        args = [own(self.exprs[a]) for a in s.args]
-        made = tree.call(self.called(s.function), BOOL, *args, *self.context(s.function))
+        made = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
         following = self.planned.regions[place[0]][place[1] + 1 :]
         slots = stored_results(s, following, self.holds, self.in_place)
         names = []

@@ -120,8 +120,7 @@ class NumpyOperations(Body):
             case "load" | "swizzle" | "param" | "grid_index" | "grid_shape" | "table" | "table_size" | "neighbour":
                 return self.named(let, args)
             case "call":
-                name = str(let.attr)
-                return tree.call(self.called(name), type, *map(own, args), *self.context(name))
+                return self.called(str(let.attr), type, map(own, args))
             case "construct":
                 function = "vector" if all(t.size == 1 for t in types) else "joined"
                 return tree.call(function, type, *map(own, args))

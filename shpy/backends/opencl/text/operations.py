@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -112,7 +112,6 @@ class ClBody(Body):
     """The builder of one function's tree."""
 
     unit: ClUnit
-    scalar_comparisons: ClassVar[bool] = True
 
     @cached_property
     def steady(self) -> Mapping[int, tuple[int, int]]:
@@ -159,9 +158,9 @@ class ClBody(Body):
         """Return `sh_at(i, 8)`."""
         return tree.call(self.unit.prologue.flat_index(1), UINT, index, number(length))
 
-    def param(self, name: str) -> Expr:
+    def op_param(self, let: Let) -> Expr:
         """Return a uniform; a bool was passed as an int."""
-        e = self.unit.params[name]
+        e = self.unit.params[str(let.attr)]
         return as_bool(e) if e.type is BOOL else e
 
     def context(self, function: str) -> tuple[Expr, ...]:
@@ -278,7 +277,7 @@ class ClBody(Body):
         type = let.value.type
         one = self.splat_of(c)
         if type.size == 3 and one is not None and _is_constant(a) and _is_constant(b):
-            return self.choose(type, self.construct(type.based(Base.B), one), a, b)
+            return self.choose(type, Construct(type.based(Base.B), (one,)), a, b)
         return super().op_cond(let)
 
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
@@ -312,7 +311,7 @@ class ClBody(Body):
 
     # Tables and the grid
 
-    def table(self, let: Let, index: Expr) -> Expr:
+    def op_table(self, let: Let) -> Expr:
         """Return `noise[sh_at(i, noise_size)]`; an index that is known to be in range is not clamped."""
         name, unit = str(let.attr), self.unit
         rank, size = unit.tables[name].rank, unit.tables[name].size
@@ -323,19 +322,21 @@ class ClBody(Body):
                 index, start = (self.exprs[part] for part in self.steady[let.value.id])
                 array = tree.infix("+", array, start)
             return self.read(array, index, let.value.type)
-        at = tree.call(unit.prologue.flat_index(rank), UINT, index, unit.size_names[name])
+        at = tree.call(unit.prologue.flat_index(rank), UINT, *self.args(let), unit.size_names[name])
         return self.read(unit.table_names[name], at, let.value.type)
 
-    def table_size(self, name: str) -> Expr:
+    def op_table_size(self, let: Let) -> Expr:
         """Return the argument that holds a table's size."""
-        return self.unit.size_names[name]
+        return self.unit.size_names[str(let.attr)]
 
-    def grid(self, op: str, type: Type) -> Expr:
+    def op_grid_index(self, let: Let) -> Expr:
         """Return the kernel's variable for the index or the shape."""
-        rank = self.unit.grid_rank
-        if type.size != rank:
-            raise CompileError(f"grid_index and grid_shape are used with {rank} and {type.size} axes at once")
-        return self.unit.grid[op]
+        rank, size = self.unit.grid_rank, let.value.type.size
+        if size != rank:
+            raise CompileError(f"grid_index and grid_shape are used with {rank} and {size} axes at once")
+        return self.unit.grid[let.op]
+
+    op_grid_shape = op_grid_index
 
     def read(self, array: Expr, index: Expr, type: Type) -> Expr:
         """Return an element of an array in memory."""
