@@ -24,8 +24,8 @@ from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
-from shpy.backends.glsl.text.interface import NOTHING, RUNNING, Limits
-from shpy.backends.glsl.text.prologue import Prologue
+from shpy.backends.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
+from shpy.backends.glsl.text.prologue import Prologue, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
@@ -109,7 +109,17 @@ class GlslUnit(Unit):
         self.prologue = Prologue(exact=exact, precise=limits.keeps_order, signs=limits.signs)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
-        self.params: dict[str, Name] = {}
+        take = self.globals.take
+        self.params = {p.name: Name(p.type, take(p.name)) for p in module.params}
+        self.tables: dict[str, TableTexture] = {}
+        self.readers: dict[str, str] = {}
+        for t in module.tables:
+            self.tables[t.name] = TableTexture(t.name, t.type, t.rank, take(t.name), take(f"{t.name}_shape"))
+            self.readers[t.name] = take(f"{t.name}_at")
+        self.functions = {f.name: take(f.name) for f in module.functions}
+        self.read: dict[str, str] = {}
+        """The functions that read tables, and those that find a place in the grid."""
+        self.placed: dict[int, str] = {}
         self.used: set[str] = set()
         """Names of the runtime, and that of the unknown zero, as far as the text has them."""
 
@@ -126,15 +136,18 @@ class GlslUnit(Unit):
 
     def read_table(self, name: str) -> str:
         """Name the function that reads a table, which the text is to have."""
-        raise KeyError(name)
+        if name not in self.read:
+            self.read[name] = reader(self.tables[name], self.readers[name])
+        return self.readers[name]
 
-    def shape_of(self, name: str) -> Name:
-        """Return the shape of a table."""
-        raise KeyError(name)
-
-    def place(self, op: str, type: Type) -> Expr:
-        """Return `grid_index` or `grid_shape`."""
-        raise KeyError(op)
+    def place(self, size: int) -> str:
+        """Name the function that gives the place in the grid on `size` axes, which the text is to have."""
+        if size not in self.placed:
+            if size > 1:
+                self.prologue.use("sh_split", (INT, INT))
+            self.placed[size], names = grid_function(size)
+            self.used |= names
+        return grid_name(size)
 
 
 class GlslBody(Body):
@@ -295,13 +308,16 @@ class GlslBody(Body):
 
     def op_table_size(self, let: Let) -> Expr:
         """Return the uniform of a table's shape."""
-        return self.unit.shape_of(str(let.attr))
+        return Name(let.value.type, self.unit.tables[str(let.attr)].shape)
 
     def op_grid_index(self, let: Let) -> Expr:
-        """Return `sh_grid_index2()`, `sh_grid_shape.xy`."""
-        return self.unit.place(let.op, let.value.type)
+        """Return `sh_grid_index2()`."""
+        return tree.call(self.unit.place(let.value.type.size), let.value.type)
 
-    op_grid_shape = op_grid_index
+    def op_grid_shape(self, let: Let) -> Expr:
+        """Return `sh_grid_shape.xy`."""
+        whole = self.unit.runtime_name(GRID_SHAPE, vec(Base.I, 4))
+        return tree.picked(whole, range(let.value.type.size), let.value.type)
 
     # Statements
 

@@ -47,8 +47,8 @@ from shpy.backends.opencl.packets.prologue_memory import QUAD, spelled_wide
 from shpy.backends.opencl.packets.prologue_wide import declare_wide
 from shpy.backends.opencl.packets.spell_packets import PacketSpeller
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
-from shpy.backends.opencl.text.kernel import INDEX, SHAPE, SIZE, ULONG, Kernel, KernelMaker
-from shpy.backends.opencl.text.operations import ClBody, hides_zeros
+from shpy.backends.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
+from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
 from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from shpy.backends.emit import tree
-from shpy.backends.emit.entry import Needs, direct_outputs, leaves_early, needed_by, needs_of
+from shpy.backends.emit.entry import direct_outputs, leaves_early
 from shpy.backends.emit.spell_c import Line, text_of
 from shpy.backends.emit.tree import (
     BOOL,
@@ -32,19 +32,17 @@ from shpy.backends.emit.tree import (
     Pointer,
     number,
 )
-from shpy.backends.opencl.text.operations import ClBody, ClUnit, hides_zeros
+from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hides_zeros
 from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
 from shpy.errors import CompileError
-from shpy.ir.nodes import Function, Let, Loc, Module, Table, Value, Variable
+from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
 from shpy.ir.traverse import bases_of
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.size import kept_apart
 
-INDEX: Final = "grid_index"
-SHAPE: Final = "grid_shape"
 ULONG: Final = Own("ulong")
 SIZE: Final = Own("size_t")
 
@@ -95,18 +93,6 @@ class KernelMaker(ClUnit):
         self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
     ) -> None:
         super().__init__(module, math, prologue, elementwise=elementwise, faults=faults)
-        take = self.globals.take
-        self.count = Name(UINT, take("count"))
-        self.first = Name(UINT, take("first"))
-        self.needs = needs_of(module, self.needed)
-        self.grid_rank = self.rank()
-        self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
-        self.functions = {f.name: take(f.name, "f") for f in module.functions}
-        self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
-        self.size_names = {
-            t.name: Name(vec(Base.I, t.rank), take(f"{self.table_names[t.name].text}_size")) for t in module.tables
-        }
-        self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
         self.apart = kept_apart(module)
         self.outer = module.entry
         """The entry with its inputs and outputs as they are in memory."""
@@ -116,14 +102,6 @@ class KernelMaker(ClUnit):
         self.speller: ClSpeller = ClSpeller()
 
     # Methods that a kernel of packets overrides
-
-    def needed(self, let: Let) -> Needs | None:
-        """Return the tables, params and grid variables that an operation reads; None without any."""
-        return needed_by(let)
-
-    def rank(self) -> int:
-        """Return the number of axes of the grid; 0 if no function reads its place in the grid."""
-        return max((r for needs in self.needs.values() for r in needs.ranks), default=0)
 
     def declared(self, text: str) -> Sequence[str]:
         """Return the lines that declare the types that a text uses and OpenCL C lacks."""
@@ -174,15 +152,6 @@ class KernelMaker(ClUnit):
         return Base.D in found
 
     # The extra arguments of functions
-
-    def handed(self, function: str) -> tuple[Name, ...]:
-        """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
-        needs = self.needs[function]
-        found = [self.grid[op] for op in sorted(needs.grid)]
-        for table in self.module.tables:
-            if table.name in needs.tables:
-                found += [self.table_names[table.name], self.size_names[table.name]]
-        return (*found, *(e for p, e in self.params.items() if p in needs.params))
 
     def declares(self, e: Name) -> Parameter:
         """Return the parameter for an extra argument; a bool is passed as an int."""

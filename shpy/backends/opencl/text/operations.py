@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backends.emit import tree
-from shpy.backends.emit.entry import Unit
+from shpy.backends.emit.entry import Needs, Unit, needed_by, needs_of
 from shpy.backends.emit.operations import INFIX
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import (
@@ -42,7 +42,7 @@ from shpy.backends.opencl.text.addresses import steady_parts
 from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Loc, Module, Variable
-from shpy.ir.types import Base, Type
+from shpy.ir.types import Base, Type, vec
 from shpy.passes.modes import REPRODUCIBLE, Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
@@ -70,6 +70,8 @@ NATIVE: Final[Mapping[str, str]] = {
 }
 """Functions of binary32 that fast mode calls instead: OpenCL leaves their accuracy to the device."""
 
+INDEX: Final = "grid_index"
+SHAPE: Final = "grid_shape"
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
 
@@ -94,18 +96,32 @@ class ClUnit(Unit):
         self.elementwise, self.hides_zeros = elementwise, hides_zeros(math, faults)
         self.leaves_loops = "exits" not in faults
         self.tables = {t.name: t for t in module.tables}
-        self.element = Name(UINT, self.globals.take("element"))
-        self.params: dict[str, Name] = {}
-        self.table_names: dict[str, Name] = {}
-        self.size_names: dict[str, Name] = {}
-        self.grid: dict[str, Name] = {}
-        self.grid_rank = 0
+        take = self.globals.take
+        self.element, self.count, self.first = [Name(UINT, take(name)) for name in ("element", "count", "first")]
+        self.needs = needs_of(module, self.needed)
+        self.grid_rank = max((r for needs in self.needs.values() for r in needs.ranks), default=0)
+        self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
+        self.functions = {f.name: take(f.name, "f") for f in module.functions}
+        self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
+        self.size_names = {
+            t.name: Name(vec(Base.I, t.rank), take(f"{self.table_names[t.name].text}_size")) for t in module.tables
+        }
+        self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
         self.arrays: dict[int, Name] = {}
         """The arrays of the entry's outputs."""
 
+    def needed(self, let: Let) -> Needs | None:
+        """Return the tables, params and grid variables that an operation reads; None without any."""
+        return needed_by(let)
+
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return the extra arguments of a function."""
-        raise KeyError(function)
+        """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
+        needs = self.needs[function]
+        found = [self.grid[op] for op in sorted(needs.grid)]
+        for table in self.module.tables:
+            if table.name in needs.tables:
+                found += [self.table_names[table.name], self.size_names[table.name]]
+        return (*found, *(e for p, e in self.params.items() if p in needs.params))
 
 
 class ClBody(Body):
