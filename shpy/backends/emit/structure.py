@@ -90,12 +90,8 @@ class Body(Operations):
         """Return how long the name of the function is that does an operation, nearly."""
         return len(op) + 3
 
-    def reference(self, variable: int) -> Expr:
-        """Return the variable as an argument by reference."""
-        return self.slots[variable]
-
-    def out_argument(self, e: Expr) -> Expr:
-        """Return a temporary as an argument that the function only writes."""
+    def reference(self, e: Expr) -> Expr:
+        """Return a variable that is no array as an argument by reference."""
         return e
 
     def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
@@ -291,10 +287,12 @@ class Body(Operations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call; a single result may stand in the store that follows."""
         function = self.unit.callees[s.function]
-        args = [
-            self.arg(a) if isinstance(port, Value) else self.reference(a)
-            for a, port in zip(s.args, function.inputs, strict=True)
-        ]
+        args: list[Expr] = []
+        for a, port in zip(s.args, function.inputs, strict=True):
+            if isinstance(port, Value):
+                args.append(self.arg(a))
+            else:
+                args.append(self.slots[a] if port.length is not None else self.reference(self.slots[a]))
         self.settle(place)
         if len(s.results) == 1:
             self._call_with_result(self.called(s.function, s.results[0].type, args), s, place)
@@ -303,7 +301,7 @@ class Body(Operations):
             temporary = Name(result.type, self.scope.take(result.name))
             self.out.append(Declare(result.type, temporary.text, loc=s.loc))
             self.exprs[result.id] = temporary
-            args.append(self.out_argument(temporary))
+            args.append(self.reference(temporary))
         self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, made: Expr, s: Call, place: Place) -> None:

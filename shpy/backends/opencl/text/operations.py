@@ -379,16 +379,9 @@ class ClBody(Body):
                 return replace(step, value=tree.infix("+", i, number(1))) if i.type is INT else step
         return step
 
-    def reference(self, variable: int) -> Expr:
-        """Return `&x`; a parameter by reference, or an array, is a pointer already."""
-        e = self.slots[variable]
-        if self.variables[variable].length is not None:
-            return e
+    def reference(self, e: Expr) -> Expr:
+        """Return `&x`; a parameter by reference is a pointer already."""
         return e.args[0] if isinstance(e, Operator) else tree.prefix("&", e)
-
-    def out_argument(self, e: Expr) -> Expr:
-        """Return `&x`."""
-        return tree.prefix("&", e)
 
     def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
         """Return the store into the output's array."""
