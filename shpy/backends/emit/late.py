@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from shpy.backends.emit.plan import INFIX, MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
+from shpy.backends.emit.operations import OPERATORS
+from shpy.backends.emit.plan import MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
 from shpy.backends.emit.survey import Place, Survey
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store
@@ -207,7 +208,7 @@ class _LatePlanner(Planner):
                 return depth, width + (24 if len(literals) == 2 else 12)  # two literals: one has a type of its own
             case "neg" | "not":
                 return depth, width + 1 + self.brackets("mul", s.args)
-            case op if op in INFIX:
+            case op if op in OPERATORS:
                 return depth, width + 3 + self.brackets(op, s.args)
         return super().size(s)
 
@@ -215,7 +216,7 @@ class _LatePlanner(Planner):
         """Return the letters of the brackets around the operands of an operator."""
         inner = [self.survey.lets[a].op if a in self.sizes and a in self.survey.lets else "" for a in args]
         if op in _BITS:
-            return sum([2 for i in inner if i in INFIX and i != op])
+            return sum([2 for i in inner if i in OPERATORS and i != op])
         if op in _SUMS:
             return sum([2 for i in inner[1:] if i in _SUMS])
         return sum([2 for at, i in enumerate(inner) if i in _SUMS or (at and i in ("mul", "div"))])

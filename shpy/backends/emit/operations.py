@@ -25,6 +25,7 @@ INFIX: Final[Mapping[str, str]] = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shl": "<<", "shr": ">>",
 }  # fmt: skip
 COMPARISONS: Final[Mapping[str, str]] = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
+OPERATORS: Final = {**INFIX, **COMPARISONS}
 _LOGIC: Final = {"and": "&&", "or": "||", "xor": "!="}
 
 

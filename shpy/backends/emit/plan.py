@@ -19,6 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from shpy.backends.emit.operations import OPERATORS
 from shpy.backends.emit.survey import Place, Survey, changed_variables
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Break, Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
@@ -30,7 +31,6 @@ MAX_DEPTH: Final = 32
 MAX_WIDTH: Final = 100
 """Letters, about, of an expression that needs no name."""
 _NONE: Final[frozenset[int]] = frozenset()
-INFIX: Final = frozenset("add sub mul div and or xor shl shr eq ne lt le gt ge".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,7 +404,7 @@ class Planner:
             case "cond":
                 brackets = sum([2 for a in s.args if a in self.sizes and self.survey.lets[a].op == "cond"])
                 return depth, width + 6 + brackets
-            case op if op in INFIX:
+            case op if op in OPERATORS:
                 return depth, width + 3
         name = len(s.attr) if isinstance(s.attr, str) else self.wishes.letters(s.op)
         if s.op == "table":
