@@ -80,12 +80,19 @@ def print_packets(
     if called:
         # A function that lanes run one after the other calls no other function.
         module = inline_calls(module, lambda f: f.name in called)
+    packets = in_packets(module, lanes, math, faults, padded=True, alone=True)
+    columns = lanes if _stay_together(packets) else QUAD
+    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
+
+
+def in_packets(
+    module: Module, lanes: int, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
+) -> Module:
+    """Return a prepared module on packets of scalars; `padded` and `alone`: see `vectorize`."""
     scalar = optimise(take_apart(module))
     # A hidden zero adds arithmetic on vectors, which has to be split too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
-    packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
-    columns = lanes if _stay_together(packets) else QUAD
-    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
+    return widen(find_neighbours(vectorize(whole, padded=padded, alone=alone)), lanes)
 
 
 def _stay_together(module: Module) -> bool:
