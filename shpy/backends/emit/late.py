@@ -20,7 +20,7 @@ import numpy as np
 
 from shpy.backends.emit.operations import OPERATORS
 from shpy.backends.emit.plan import MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
-from shpy.backends.emit.survey import Place, Survey
+from shpy.backends.emit.survey import Place
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store
 from shpy.ir.traverse import continues, regions_of, uses, walk
@@ -77,7 +77,7 @@ class _LatePlanner(Planner):
     """One walk in program order."""
 
     def __init__(self, function: Function, callees: Mapping[str, Function], late: LateWishes) -> None:
-        super().__init__(function, callees, Survey(function, callees), Wishes(letters=late.letters))
+        super().__init__(function, callees, Wishes(letters=late.letters))
         self.late = late
         self.waiting: dict[int, None] = {}
         """Values that are still to be written, and would get a name."""

@@ -231,7 +231,7 @@ class Body(Operations):
     def let(self, s: Let, place: Place) -> None:
         """Make the expression of a value, and a temporary where that is planned."""
         value = s.value.id
-        if not self.planned.uses[value]:
+        if not self.planned.survey.uses[value]:
             return
         self.settle(place)
         self.exprs[value] = self.operation(s)
@@ -305,9 +305,8 @@ class Body(Operations):
         self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, made: Expr, s: Call, place: Place) -> None:
-        (result,), region = s.results, self.planned.regions[place[0]]
-        uses = self.planned.uses[result.id]
-        after = region[place[1] + 1] if place[1] + 1 < len(region) else None
+        (result,), after = s.results, self.planned.survey.following(place)
+        uses = self.planned.survey.uses[result.id]
         if not uses:
             self.out.append(Do(made, s.loc))
         elif uses == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
@@ -320,7 +319,7 @@ class Body(Operations):
         self.settle(place)
         condition = self.exprs[s.condition]
         made, ended = [], []
-        for region, number in zip((s.then, s.orelse), self.planned.inner[place], strict=True):
+        for region, number in zip((s.then, s.orelse), self.planned.survey.inner[place], strict=True):
             with self.block() as out:
                 ended.append(self.region(region, number))
             made.append(tuple(out))
@@ -374,7 +373,7 @@ class Body(Operations):
 
     def _counted(self, s: Loop, place: Place, starts: tuple[Declare, ...]) -> tree.Loop:
         """Return a `for`."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         start, test = self._first_test(s, place)
         for index, let in enumerate(s.continuing):
             if isinstance(let, Let):
@@ -382,7 +381,7 @@ class Body(Operations):
         store = s.continuing[-1]
         assert isinstance(store, Store)
         step = self.assign(store, self.slots[store.variable], self.exprs[store.value])
-        changed = {self.slots[v] for v in self.planned.stored_in[body] if v in self.slots}
+        changed = {self.slots[v] for v in self.planned.survey.stored_in[body] if v in self.slots}
         steady = test is not None and changed.isdisjoint(tree.walk(test))
         step = self.step(test if steady else None, step)
         with self.block() as made:
@@ -391,7 +390,7 @@ class Body(Operations):
 
     def _tested_last(self, s: Loop, place: Place) -> tree.Loop:
         """Return a `do` whose test `continue` goes to."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         self.region(s.continuing, continuing)
         assert s.until is not None
         again = tree.negation(self.exprs[s.until])
@@ -401,7 +400,7 @@ class Body(Operations):
 
     def _plain(self, s: Loop, place: Place) -> tree.Loop:
         """Return a loop of body, continuing and test, one after the other."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         start, test = self._first_test(s, place)
         around, again = self.scope, None
         with self.block() as made:
@@ -418,7 +417,7 @@ class Body(Operations):
 
     def _gated(self, s: Loop, place: Place, outer: Names) -> tree.Loop:
         """Return a loop whose step and test are at its top, skipped in the first iteration: `continue` goes there."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         gate = Name(BOOL, outer.take("again"))
         self.scope.reserve(gate.text)
         self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
@@ -433,7 +432,7 @@ class Body(Operations):
 
     def _first_test(self, s: Loop, place: Place) -> tuple[int, Expr | None]:
         """Return where the body goes on after a first `If(c) { Break }`, and the opposite of c; (0, None) without."""
-        start, number = self.planned.tests.get(place, 0), self.planned.inner[place][0]
+        start, number = self.planned.tests.get(place, 0), self.planned.survey.inner[place][0]
         test = s.body[start - 1] if start else None
         if not isinstance(test, If):
             return 0, None

@@ -26,7 +26,6 @@ class Survey:
     """The facts of one function, found by one walk over it."""
 
     def __init__(self, function: Function, callees: Mapping[str, Function]) -> None:
-        self.function = function
         self.callees = callees
         self.uses: Counter[int] = Counter()
         """The number of uses of each value."""
@@ -53,6 +52,11 @@ class Survey:
     def statement(self, place: Place) -> Stmt:
         """Return the statement at a place."""
         return self.regions[place[0]][place[1]]
+
+    def following(self, place: Place) -> Stmt | None:
+        """Return the statement after a place in the same region."""
+        region, index = self.regions[place[0]], place[1] + 1
+        return region[index] if index < len(region) else None
 
     # The walk
 

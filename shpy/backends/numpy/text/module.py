@@ -387,7 +387,7 @@ class _PythonBody(NumpyOperations):
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.settle(place)
         made = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
-        following = self.planned.regions[place[0]][place[1] + 1 :]
+        following = self.planned.survey.regions[place[0]][place[1] + 1 :]
         slots = stored_results(s, following, self.holds, self.in_place)
         names = []
         for result in s.results:
@@ -433,7 +433,7 @@ class _PythonBody(NumpyOperations):
         if iterations is not None:
             self.together(s, place, iterations)
             return
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         outside, within = self.lanes, self.within
         lane = Name(INT, self.scope.take("lane")) if plan is not None else None
         start, test = self._first_test(s, place)
@@ -463,7 +463,7 @@ class _PythonBody(NumpyOperations):
 
     def together(self, s: Loop, place: Place, iterations: Iterations) -> None:
         """Append a loop of which several iterations are computed at once."""
-        body = self.planned.inner[place][0]
+        body = self.planned.survey.inner[place][0]
         start, _ = self._first_test(s, place)
         stop, counter = self.exprs[iterations.stop], self.slots[iterations.counter]
         assert isinstance(counter, Name)

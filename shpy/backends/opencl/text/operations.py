@@ -334,7 +334,7 @@ class ClBody(Body):
         if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
             array: Expr = unit.table_names[name]
             index = self.exprs[let.args[0]]
-            if let.value.id in self.steady and self.planned.uses[let.args[0]] == 1:
+            if let.value.id in self.steady and self.planned.survey.uses[let.args[0]] == 1:
                 index, start = (self.exprs[part] for part in self.steady[let.value.id])
                 array = tree.infix("+", array, start)
             return self.read(array, index, let.value.type)
