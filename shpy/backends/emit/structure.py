@@ -119,6 +119,9 @@ class Body(Operations):
         result = self.function.outputs[0].id if self.gives_value and self.returns_expressions else None
         wishes = Wishes(self.apart, self.repeats, self.letters, self.direct, tuple(self.slots), result)
         self.planned = plan(self.function, self.unit.callees, wishes)
+        if returns and not single:
+            zeroed = [o for o in self.function.outputs if o.id in self.planned.zeroed]
+            self.out += [Assign(self.slots[o.id], self.zero(o.type)) for o in zeroed]
 
     def statements(self) -> None:
         """Make the function's statements, with a return at its end where it gives a value."""

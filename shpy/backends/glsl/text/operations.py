@@ -25,6 +25,7 @@ from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backends.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
+from shpy.backends.glsl.text.nesting import sheltered_functions
 from shpy.backends.glsl.text.prologue import Prologue, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
@@ -90,19 +91,10 @@ class GlslUnit(Unit):
 
     target = "glsl"
 
-    def __init__(
-        self,
-        module: Module,
-        limits: Limits,
-        *,
-        exact: bool,
-        flagged: bool,
-        limited: bool,
-        sheltered: Collection[str],
-    ) -> None:
+    def __init__(self, module: Module, limits: Limits, *, exact: bool, flagged: bool, limited: bool) -> None:
         super().__init__(module)
         self.limits, self.exact = limits, exact
-        self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
+        self.flagged, self.limited, self.sheltered = flagged, limited, sheltered_functions(module)
         self.leaves_loops = limits.leaves_loops
         self.kept_apart = exact and not limits.keeps_order
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()

@@ -28,7 +28,6 @@ from shpy.backends.emit.tree import (
     number,
 )
 from shpy.backends.glsl.text.interface import LAST, InputTexture, Limits, Shader
-from shpy.backends.glsl.text.nesting import sheltered_functions
 from shpy.backends.glsl.text.operations import GlslBody, GlslUnit
 from shpy.backends.glsl.text.prologue import (
     input_uniforms,
@@ -60,9 +59,7 @@ def print_shader(
     With `rejects`, the only output, a bool, becomes a depth: the depth test then keeps elements from running for which
     it is true, and their status is DISCARDED.
     """
-    sheltered = sheltered_functions(module)
-    made = _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited, sheltered=sheltered)
-    return made.shader(rejects=rejects)
+    return _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited).shader(rejects=rejects)
 
 
 class _ShaderMaker(GlslUnit):
@@ -95,9 +92,6 @@ class _ShaderMaker(GlslUnit):
         if not alone:
             parameters += [Parameter(o.type, body.slot(o), "out") for o in function.outputs]
         body.begin(returns=True)
-        if not alone:
-            zeros = [o for o in function.outputs if o.id in body.planned.zeroed]
-            body.out += [Assign(body.slots[o.id], body.zero(o.type)) for o in zeros]
         body.statements()
         result = function.outputs[0].type if alone else None
         name = self.functions[function.name]

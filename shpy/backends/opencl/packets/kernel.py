@@ -49,7 +49,7 @@ from shpy.backends.opencl.packets.spell_packets import PacketSpeller
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
 from shpy.backends.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
 from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
-from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.backends.opencl.text.prologue import NOINLINE
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
@@ -129,7 +129,7 @@ class PacketMaker(KernelMaker):
         faults: Collection[str] = (),
     ) -> None:
         self.lanes, self.columns = lanes, columns
-        super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, faults=faults)
+        super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
         self.listed = columns == lanes and not self.needs[module.entry.name].grid
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
         self.speller = PacketSpeller(self.prologue.struct)

@@ -20,7 +20,6 @@ from shpy.backends.emit.tree import (
     INT,
     UINT,
     AnyType,
-    Assign,
     Block,
     Cast,
     Declare,
@@ -33,7 +32,7 @@ from shpy.backends.emit.tree import (
     number,
 )
 from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hides_zeros
-from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.backends.opencl.text.prologue import NOINLINE
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
@@ -80,7 +79,7 @@ def print_kernel(
     `elementwise` tells whether the compiler has the functions of ELEMENTWISE; `faults` are its faults, of FAULTS.
     """
     whole = hide_derivable(module) if hides_zeros(math, faults) else module
-    return KernelMaker(whole, math, Prologue(), elementwise=elementwise, faults=faults).kernel()
+    return KernelMaker(whole, math, elementwise=elementwise, faults=faults).kernel()
 
 
 class KernelMaker(ClUnit):
@@ -89,10 +88,8 @@ class KernelMaker(ClUnit):
     body: ClassVar[type[ClBody]] = ClBody
     work: ClassVar[str] = "element"
 
-    def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
-    ) -> None:
-        super().__init__(module, math, prologue, elementwise=elementwise, faults=faults)
+    def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
+        super().__init__(module, math, elementwise=elementwise, faults=faults)
         self.apart = kept_apart(module)
         self.outer = module.entry
         """The entry with its inputs and outputs as they are in memory."""
@@ -171,9 +168,6 @@ class KernelMaker(ClUnit):
         parameters = self.ports(body, (*function.inputs, *(() if single else function.outputs)))
         parameters += [self.declares(e) for e in self.handed(function.name)]
         body.begin(returns=True)
-        if not single:
-            zeros = [o for o in function.outputs if o.id in body.planned.zeroed]
-            body.out += [Assign(body.slots[o.id], body.zero(o.type)) for o in zeros]
         body.out += self.prelude(function.name)
         body.statements()
         result = function.outputs[0].type if single else None

@@ -88,11 +88,9 @@ class ClUnit(Unit):
 
     target = "opencl"
 
-    def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
-    ) -> None:
+    def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
         super().__init__(module)
-        self.math, self.prologue = math, prologue
+        self.math, self.prologue = math, Prologue()
         self.elementwise, self.hides_zeros = elementwise, hides_zeros(math, faults)
         self.leaves_loops = "exits" not in faults
         self.tables = {t.name: t for t in module.tables}
