@@ -25,7 +25,7 @@ from shpy.backends.device import store
 from shpy.backends.device.probe import notes_of, refuse_wrong
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.device.memory import GlslSpace
-from shpy.backends.glsl.device.run import Program, Runtime, unsupported
+from shpy.backends.glsl.device.run import Program, Runtime
 from shpy.backends.glsl.text.interface import Limits, Shader
 from shpy.backends.glsl.text.nesting import MAX_NESTING
 from shpy.backends.glsl.text.operations import FAST, NATIVE
@@ -268,17 +268,15 @@ def _notes(limits: Limits) -> tuple[str, ...]:
 
 
 def _refuse(module: Module, target: Target) -> None:
-    """Raise CompileError for types that GLSL 3.30 lacks: f16, and f64 unless the device has it for shpy's functions."""
-    if target.doubles:
-        return
+    """Raise CompileError for f64, which GLSL 3.30 lacks, unless the device has it for shpy's functions."""
+    found: list[Loc | None] = []
     for function in module.functions:
         things: list[Value | Variable] = [*defined(function), *variables_of(function)]
-        for thing in things:
-            if thing.type.base in (Base.D, Base.H):
-                raise unsupported(thing.type, thing.loc or function.loc)
-    for table in module.tables:
-        if table.type.base in (Base.D, Base.H):
-            raise unsupported(table.type, module.entry.loc)
+        found += [thing.loc or function.loc for thing in things if thing.type.base is Base.D]
+    found += [module.entry.loc for table in module.tables if table.type.base is Base.D]
+    if found and not target.doubles:
+        cure = 'compile this program on "numpy" or "opencl"'
+        raise CompileError("GLSL 3.30 has no 64-bit floats (f64)", loc=found[0], cure=cure, lacks="f64")
 
 
 backend = GlslBackend()

@@ -343,11 +343,3 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
             break
     text = lines[at - 1].strip() if 0 < at <= len(lines) else ""
     return CompileError(f"the driver refused this line of the shader: {found[2].strip()}\n  {at}: {text}", loc=loc)
-
-
-def unsupported(type: Type, loc: Loc | None) -> CompileError:
-    """Return the error for a type that GLSL 3.30 lacks."""
-    lacks = {Base.D: "f64", Base.H: "f16"}.get(type.base)
-    name = f"{lacks[1:]}-bit floats ({lacks})" if lacks else repr(type)
-    cure = 'compile this program on "numpy" or "opencl"'
-    return CompileError(f"GLSL 3.30 has no {name}", loc=loc, cure=cure, lacks=lacks)

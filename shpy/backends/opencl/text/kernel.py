@@ -34,7 +34,6 @@ from shpy.backends.emit.tree import (
 from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hides_zeros
 from shpy.backends.opencl.text.prologue import NOINLINE
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
-from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
 from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type
@@ -142,11 +141,8 @@ class KernelMaker(ClUnit):
         )
 
     def needs_doubles(self) -> bool:
-        """Return whether a double occurs; raise CompileError for a binary16."""
-        found = bases_of(self.module)
-        if Base.H in found:
-            raise CompileError("OpenCL kernels hold no binary16", lacks="f16")
-        return Base.D in found
+        """Return whether a double occurs."""
+        return Base.D in bases_of(self.module)
 
     # The extra arguments of functions
 
