@@ -14,5 +14,5 @@ function:
     speller.function(tree.Function(name, result, parameters, block))
 
 Hooks of `Body` that a target may override: the `op_<name>` of an operation, `let`, `bind`, `store`, `assign`, `call`,
-`loop`, `looped`, `declare_zero`, `leave`, `result`, and what the plan asks: `apart`, `repeats`, `letters`.
+`loop`, `looped`, `declare_zero`, `leave`, and what the plan asks: `apart`, `repeats`, `letters`.
 """

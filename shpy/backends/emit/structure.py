@@ -200,7 +200,7 @@ class Body(Operations):
     def _placed(self, s: Stmt, place: Place) -> bool:
         """Append one statement and what is declared before it; return whether what follows cannot be reached."""
         if isinstance(s, Store) and place in self.planned.returns:
-            self.out.append(Exit("return", self.result(s), s.loc))
+            self.out.append(Exit("return", self.exprs[s.value], s.loc))
             return True
         self._declare(place, s)
         return self.statement(s, place)
@@ -240,10 +240,6 @@ class Body(Operations):
         self.exprs[value] = self.operation(s)
         if value in self.planned.named:
             self.bind(value)
-
-    def result(self, s: Store) -> Expr:
-        """Return the result of the function, in place of a store into its output and a return."""
-        return self.exprs[s.value]
 
     def store(self, s: Store, place: Place) -> None:
         """Append a store: an assignment, a declaration, or the start of a loop."""
