@@ -114,6 +114,11 @@ class Survey:
 
     # Values
 
+    def loop_of(self, value: int) -> Place | None:
+        """Return the innermost loop in which an operation makes a value; None outside all loops."""
+        around = self._around[self._made_in.get(value, 0)]
+        return next((at for at in reversed(around) if isinstance(self.statement(at), Loop)), None)
+
     def may_inline(self, value: int) -> bool:
         """Return whether the value can be written where it is used: then it costs nothing and reads well."""
         let = self.lets[value]

@@ -130,7 +130,7 @@ class ClBody(Body):
     @cached_property
     def steady(self) -> Mapping[int, tuple[int, int]]:
         """The reads of tables whose index has a loop-invariant part."""
-        return steady_parts(self.function, self.known)
+        return steady_parts(self.planned.survey, self.known)
 
     # Literals, vectors and names
 
