@@ -58,21 +58,6 @@ def plan_late(function: Function, callees: Mapping[str, Function], wishes: LateW
     return _LatePlanner(function, callees, wishes).run()
 
 
-def stored_results(
-    s: Call, following: Region, holds: Callable[[int, int], bool], changing: Collection[int]
-) -> dict[int, int]:
-    """Return the variables that the statements behind a call store its results into, where these are nothing else."""
-    results = {r.id for r in s.results}
-    found: dict[int, int] = {}
-    for store in following:
-        if not isinstance(store, Store) or store.value not in results or store.value in found or not is_whole(store):
-            break
-        variable = store.variable
-        if holds(store.value, variable) and variable not in changing and variable not in found.values():
-            found[store.value] = variable
-    return found
-
-
 class _LatePlanner(Planner):
     """One walk in program order."""
 
@@ -264,14 +249,26 @@ class _LatePlanner(Planner):
     def call(self, s: Call, place: Place) -> None:
         for a in s.args:
             self.need(a, place)
-        following = self.survey.regions[place[0]][place[1] + 1 :]
-        slots = stored_results(s, following, self.late.holds, self.late.changing)
+        slots = self.plan.results[place] = self.stored_results(s, place)
         self.change(place, slots.values())
         for result in s.results:
             if result.id in slots:
                 self.stand(result.id, slots[result.id])
             else:
                 self.root[result.id] = result.id
+
+    def stored_results(self, s: Call, place: Place) -> dict[int, int]:
+        """Return the variables that the statements after a call store its results into, and nothing else."""
+        results = {r.id for r in s.results}
+        found: dict[int, int] = {}
+        for store in self.survey.regions[place[0]][place[1] + 1 :]:
+            if not isinstance(store, Store) or store.value not in results - found.keys() or not is_whole(store):
+                break
+            variable = store.variable
+            taken = variable in self.late.changing or variable in found.values()
+            if self.late.holds(store.value, variable) and not taken:
+                found[store.value] = variable
+        return found
 
     def enter(self, s: If | Loop, place: Place) -> None:
         """Name the values that must be computed before the region, and those used later that change in it."""

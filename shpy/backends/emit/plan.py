@@ -83,6 +83,8 @@ class Plan:
     """Values for which the array of the first operand stands, which changes (`late`)."""
     adopting: set[Place] = field(default_factory=set)
     """Stores after which the variable stands for the value (`late`)."""
+    results: dict[Place, dict[int, int]] = field(default_factory=dict)
+    """By call, the variables whose names its results get (`late`)."""
     unnamed: int | None = None
     """The result, if it needs no variable: every way through the function ends with a store of it."""
 

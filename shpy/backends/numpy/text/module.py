@@ -18,7 +18,7 @@ from typing import Final
 
 from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Needs, Unit, needed_by, needs_of
-from shpy.backends.emit.late import MAX_WIDTH, LateWishes, plan_late, stored_results
+from shpy.backends.emit.late import MAX_WIDTH, LateWishes, plan_late
 from shpy.backends.emit.names import Names
 from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.spell_python import PythonSpeller
@@ -216,7 +216,6 @@ class _PythonBody(NumpyOperations):
         def holds(value: int, variable: int) -> bool:
             return (variable in self.varying_slots) == (value in self.varying) and value not in splats
 
-        self.holds = holds
         wishes = LateWishes(self.letters_of, *self.glimpses(), holds, self.in_place, self.updatable, self.kept)
         self.planned = plan_late(self.function, self.unit.callees, wishes)
         blank = self.blank()
@@ -387,9 +386,7 @@ class _PythonBody(NumpyOperations):
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.settle(place)
         made = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
-        following = self.planned.survey.regions[place[0]][place[1] + 1 :]
-        slots = stored_results(s, following, self.holds, self.in_place)
-        names = []
+        slots, names = self.planned.results[place], []
         for result in s.results:
             slot = slots.get(result.id)
             name = Name(result.type, self.scope.take(result.name)) if slot is None else self.slots[slot]
