@@ -19,6 +19,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from shpy.backends.opencl.text.operations import NATIVE, UNARY
+
 LONGEST: Final = 16
 """Numbers of OpenCL C's longest vector."""
 
@@ -31,12 +33,7 @@ _FLOATS: Final = {"float": "int", "double": "long"}
 """The types of floats, and the type that a comparison of each gives."""
 _INTS: Final = ("int", "uint")
 
-_UNARY: Final = (
-    "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
-    "asinh acosh atanh native_sqrt native_rsqrt native_exp native_exp2 native_log native_log2 native_log10 native_sin "
-    "native_cos native_tan".split()
-)
-_FLOAT_ARGUMENTS: Final = {**dict.fromkeys(_UNARY, 1), "pow": 2, "atan2": 2, "hypot": 2, "fma": 3}
+_FLOAT_ARGUMENTS: Final = {**dict.fromkeys((*UNARY, *NATIVE.values()), 1), "pow": 2, "atan2": 2, "hypot": 2, "fma": 3}
 _INT_ARGUMENTS: Final = {"min": 2, "max": 2, "clamp": 3, "clz": 1, "popcount": 1}
 _TESTS: Final = ("isnan", "isinf")
 
