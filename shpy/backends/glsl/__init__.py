@@ -25,7 +25,7 @@ from shpy.backends.device import store
 from shpy.backends.device.probe import notes_of, refuse_wrong
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.device.memory import GlslSpace
-from shpy.backends.glsl.device.run import Program, Runtime
+from shpy.backends.glsl.device.run import DeviceRun, Program, Runtime
 from shpy.backends.glsl.text.interface import Limits, Shader
 from shpy.backends.glsl.text.nesting import MAX_NESTING
 from shpy.backends.glsl.text.operations import FAST, NATIVE
@@ -76,13 +76,14 @@ class GlslExecutable:
         """Run it; return the int32 status of each element, (n,), or None when every element was written."""
         if call.count == 0 or not self.programs:
             return None
-        return self.runtime.run(self.programs, self.groups, call)
+        return self.runtime.context.call(lambda: self.runtime.run(self.programs, self.groups, call))
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over textures: see `base.Executable`."""
         if math.prod(call.shape) == 0 or not self.programs:
             return lambda: None
-        return self.runtime.ready(self.programs, self.groups, call, self.rejection())
+        rejection = self.rejection()
+        return self.runtime.context.call(lambda: DeviceRun(self.runtime, self.programs, self.groups, call, rejection))
 
 
 class GlslBackend:

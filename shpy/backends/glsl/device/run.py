@@ -95,27 +95,11 @@ class Runtime:
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
 
-    def ready(
-        self,
-        programs: tuple[Program, ...],
-        groups: tuple[tuple[int, ...], ...],
-        call: DeviceCall,
-        rejection: Program | None,
-    ) -> DeviceRun:
-        """Prepare a run of `programs`, whose outputs are those of `groups`, over textures.
-
-        `rejection` writes the depths by which the depth test rejects elements before they run.
-        """
-        return self.context.call(lambda: DeviceRun(self, programs, groups, call, rejection))
-
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         """Run `programs`, whose outputs are those of `groups`, over all elements; return the status if one is made.
 
-        The status is the output after the last of `call.outputs`.
+        The status is the output after the last of `call.outputs`. It has to be called on the context's thread.
         """
-        return self.context.call(lambda: self._run(programs, groups, call))
-
-    def _run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         last = len(call.outputs)
         status = np.ones(call.count, np.int32) if any(last in g for g in groups) else None
         width = row_length(call.shape, self.context.limits.width)
@@ -204,10 +188,10 @@ class Runtime:
 
 
 class DeviceRun:
-    """A run over textures that is ready to be started on the context's thread.
+    """A run over textures, made and started on the context's thread; `programs` make the outputs of `groups`.
 
-    Where a program discards elements at the start, a first draw computes which and writes that as a depth. The depth
-    test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
+    Where a program discards elements at the start, a first draw of `rejection` computes which and writes that as a
+    depth. The depth test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
     """
 
     def __init__(
