@@ -104,18 +104,15 @@ def print_python(vector: VectorModule, *, status: bool = False, exact: frozenset
 def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
     """Return the arguments that each function needs besides its inputs, also for the functions that it calls."""
 
-    def needed(let: Let) -> Needs | None:
-        needs = needed_by(let)
-        return needs | Needs(grid=frozenset({"place"})) if needs is not None and let.op == "neighbour" else needs
+    def needed(let: Let) -> Needs:
+        return needed_by(let) | ({("place", "")} if let.op == "neighbour" else frozenset())
 
-    found = {}
-    for name, needs in needs_of(module, needed).items():
-        found[name] = [("param", p.name) for p in module.params if p.name in needs.params]
-        found[name] += [("table", t.name) for t in module.tables if t.name in needs.tables]
-        found[name] += [(op, "") for op in ("place", "grid_index", "grid_shape") if op in needs.grid]
-    for f in module.functions:
-        found[f.name] += [] if f.pure else [LANES]
-    return found
+    named = [*(("param", p.name) for p in module.params), *(("table", t.name) for t in module.tables)]
+    every = [*named, ("place", ""), ("grid_index", ""), ("grid_shape", "")]
+    needs = needs_of(module, needed)
+    return {
+        f.name: [key for key in every if key in needs[f.name]] + ([] if f.pure else [LANES]) for f in module.functions
+    }
 
 
 class _PythonModule(Unit):

@@ -130,7 +130,7 @@ class PacketMaker(KernelMaker):
     ) -> None:
         self.lanes, self.columns = lanes, columns
         super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
-        self.listed = columns == lanes and not self.needs[module.entry.name].grid
+        self.listed = columns == lanes and not self.grid_of(module.entry.name)
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
         self.speller = PacketSpeller(self.prologue.struct)
         self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
@@ -174,20 +174,19 @@ class PacketMaker(KernelMaker):
 
     # The extra arguments of functions
 
-    def needed(self, let: Let) -> Needs | None:
-        """Return the tables, params and grid variables that an operation reads; None without any.
+    def needed(self, let: Let) -> Needs:
+        """Return the tables, params and grid variables that an operation reads.
 
         Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through planes.
         """
-        found = needed_by(let)
-        if found is None or let.op not in ("grid_index", "grid_shape", "neighbour"):
-            return found
+        shape = let.op == "neighbour" or self.rank_of(let) > 2
+        return needed_by(let) | ({(SHAPE, "")} if shape else frozenset())
+
+    def rank_of(self, let: Let) -> int:
+        """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
         if let.op == "neighbour":
-            rank = next(t.rank for t in self.module.tables if t.name == let.attr)
-        else:
-            rank = 1 if isinstance(let.value.type, Lanes) else let.value.type.size
-        shape = {SHAPE} if rank > 2 or let.op == "neighbour" else set()
-        return replace(found, grid=found.grid | shape, ranks=frozenset({rank}))
+            return self.tables[str(let.attr)].rank
+        return min(super().rank_of(let), 1) if isinstance(let.value.type, Lanes) else super().rank_of(let)
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function; the entry's own function computes its index in the grid itself."""
@@ -311,7 +310,7 @@ class PacketMaker(KernelMaker):
     def _find_place(self) -> Block:
         """Return the statement that computes the lanes' index in the grid, or none if no operation reads it."""
         index = self.grid[INDEX]
-        if INDEX not in self.needs[self.module.entry.name].grid:
+        if (INDEX, "") not in self.needs[self.module.entry.name]:
             return ()
         return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
 

@@ -134,10 +134,10 @@ class KernelMaker(ClUnit):
             self.functions[entry.name],
             tuple([loc for _, loc in lines]),
             doubles,
-            self.grid_rank if needs.grid else 0,
+            self.grid_rank if self.grid_of(entry.name) else 0,
             inputs,
-            tuple(t for t in self.module.tables if t.name in needs.tables),
-            tuple(p for p in self.params if p in needs.params),
+            tuple(t for t in self.module.tables if ("table", t.name) in needs),
+            tuple(p for p in self.params if ("param", p) in needs),
         )
 
     def needs_doubles(self) -> bool:
@@ -202,7 +202,7 @@ class KernelMaker(ClUnit):
         arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
         steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]
         self.arrays = {o.id: Name(o.type, take(f"{o.name or 'result'}_out")) for o in outer.outputs}
-        parameters = [*self.dispatch, *([self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else [])]
+        parameters = [*self.dispatch, *([self.declares(self.grid[SHAPE])] if self.grid_of(entry.name) else [])]
         for (at, _), array, step in zip(read, arrays, steps, strict=True):
             parameters.append(Parameter(self.array(self.stored(outer.inputs[at].type), "const "), array.text))
             parameters.append(Parameter(INT, step.text))
@@ -271,7 +271,7 @@ class KernelMaker(ClUnit):
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
         outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))
         found: Block = (Declare(SIZE, element.text, start), outside)
-        if INDEX not in self.needs[self.module.entry.name].grid:
+        if (INDEX, "") not in self.needs[self.module.entry.name]:
             return found
         rest: Expr = element
         axes: list[Expr] = []

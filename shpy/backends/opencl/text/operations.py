@@ -42,6 +42,7 @@ from shpy.backends.opencl.text.addresses import steady_parts
 from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Loc, Module, Variable
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.modes import REPRODUCIBLE, Math
 
@@ -103,7 +104,8 @@ class ClUnit(Unit):
         take = self.globals.take
         self.element, self.count, self.first = [Name(UINT, take(name)) for name in ("element", "count", "first")]
         self.needs = needs_of(module, self.needed)
-        self.grid_rank = max((r for needs in self.needs.values() for r in needs.ranks), default=0)
+        lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+        self.grid_rank = max(map(self.rank_of, lets), default=0)
         self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
         self.functions = {f.name: take(f.name, "f") for f in module.functions}
         self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
@@ -114,18 +116,26 @@ class ClUnit(Unit):
         self.arrays: dict[int, Name] = {}
         """The arrays of the entry's outputs."""
 
-    def needed(self, let: Let) -> Needs | None:
-        """Return the tables, params and grid variables that an operation reads; None without any."""
+    def needed(self, let: Let) -> Needs:
+        """Return the tables, params and grid variables that an operation reads."""
         return needed_by(let)
+
+    def rank_of(self, let: Let) -> int:
+        """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
+        return let.value.type.size if let.op in (INDEX, SHAPE) else 0
+
+    def grid_of(self, function: str) -> list[Name]:
+        """Return the grid variables that a function reads."""
+        return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs[function]]
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
         needs = self.needs[function]
-        found = [self.grid[op] for op in sorted(needs.grid)]
+        found = self.grid_of(function)
         for table in self.module.tables:
-            if table.name in needs.tables:
+            if ("table", table.name) in needs:
                 found += [self.table_names[table.name], self.size_names[table.name]]
-        return (*found, *(e for p, e in self.params.items() if p in needs.params))
+        return (*found, *(e for p, e in self.params.items() if ("param", p) in needs))
 
 
 class ClBody(Body):
