@@ -25,12 +25,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from shpy.ir.builder import Builder
 from shpy.ir.constants import Base, decode, vec
-from shpy.ir.nodes import Function, If, Let, Loop, Module, Region, Stmt, Store
+from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.traverse import walk
 from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import without_dead
+from shpy.passes.rewriter import Rewriter
 from shpy.passes.vectorize import VectorModule
 
 _INT = vec(Base.I)
@@ -60,58 +60,43 @@ def find_neighbours(vector: VectorModule) -> VectorModule:
     entry = finder.run()
     if not finder.found:
         return vector
-    functions = {f.name: f for f in module.functions}
-    entry = without_dead(entry, functions)
+    entry = without_dead(entry, finder.functions)
     return replace(vector, module=replace(module, functions=(*module.functions[:-1], entry)))
 
 
-class _Finder:
-    """Rewrites the entry. `parts` maps the id of a value to its components, where they are known."""
+class _Finder(Rewriter):
+    """Rewrites the entry. `parts` maps the id of a value to its components, where they are known.
+
+    `together`: the lanes that run are adjacent.
+    """
 
     def __init__(self, module: Module, facts: LaneFacts) -> None:
-        self.function: Function = module.entry
+        super().__init__(module.entry, {f.name: f for f in module.functions})
         self.facts = facts
         self.ranks = {t.name: t.rank for t in module.tables if t.rank in _RANKS}
-        self.b = Builder(function=module.entry)
         self.parts: dict[int, Parts] = {}
         self.constants: dict[int, tuple[int, ...]] = {}
         self.axes = 0
+        self.together = True
         self.found = False
 
-    def run(self) -> Function:
-        """Return the entry with `neighbour` for each read at a uniform offset."""
-        self.region(self.function.body, together=True)
-        return self.b.finish()
+    def loop(self, loop: Loop) -> None:
+        around = self.together
+        stays = any(isinstance(n, Store) and n.variable in self.facts.live for n in walk((loop,)))
+        self.together = around and not stays
+        super().loop(loop)
+        self.together = around
 
-    def region(self, region: Region, *, together: bool) -> None:
-        for s in region:
-            self.statement(s, together)
-
-    def inner(self, region: Region, together: bool) -> Region:
-        self.b.push()
-        self.region(region, together=together)
-        return self.b.pop()
-
-    def statement(self, s: Stmt, together: bool) -> None:
-        match s:
-            case Let(_, "table", (index,), str(name)) if together and self.is_neighbour(name, index):
-                self.neighbour(s, index)
-            case Let():
-                self.let(s)
-                self.b.append(s)
-            case If(condition, then, orelse, loc):
-                then = self.inner(then, together)
-                self.b.append(If(condition, then, self.inner(orelse, together), loc))
-            case Loop(body, continuing, until, turns, loc):
-                stays = any(isinstance(n, Store) and n.variable in self.facts.live for n in walk((s,)))
-                body = self.inner(body, together and not stays)
-                self.b.append(Loop(body, self.inner(continuing, together and not stays), until, turns, loc))
-            case _:
-                self.b.append(s)
+    def let(self, let: Let) -> None:
+        if let.op == "table" and self.together and self.is_neighbour(str(let.attr), let.args[0]):
+            self.neighbour(let, let.args[0])
+        else:
+            self.record(let)
+            self.emit(let)
 
     # Analysis of values
 
-    def let(self, s: Let) -> None:
+    def record(self, s: Let) -> None:
         """Record the components of a value that is uniform or derived from the element's index."""
         value, args = s.value, s.args
         if value.type.base is not Base.I:
@@ -150,28 +135,27 @@ class _Finder:
 
     def neighbour(self, s: Let, index: int) -> None:
         self.found = True
-        self.b.loc = s.value.loc
         parts = self.parts[index]
         offsets = tuple(self.offset(part) for part in parts)
         moduli = tuple(self.component(*part.modulus) for part in parts if part.modulus is not None)
-        self.b.append(Let(s.value, "neighbour", offsets + moduli, s.attr))
+        self.emit(Let(s.value, "neighbour", offsets + moduli, s.attr))
 
     def component(self, value: int, component: int) -> int:
         """Return a component of a uniform."""
-        return value if self.b.type_of(value).size == 1 else self.b.swizzle(value, (component,)).id
+        return value if self.types[value].size == 1 else self.make("swizzle", value, type=_INT, attr=(component,))
 
     def offset(self, part: _Moved) -> int:
         """Return the sum of the terms."""
         if all(value in self.constants for _, value, _ in part.terms):
             known = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
-            return self.b.const(_INT, [(known + 2**31) % 2**32 - 2**31]).id
+            return self.const(_INT, (known + 2**31) % 2**32 - 2**31)
         total: int | None = None
         for sign, value, component in part.terms:
             term = self.component(value, component)
             if total is None:
-                total = term if sign > 0 else self.b.let("neg", term).id
+                total = term if sign > 0 else self.make("neg", term, type=_INT)
             else:
-                total = self.b.let("add" if sign > 0 else "sub", total, term).id
+                total = self.make("add" if sign > 0 else "sub", total, term, type=_INT)
         assert total is not None, "no terms are a constant"
         return total
 

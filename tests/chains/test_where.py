@@ -140,9 +140,9 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     """A list or not, whichever takes less time: with uniform inputs, results of each size, and loops that stop."""
-    from shpy.backends.device.listed import Lists
+    from shpy.backends.device.listed import Listed
 
-    monkeypatch.setattr(Lists, "_pays", lambda *_: pays)
+    monkeypatch.setattr(Listed, "_pays", lambda *_: pays)
     rng = np.random.default_rng(8)
     kernel = halve.compile("opencl", precision=precision, loop_limit=10)
     whole, mask = rng.random((6000, 2)) / 2, rng.random(6000) < 0.1

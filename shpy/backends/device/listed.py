@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -65,10 +65,12 @@ class Listed:
     guarded: Executable
     plain: Executable
     space: Space
-    lists: Lists = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.lists = Lists(self.space, self.guarded, self.plain)
+    _known: int = 0
+    """Elements of the list whose times are known: of the second one, since the first one builds kernels."""
+    _first: bool = True
+    _running: float = 0.0
+    _moving: float = 0.0
+    """Seconds to run and to move one element of it."""
 
     @property
     def source(self) -> str:
@@ -105,32 +107,18 @@ class Listed:
         """Prepare a run over memory of the device: as a list where that is worth it, and the run is not repeated."""
         count = math.prod(call.shape)
         if self.space.collectives.place and once and is_worth_a_list(count) and call.inputs[-1].count == count:
-            return lambda: self.lists.start(call)
+            return lambda: self._start(call)
         return self.guarded.ready(call, once=once)
 
-
-class Lists:
-    """The runs over streams of one kernel: `plain` is `guarded` without its last input, the condition."""
-
-    def __init__(self, space: Space, guarded: Executable, plain: Executable) -> None:
-        self._space = space
-        self._guarded = guarded
-        self._plain = plain
-        self._known = 0
-        """Elements of the list whose times are known: of the second one, since the first one builds kernels."""
-        self._first = True
-        self._running = self._moving = 0.0
-        """Seconds to run and to move one element of it."""
-
-    def start(self, call: DeviceCall) -> None:
+    def _start(self, call: DeviceCall) -> None:
         """Start a run; to know how many elements are alive, it waits for the mask."""
-        select = self._space.collectives.select
+        select = self.space.collectives.select
         assert select is not None
         live = select(call.inputs[-1])
         if self._pays(live.count, math.prod(call.shape)):
             self._run(call, live)
         else:
-            self._space.start([self._guarded.ready(call, once=True)])
+            self.space.start([self.guarded.ready(call, once=True)])
 
     def _pays(self, live: int, count: int) -> bool:
         """Return whether it is faster to run the `live` of `count` elements as a list than to run whole packets.
@@ -141,12 +129,12 @@ class Lists:
             return live == 0
         if live > _SIMILAR * self._known:
             return True
-        lanes = getattr(self._plain, "lanes", 1)
+        lanes = getattr(self.plain, "lanes", 1)
         together = 1 - (1 - live / count) ** (lanes if lanes > 1 else _WARP)
         return live * (self._running + self._moving) < count * together * self._running
 
     def _run(self, call: DeviceCall, live: Any) -> None:
-        space, own = self._space, self._space.collectives
+        space, own = self.space, self.space.collectives
         assert own.take is not None
         assert own.mark is not None
         assert own.place is not None
@@ -156,10 +144,10 @@ class Lists:
         begin = self._now(live)
         gathered = tuple(m if m.count == 1 else own.take(m, live) for m in call.inputs[:-1])
         found = tuple(space.allocate(live.count, m.type, m.dtype) for m in call.outputs)
-        ended: Any = None if self._plain.writes_all else space.allocate(live.count, vec(Base.I), np.dtype(np.int32))
+        ended: Any = None if self.plain.writes_all else space.allocate(live.count, vec(Base.I), np.dtype(np.int32))
         part = replace(call, shape=(live.count,), inputs=gathered, outputs=found, status=ended)
         run = self._now(live)
-        space.start([self._plain.ready(part, once=True)])
+        space.start([self.plain.ready(part, once=True)])
         back = self._now(live)
         if ended is not None:
             own.place(ended, live, call.status)
@@ -177,5 +165,5 @@ class Lists:
         """Wait for the runs that were started and return the time; 0 at once where no time is needed."""
         if live.count <= _SIMILAR * self._known:
             return 0.0
-        self._space.finish()
+        self.space.finish()
         return time.perf_counter()

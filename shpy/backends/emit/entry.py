@@ -3,14 +3,13 @@
 Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
 and place in the grid that it and those that it calls read.
 
-    needs_of(module)["shade"]   # Needs(tables={"noise"}, params={"gain"}, grid={"grid_index"}, ranks={2})
+    needs_of(module)["shade"]   # {("table", "noise"), ("param", "gain"), ("grid_index", "")}
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import ClassVar
 
 from shpy.backends.emit.names import Names, Target
@@ -18,20 +17,9 @@ from shpy.backends.emit.survey import changed_variables
 from shpy.ir.nodes import Call, Function, Let, Module, Return, Store
 from shpy.ir.traverse import walk
 
-
-@dataclass(frozen=True, slots=True)
-class Needs:
-    """Names of tables and params, of `grid_index` and `grid_shape`, and the ranks of these."""
-
-    tables: frozenset[str] = frozenset()
-    params: frozenset[str] = frozenset()
-    grid: frozenset[str] = frozenset()
-    ranks: frozenset[int] = frozenset()
-
-    def __or__(self, other: Needs) -> Needs:
-        return Needs(
-            self.tables | other.tables, self.params | other.params, self.grid | other.grid, self.ranks | other.ranks
-        )
+Need = tuple[str, str]
+"""What a function needs: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
+Needs = frozenset[Need]
 
 
 class Unit:
@@ -49,30 +37,28 @@ class Unit:
         """True if the driver leaves loops when the conditions of their exits hold."""
 
 
-def needed_by(let: Let) -> Needs | None:
-    """Return what an operation reads that is not its function's; None for nothing."""
+def needed_by(let: Let) -> Needs:
+    """Return what an operation reads that is not its function's."""
     match let.op:
         case "table" | "table_size" | "neighbour":
-            return Needs(tables=frozenset({str(let.attr)}))
-        case "param":
-            return Needs(params=frozenset({str(let.attr)}))
-        case "grid_index" | "grid_shape":
-            return Needs(grid=frozenset({let.op}), ranks=frozenset({let.value.type.size}))
-    return None
+            return frozenset({("table", str(let.attr))})
+        case "param" | "grid_index" | "grid_shape":
+            return frozenset({(let.op, str(let.attr or ""))})
+    return frozenset()
 
 
-def needs_of(module: Module, needed: Callable[[Let], Needs | None] = needed_by) -> dict[str, Needs]:
+def needs_of(module: Module, needed: Callable[[Let], Needs] = needed_by) -> dict[str, Needs]:
     """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
     found: dict[str, Needs] = {}
     for function in module.functions:  # callees come first
-        needs = Needs()
+        needs: set[Need] = set()
         for s in walk(function.body):
             match s:
                 case Let(_, "call", _, str(name)) | Call(name):
                     needs |= found[name]
-                case Let() if (own := needed(s)) is not None:
-                    needs |= own
-        found[function.name] = needs
+                case Let():
+                    needs |= needed(s)
+        found[function.name] = frozenset(needs)
     return found
 
 

@@ -20,20 +20,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import UnionType
 from typing import Final
 
+from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.survey import changed_variables
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Break, Call, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
 from shpy.ir.traverse import walk
 
-_COMPARISONS: Final = {
-    "lt": operator.lt,
-    "le": operator.le,
-    "gt": operator.gt,
-    "ge": operator.ge,
-    "eq": operator.eq,
-    "ne": operator.ne,
-}
 _STEPPED: Final = frozenset({"load", "add", "sub", "neg", "swizzle", "component", "construct", "splat"})
 """Operations whose results step as their operands do, so that a driver may count by them."""
 
@@ -79,7 +72,7 @@ class Exits:
             if let is None or (value, holds) in seen:
                 continue
             seen.add((value, holds))
-            if let.op in _COMPARISONS and not any(a in self.lets and self.lets[a].value.type.is_bool for a in let.args):
+            if let.op in COMPARISONS and not any(a in self.lets and self.lets[a].value.type.is_bool for a in let.args):
                 yield let, holds
             elif let.op == "load" and isinstance(let.attr, int):
                 pending += [(s.value, holds) for s in inside.get(let.attr, [])]
@@ -122,7 +115,7 @@ class Exits:
 
     def _is_right(self, let: Let, holds: bool, begins: dict[int, list[float | None]], held: dict[int, int]) -> bool:
         """Return whether a comparison with a constant leaves the loop for no first value, or is none that counts."""
-        compare = _COMPARISONS[let.op]
+        compare = getattr(operator, let.op)
         a, b = let.args
         x, y = self._constant(a), self._constant(b)
         if y is not None and (v := self._held(a, held)) is not None:

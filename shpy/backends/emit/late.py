@@ -18,8 +18,9 @@ from typing import Final
 
 import numpy as np
 
-from shpy.backends.emit.plan import INFIX, MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
-from shpy.backends.emit.survey import Place, Survey
+from shpy.backends.emit.operations import OPERATORS
+from shpy.backends.emit.plan import MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
+from shpy.backends.emit.survey import Place
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store
 from shpy.ir.traverse import continues, regions_of, uses, walk
@@ -57,26 +58,11 @@ def plan_late(function: Function, callees: Mapping[str, Function], wishes: LateW
     return _LatePlanner(function, callees, wishes).run()
 
 
-def stored_results(
-    s: Call, following: Region, holds: Callable[[int, int], bool], changing: Collection[int]
-) -> dict[int, int]:
-    """Return the variables that the statements behind a call store its results into, where these are nothing else."""
-    results = {r.id for r in s.results}
-    found: dict[int, int] = {}
-    for store in following:
-        if not isinstance(store, Store) or store.value not in results or store.value in found or not is_whole(store):
-            break
-        variable = store.variable
-        if holds(store.value, variable) and variable not in changing and variable not in found.values():
-            found[store.value] = variable
-    return found
-
-
 class _LatePlanner(Planner):
     """One walk in program order."""
 
     def __init__(self, function: Function, callees: Mapping[str, Function], late: LateWishes) -> None:
-        super().__init__(function, callees, Survey(function, callees), Wishes(letters=late.letters))
+        super().__init__(function, callees, Wishes(letters=late.letters))
         self.late = late
         self.waiting: dict[int, None] = {}
         """Values that are still to be written, and would get a name."""
@@ -207,7 +193,7 @@ class _LatePlanner(Planner):
                 return depth, width + (24 if len(literals) == 2 else 12)  # two literals: one has a type of its own
             case "neg" | "not":
                 return depth, width + 1 + self.brackets("mul", s.args)
-            case op if op in INFIX:
+            case op if op in OPERATORS:
                 return depth, width + 3 + self.brackets(op, s.args)
         return super().size(s)
 
@@ -215,7 +201,7 @@ class _LatePlanner(Planner):
         """Return the letters of the brackets around the operands of an operator."""
         inner = [self.survey.lets[a].op if a in self.sizes and a in self.survey.lets else "" for a in args]
         if op in _BITS:
-            return sum([2 for i in inner if i in INFIX and i != op])
+            return sum([2 for i in inner if i in OPERATORS and i != op])
         if op in _SUMS:
             return sum([2 for i in inner[1:] if i in _SUMS])
         return sum([2 for at, i in enumerate(inner) if i in _SUMS or (at and i in ("mul", "div"))])
@@ -263,14 +249,26 @@ class _LatePlanner(Planner):
     def call(self, s: Call, place: Place) -> None:
         for a in s.args:
             self.need(a, place)
-        following = self.survey.regions[place[0]][place[1] + 1 :]
-        slots = stored_results(s, following, self.late.holds, self.late.changing)
+        slots = self.plan.results[place] = self.stored_results(s, place)
         self.change(place, slots.values())
         for result in s.results:
             if result.id in slots:
                 self.stand(result.id, slots[result.id])
             else:
                 self.root[result.id] = result.id
+
+    def stored_results(self, s: Call, place: Place) -> dict[int, int]:
+        """Return the variables that the statements after a call store its results into, and nothing else."""
+        results = {r.id for r in s.results}
+        found: dict[int, int] = {}
+        for store in self.survey.regions[place[0]][place[1] + 1 :]:
+            if not isinstance(store, Store) or store.value not in results - found.keys() or not is_whole(store):
+                break
+            variable = store.variable
+            taken = variable in self.late.changing or variable in found.values()
+            if self.late.holds(store.value, variable) and not taken:
+                found[store.value] = variable
+        return found
 
     def enter(self, s: If | Loop, place: Place) -> None:
         """Name the values that must be computed before the region, and those used later that change in it."""

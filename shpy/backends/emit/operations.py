@@ -10,10 +10,11 @@ target has in its own way is a method `op_<name>`; what it does by a function is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import ClassVar, Final
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
 
 from shpy.backends.emit import tree
+from shpy.backends.emit.entry import Unit
 from shpy.backends.emit.tree import BOOL, INT, Construct, Expr, Index, Literal
 from shpy.ir.constants import decode, encode
 from shpy.ir.nodes import Let, Value, Variable
@@ -24,15 +25,14 @@ INFIX: Final[Mapping[str, str]] = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shl": "<<", "shr": ">>",
 }  # fmt: skip
 COMPARISONS: Final[Mapping[str, str]] = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
+OPERATORS: Final = {**INFIX, **COMPARISONS}
 _LOGIC: Final = {"and": "&&", "or": "||", "xor": "!="}
 
 
 class Operations:
     """Makes the expressions of one function. `Body` is above it, the targets above that."""
 
-    scalar_comparisons: ClassVar[bool] = False
-    """Return whether a vector may be compared with a scalar."""
-
+    unit: Unit
     exprs: dict[int, Expr]
     """The expression of each value that has been made."""
     slots: dict[int, Expr]
@@ -43,29 +43,9 @@ class Operations:
 
     # What a target gives
 
-    def construct(self, type: Type, *parts: Expr) -> Expr:
-        """Return a vector from scalars and vectors; one scalar alone is repeated."""
-        return Construct(type, parts)
-
     def convert(self, type: Type, e: Expr, source: Type) -> Expr:
         """Return the conversion from another base."""
         raise KeyError(source)
-
-    def table(self, let: Let, index: Expr) -> Expr:
-        """Return the element of a table at an index, clamped on each axis."""
-        raise KeyError(let.op)
-
-    def table_size(self, name: str) -> Expr:
-        """Return the shape of a table."""
-        raise KeyError(name)
-
-    def param(self, name: str) -> Expr:
-        """Return a uniform."""
-        raise KeyError(name)
-
-    def grid(self, op: str, type: Type) -> Expr:
-        """Return `grid_index` or `grid_shape`."""
-        raise KeyError(op)
 
     def in_range(self, index: Expr, length: int) -> Expr:
         """Return the index, clamped to [0, length)."""
@@ -74,10 +54,6 @@ class Operations:
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Name the function that does `op` for arguments of these types: the target's, or one of our own."""
         raise KeyError(op)
-
-    def called(self, function: str) -> str:
-        """Name a function of the module as the text does."""
-        raise KeyError(function)
 
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return what a call hands on besides its arguments: tables, where they are no globals."""
@@ -154,10 +130,8 @@ class Operations:
         return (a, b) if scalar is None else (self.component(scalar), b)
 
     def comparison(self, let: Let) -> Expr:
-        """Return `a < b`, of scalars or, where the target can, of vectors."""
-        a, b = self.args(let)
-        if self.scalar_comparisons:
-            a, b = self.without_splats(a, b)
+        """Return `a < b`; a splat is left out where the other operand is a vector."""
+        a, b = self.without_splats(*self.args(let))
         return tree.infix(COMPARISONS[let.op], a, b, let.value.type)
 
     def op_neg(self, let: Let) -> Expr:
@@ -183,18 +157,18 @@ class Operations:
         assert isinstance(let.attr, tuple)
         same = len(set(let.attr)) == 1
         literals = [self.literal(type.scalar, c) for c in decode(type, let.attr[:1] if same else let.attr)]
-        return literals[0] if type.size == 1 else self.construct(type, *literals)
+        return literals[0] if type.size == 1 else Construct(type, tuple(literals))
 
     def op_splat(self, let: Let) -> Expr:
         """Return one scalar repeated."""
         e = self.arg(let.args[0])
-        return e if let.value.type.size == 1 else self.construct(let.value.type, e)
+        return e if let.value.type.size == 1 else Construct(let.value.type, (e,))
 
     def op_construct(self, let: Let) -> Expr:
         """Return a vector from parts; components convert by themselves."""
         if self.types[let.args[0]] is let.value.type:
             return self.exprs[let.args[0]]
-        return self.construct(let.value.type, *[self.exprs[a] for a in let.args])
+        return Construct(let.value.type, tuple([self.exprs[a] for a in let.args]))
 
     def op_swizzle(self, let: Let) -> Expr:
         """Return `v.xy`; a scalar's only component is itself."""
@@ -204,7 +178,7 @@ class Operations:
         if let.attr == tuple(range(source.size)):
             return e
         if scalar is not None:
-            return scalar if type.size == 1 else self.construct(type, scalar)
+            return scalar if type.size == 1 else Construct(type, (scalar,))
         return self.picked(e, let.attr, type)
 
     def picked(self, e: Expr, components: tuple[int, ...], type: Type) -> Expr:
@@ -221,28 +195,10 @@ class Operations:
         fixed = isinstance(index, Literal) and 0 <= index.value < length
         return Index(let.value.type, slot, index if fixed else self.in_range(index, length))
 
-    def op_param(self, let: Let) -> Expr:
-        """Return a uniform."""
-        return self.param(str(let.attr))
-
     def op_convert(self, let: Let) -> Expr:
         """Return a conversion; the same base needs none."""
         e, source = self.arg(let.args[0]), self.types[let.args[0]]
         return e if source is let.value.type else self.convert(let.value.type, e, source)
-
-    def op_table(self, let: Let) -> Expr:
-        """Return a read of a table."""
-        return self.table(let, self.arg(let.args[0]))
-
-    def op_table_size(self, let: Let) -> Expr:
-        """Return a table's shape."""
-        return self.table_size(str(let.attr))
-
-    def op_grid_index(self, let: Let) -> Expr:
-        """Return this element's index."""
-        return self.grid(let.op, let.value.type)
-
-    op_grid_shape = op_grid_index
 
     def op_any_lane(self, let: Let) -> Expr:
         """Return the condition itself: an element runs alone, so it speaks for all that run with it."""
@@ -258,8 +214,11 @@ class Operations:
 
     def op_call(self, let: Let) -> Expr:
         """Return a call of a pure function."""
-        name = str(let.attr)
-        return tree.call(self.called(name), let.value.type, *self.args(let), *self.context(name))
+        return self.called(str(let.attr), let.value.type, self.args(let))
+
+    def called(self, function: str, type: Type, args: Iterable[Expr]) -> Expr:
+        """Return a call of a function of the module."""
+        return tree.call(self.unit.functions[function], type, *args, *self.context(function))
 
     def inside(self, index: Expr, length: int) -> Expr:
         """Return whether the index is in [0, length)."""

@@ -19,6 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from shpy.backends.emit.operations import OPERATORS
 from shpy.backends.emit.survey import Place, Survey, changed_variables
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Break, Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
@@ -30,7 +31,6 @@ MAX_DEPTH: Final = 32
 MAX_WIDTH: Final = 100
 """Letters, about, of an expression that needs no name."""
 _NONE: Final[frozenset[int]] = frozenset()
-INFIX: Final = frozenset("add sub mul div and or xor shl shr eq ne lt le gt ge".split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +55,8 @@ class Wishes:
 class Plan:
     """The answers to what `structure` asks about one function."""
 
-    uses: Counter[int]
-    regions: list[Region]
-    stored_in: Mapping[int, frozenset[int]]
-    """The variables that a region may change."""
-    inner: Mapping[Place, tuple[int, ...]]
-    """The numbers of the regions inside a statement."""
+    survey: Survey
+    """The facts from which it was made."""
     declared: dict[Place, list[int]] = field(default_factory=dict)
     """Variables that are declared before a statement."""
     zeroed: set[int] = field(default_factory=set)
@@ -87,6 +83,8 @@ class Plan:
     """Values for which the array of the first operand stands, which changes (`late`)."""
     adopting: set[Place] = field(default_factory=set)
     """Stores after which the variable stands for the value (`late`)."""
+    results: dict[Place, dict[int, int]] = field(default_factory=dict)
+    """By call, the variables whose names its results get (`late`)."""
     unnamed: int | None = None
     """The result, if it needs no variable: every way through the function ends with a store of it."""
 
@@ -100,19 +98,19 @@ class Plan:
 
 def plan(function: Function, callees: Mapping[str, Function], wishes: Wishes | None = None) -> Plan:
     """Plan the text of `function`; `callees` are all functions by name."""
-    survey = Survey(function, callees)
-    return Planner(function, callees, survey, wishes or Wishes()).run()
+    return Planner(function, callees, wishes or Wishes()).run()
 
 
 class Planner:
     """One walk in program order."""
 
-    def __init__(self, function: Function, callees: Mapping[str, Function], survey: Survey, wishes: Wishes) -> None:
-        self.function, self.callees, self.survey, self.wishes = function, callees, survey, wishes
+    def __init__(self, function: Function, callees: Mapping[str, Function], wishes: Wishes) -> None:
+        self.function, self.callees, self.wishes = function, callees, wishes
+        self.survey = survey = Survey(function, callees)
         self.inlined = self.find_inlined()
         self.homes: dict[int, int] = {}
         """The regions in which variables are declared."""
-        self.plan = Plan(survey.uses, survey.regions, survey.stored_in, survey.inner)
+        self.plan = Plan(self.survey)
         self.declare()
         self.left = Counter(survey.uses)
         self.variable_names = {v.id: v.name for v in variables_of(function)}
@@ -281,21 +279,19 @@ class Planner:
 
     def is_given(self, value: int, place: Place) -> bool:
         """Return whether the next statement does nothing but return the value, or write it to an output."""
-        region, index = self.survey.regions[place[0]], place[1] + 1
-        store = region[index] if index < len(region) else None
+        store = self.survey.following(place)
         if not isinstance(store, Store) or store.value != value:
             return False
-        return (place[0], index) in self.plan.returns or store.variable in self.wishes.direct
+        return (place[0], place[1] + 1) in self.plan.returns or store.variable in self.wishes.direct
 
     def goes_into_a_variable(self, value: Value, place: Place) -> bool:
         """Return whether the next statement stores it: then that variable's name stands for it."""
-        region, index = self.survey.regions[place[0]], place[1] + 1
-        store = region[index] if index < len(region) else None
+        store = self.survey.following(place)
         if not isinstance(store, Store) or store.value != value.id or not is_whole(store):
             return False
         if value.name not in (None, self.variable_names[store.variable]) or store.variable in self.wishes.direct:
             return False
-        return not self.opens_for(store, _NONE, (place[0], index))
+        return not self.opens_for(store, _NONE, (place[0], place[1] + 1))
 
     def store(self, s: Store, place: Place) -> None:
         """Plan a store: what it names, and whether it starts a variable."""
@@ -404,7 +400,7 @@ class Planner:
             case "cond":
                 brackets = sum([2 for a in s.args if a in self.sizes and self.survey.lets[a].op == "cond"])
                 return depth, width + 6 + brackets
-            case op if op in INFIX:
+            case op if op in OPERATORS:
                 return depth, width + 3
         name = len(s.attr) if isinstance(s.attr, str) else self.wishes.letters(s.op)
         if s.op == "table":

@@ -90,12 +90,8 @@ class Body(Operations):
         """Return how long the name of the function is that does an operation, nearly."""
         return len(op) + 3
 
-    def reference(self, variable: int) -> Expr:
-        """Return the variable as an argument by reference."""
-        return self.slots[variable]
-
-    def out_argument(self, e: Expr) -> Expr:
-        """Return a temporary as an argument that the function only writes."""
+    def reference(self, e: Expr) -> Expr:
+        """Return a variable that is no array as an argument by reference."""
         return e
 
     def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
@@ -114,10 +110,6 @@ class Body(Operations):
         """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
         return None
 
-    def called(self, function: str) -> str:
-        """Name a function of the module as the text does."""
-        return self.unit.functions[function]
-
     # The function
 
     def begin(self, *, returns: bool) -> None:
@@ -127,6 +119,9 @@ class Body(Operations):
         result = self.function.outputs[0].id if self.gives_value and self.returns_expressions else None
         wishes = Wishes(self.apart, self.repeats, self.letters, self.direct, tuple(self.slots), result)
         self.planned = plan(self.function, self.unit.callees, wishes)
+        if returns and not single:
+            zeroed = [o for o in self.function.outputs if o.id in self.planned.zeroed]
+            self.out += [Assign(self.slots[o.id], self.zero(o.type)) for o in zeroed]
 
     def statements(self) -> None:
         """Make the function's statements, with a return at its end where it gives a value."""
@@ -205,7 +200,7 @@ class Body(Operations):
     def _placed(self, s: Stmt, place: Place) -> bool:
         """Append one statement and what is declared before it; return whether what follows cannot be reached."""
         if isinstance(s, Store) and place in self.planned.returns:
-            self.out.append(Exit("return", self.result(s), s.loc))
+            self.out.append(Exit("return", self.exprs[s.value], s.loc))
             return True
         self._declare(place, s)
         return self.statement(s, place)
@@ -239,16 +234,12 @@ class Body(Operations):
     def let(self, s: Let, place: Place) -> None:
         """Make the expression of a value, and a temporary where that is planned."""
         value = s.value.id
-        if not self.planned.uses[value]:
+        if not self.planned.survey.uses[value]:
             return
         self.settle(place)
         self.exprs[value] = self.operation(s)
         if value in self.planned.named:
             self.bind(value)
-
-    def result(self, s: Store) -> Expr:
-        """Return the result of the function, in place of a store into its output and a return."""
-        return self.exprs[s.value]
 
     def store(self, s: Store, place: Place) -> None:
         """Append a store: an assignment, a declaration, or the start of a loop."""
@@ -295,26 +286,26 @@ class Body(Operations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call; a single result may stand in the store that follows."""
         function = self.unit.callees[s.function]
-        args = [
-            self.arg(a) if isinstance(port, Value) else self.reference(a)
-            for a, port in zip(s.args, function.inputs, strict=True)
-        ]
+        args: list[Expr] = []
+        for a, port in zip(s.args, function.inputs, strict=True):
+            if isinstance(port, Value):
+                args.append(self.arg(a))
+            else:
+                args.append(self.slots[a] if port.length is not None else self.reference(self.slots[a]))
         self.settle(place)
-        name, handed = self.called(s.function), self.context(s.function)
         if len(s.results) == 1:
-            self._call_with_result(tree.call(name, s.results[0].type, *args, *handed), s, place)
+            self._call_with_result(self.called(s.function, s.results[0].type, args), s, place)
             return
         for result in s.results:
             temporary = Name(result.type, self.scope.take(result.name))
             self.out.append(Declare(result.type, temporary.text, loc=s.loc))
             self.exprs[result.id] = temporary
-            args.append(self.out_argument(temporary))
-        self.out.append(Do(tree.call(name, BOOL, *args, *handed), s.loc))
+            args.append(self.reference(temporary))
+        self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, made: Expr, s: Call, place: Place) -> None:
-        (result,), region = s.results, self.planned.regions[place[0]]
-        uses = self.planned.uses[result.id]
-        after = region[place[1] + 1] if place[1] + 1 < len(region) else None
+        (result,), after = s.results, self.planned.survey.following(place)
+        uses = self.planned.survey.uses[result.id]
         if not uses:
             self.out.append(Do(made, s.loc))
         elif uses == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
@@ -327,7 +318,7 @@ class Body(Operations):
         self.settle(place)
         condition = self.exprs[s.condition]
         made, ended = [], []
-        for region, number in zip((s.then, s.orelse), self.planned.inner[place], strict=True):
+        for region, number in zip((s.then, s.orelse), self.planned.survey.inner[place], strict=True):
             with self.block() as out:
                 ended.append(self.region(region, number))
             made.append(tuple(out))
@@ -381,7 +372,7 @@ class Body(Operations):
 
     def _counted(self, s: Loop, place: Place, starts: tuple[Declare, ...]) -> tree.Loop:
         """Return a `for`."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         start, test = self._first_test(s, place)
         for index, let in enumerate(s.continuing):
             if isinstance(let, Let):
@@ -389,7 +380,7 @@ class Body(Operations):
         store = s.continuing[-1]
         assert isinstance(store, Store)
         step = self.assign(store, self.slots[store.variable], self.exprs[store.value])
-        changed = {self.slots[v] for v in self.planned.stored_in[body] if v in self.slots}
+        changed = {self.slots[v] for v in self.planned.survey.stored_in[body] if v in self.slots}
         steady = test is not None and changed.isdisjoint(tree.walk(test))
         step = self.step(test if steady else None, step)
         with self.block() as made:
@@ -398,7 +389,7 @@ class Body(Operations):
 
     def _tested_last(self, s: Loop, place: Place) -> tree.Loop:
         """Return a `do` whose test `continue` goes to."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         self.region(s.continuing, continuing)
         assert s.until is not None
         again = tree.negation(self.exprs[s.until])
@@ -408,7 +399,7 @@ class Body(Operations):
 
     def _plain(self, s: Loop, place: Place) -> tree.Loop:
         """Return a loop of body, continuing and test, one after the other."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         start, test = self._first_test(s, place)
         around, again = self.scope, None
         with self.block() as made:
@@ -425,7 +416,7 @@ class Body(Operations):
 
     def _gated(self, s: Loop, place: Place, outer: Names) -> tree.Loop:
         """Return a loop whose step and test are at its top, skipped in the first iteration: `continue` goes there."""
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         gate = Name(BOOL, outer.take("again"))
         self.scope.reserve(gate.text)
         self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
@@ -440,7 +431,7 @@ class Body(Operations):
 
     def _first_test(self, s: Loop, place: Place) -> tuple[int, Expr | None]:
         """Return where the body goes on after a first `If(c) { Break }`, and the opposite of c; (0, None) without."""
-        start, number = self.planned.tests.get(place, 0), self.planned.inner[place][0]
+        start, number = self.planned.tests.get(place, 0), self.planned.survey.inner[place][0]
         test = s.body[start - 1] if start else None
         if not isinstance(test, If):
             return 0, None

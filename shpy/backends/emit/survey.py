@@ -26,7 +26,6 @@ class Survey:
     """The facts of one function, found by one walk over it."""
 
     def __init__(self, function: Function, callees: Mapping[str, Function]) -> None:
-        self.function = function
         self.callees = callees
         self.uses: Counter[int] = Counter()
         """The number of uses of each value."""
@@ -44,27 +43,30 @@ class Survey:
         """The variables that the last statement of some loop's continuing part stores."""
         self._made_in: dict[int, int] = {}
         self._used_in: dict[int, int] = {}
-        self._parents: list[Place | None] = []
-        self._last: dict[int, int] = {}
-        """By region, the greatest number of a region inside it."""
+        self._around: list[tuple[Place, ...]] = []
+        """By region, the statements around it, from the outermost one in."""
         self._outputs = [o.id for o in function.outputs]
-        self._region(function.body, None)
+        self._region(function.body, ())
 
     def statement(self, place: Place) -> Stmt:
         """Return the statement at a place."""
         return self.regions[place[0]][place[1]]
 
+    def following(self, place: Place) -> Stmt | None:
+        """Return the statement after a place in the same region."""
+        region, index = self.regions[place[0]], place[1] + 1
+        return region[index] if index < len(region) else None
+
     # The walk
 
-    def _region(self, region: Region, parent: Place | None) -> int:
+    def _region(self, region: Region, around: tuple[Place, ...]) -> int:
         number = len(self.regions)
         self.regions.append(region)
-        self._parents.append(parent)
+        self._around.append(around)
         stored: set[int] = set()
         for index, s in enumerate(region):
             self._statement(s, number, index, stored)
         self.stored_in[number] = frozenset(stored)
-        self._last[number] = len(self.regions) - 1
         return number
 
     def _statement(self, s: Stmt, number: int, index: int, stored: set[int]) -> None:
@@ -96,7 +98,8 @@ class Survey:
         stored |= changed
 
     def _inside(self, s: Stmt, number: int, index: int) -> None:
-        self.inner[number, index] = tuple([self._region(r, (number, index)) for r in regions_of(s)])
+        around = (*self._around[number], (number, index))
+        self.inner[number, index] = tuple([self._region(r, around) for r in regions_of(s)])
 
     def _loop(self, s: Loop, number: int, index: int) -> None:
         self._inside(s, number, index)
@@ -110,6 +113,11 @@ class Survey:
             self.counters.add(s.continuing[-1].variable)
 
     # Values
+
+    def loop_of(self, value: int) -> Place | None:
+        """Return the innermost loop in which an operation makes a value; None outside all loops."""
+        around = self._around[self._made_in.get(value, 0)]
+        return next((at for at in reversed(around) if isinstance(self.statement(at), Loop)), None)
 
     def may_inline(self, value: int) -> bool:
         """Return whether the value can be written where it is used: then it costs nothing and reads well."""
@@ -140,31 +148,26 @@ class Survey:
             touched.append((0, len(self.regions[0])))
         if not touched:
             return None
-        home = self._common([region for region, _ in touched])
         marks = self._marked(touched)
-        while True:
-            index = min(self._index_in(home, place) for place in touched)
-            if variable.length is None and self._first_access(home, variable.id, marks) == "stored":
-                return (home, index), False
+        home = 0  # the innermost region around all that touches it
+        while len(marks[home]) == 1 and len(inside := marks.keys() & self.inner.get((home, marks[home][0]), ())) == 1:
+            (home,) = inside
+        while variable.length is not None or self._first_access(home, variable.id, marks) != "stored":
             outer = self._outside_loops(home)
             if outer == home:
-                return (home, index), True
+                return (home, marks[home][0]), True
             home = outer
+        return (home, marks[home][0]), False
 
     def touches_inside(self, place: Place, variable: int) -> int:
         """Count the statements inside an If or Loop that touch a variable."""
-        inner = self.inner[place]
-        first, last = inner[0], self._last[inner[-1]]
-        return sum(first <= region <= last for region, _ in self.touched.get(variable, ()))
+        return sum(place in self._around[region] for region, _ in self.touched.get(variable, ()))
 
     def _marked(self, touched: list[Place]) -> dict[int, list[int]]:
         """Return the statements that touch the variable, or hold one that does, by region and in order."""
         marks: dict[int, set[int]] = {}
-        for place in touched:
-            at: Place | None = place
-            while at is not None and at[1] not in marks.setdefault(at[0], set()):
-                marks[at[0]].add(at[1])
-                at = self._parents[at[0]]
+        for region, index in {at for place in touched for at in (*self._around[place[0]], place)}:
+            marks.setdefault(region, set()).add(index)
         return {region: sorted(found) for region, found in marks.items()}
 
     def _first_access(
@@ -190,33 +193,7 @@ class Survey:
 
     def _outside_loops(self, region: int) -> int:
         """Return the region that holds the outermost loop around this one; itself if there is none."""
-        result, at = region, self._parents[region]
-        while at is not None:
-            if isinstance(self.statement(at), Loop):
-                result = at[0]
-            at = self._parents[at[0]]
-        return result
-
-    def _path(self, region: int) -> list[int]:
-        path = [region]
-        while (parent := self._parents[path[-1]]) is not None:
-            path.append(parent[0])
-        return path[::-1]
-
-    def _common(self, regions: list[int]) -> int:
-        """Return the innermost region around all of these."""
-        common = self._path(regions[0])
-        for region in set(regions[1:]):
-            common = [a for a, b in zip(common, self._path(region), strict=False) if a == b]
-        return common[-1]
-
-    def _index_in(self, home: int, place: Place) -> int:
-        """Return the index of the statement of `home` in which a place is."""
-        while place[0] != home:
-            parent = self._parents[place[0]]
-            assert parent is not None
-            place = parent
-        return place[1]
+        return next((at[0] for at in self._around[region] if isinstance(self.statement(at), Loop)), region)
 
 
 def changed_variables(s: Stmt, callees: Mapping[str, Function]) -> frozenset[int]:

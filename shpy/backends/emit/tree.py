@@ -50,8 +50,9 @@ class Expr:
 
     @property
     def parts(self) -> tuple[Expr, ...]:
-        """The expressions directly inside."""
-        return ()
+        """The expressions directly inside: all fields that hold some."""
+        held = [getattr(self, name) for name in self.__match_args__]
+        return tuple([e for h in held for e in (h if isinstance(h, tuple) else (h,)) if isinstance(e, Expr)])
 
     @property
     def splat(self) -> Expr | None:
@@ -80,11 +81,6 @@ class Operator(Expr):
     symbol: str
     args: tuple[Expr, ...]
 
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The operands."""
-        return self.args
-
 
 @dataclass(frozen=True, slots=True)
 class Call(Expr):
@@ -93,22 +89,12 @@ class Call(Expr):
     function: str
     args: tuple[Expr, ...]
 
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The arguments."""
-        return self.args
-
 
 @dataclass(frozen=True, slots=True)
 class Construct(Expr):
     """A vector from scalars and vectors, or from one scalar that is repeated."""
 
     args: tuple[Expr, ...]
-
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """Its components."""
-        return self.args
 
     @property
     def splat(self) -> Expr | None:
@@ -123,11 +109,6 @@ class Cast(Expr):
     of: Expr
     to: Own | None = None
 
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The expression that is converted."""
-        return (self.of,)
-
 
 @dataclass(frozen=True, slots=True)
 class Member(Expr):
@@ -136,11 +117,6 @@ class Member(Expr):
     of: Expr
     field: str
 
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The vector or struct."""
-        return (self.of,)
-
 
 @dataclass(frozen=True, slots=True)
 class Index(Expr):
@@ -148,11 +124,6 @@ class Index(Expr):
 
     of: Expr
     at: Expr
-
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The array and the index."""
-        return (self.of, self.at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,22 +134,12 @@ class Method(Expr):
     name: str
     args: tuple[Expr, ...] = ()
 
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The object and the arguments."""
-        return (self.of, *self.args)
-
 
 @dataclass(frozen=True, slots=True)
 class Tuple(Expr):
     """Several values side by side, as Python returns and assigns them."""
 
     args: tuple[Expr, ...]
-
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The values."""
-        return self.args
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,11 +161,6 @@ class Named(Expr):
 
     name: str
     value: Expr
-
-    @property
-    def parts(self) -> tuple[Expr, ...]:
-        """The value."""
-        return (self.value,)
 
 
 # Statements

@@ -25,7 +25,7 @@ from shpy.backends.device import store
 from shpy.backends.device.probe import notes_of, refuse_wrong
 from shpy.backends.glsl.device.context import open_context
 from shpy.backends.glsl.device.memory import GlslSpace
-from shpy.backends.glsl.device.run import Program, Runtime, unsupported
+from shpy.backends.glsl.device.run import DeviceRun, Program, Runtime
 from shpy.backends.glsl.text.interface import Limits, Shader
 from shpy.backends.glsl.text.nesting import MAX_NESTING
 from shpy.backends.glsl.text.operations import FAST, NATIVE
@@ -76,13 +76,14 @@ class GlslExecutable:
         """Run it; return the int32 status of each element, (n,), or None when every element was written."""
         if call.count == 0 or not self.programs:
             return None
-        return self.runtime.run(self.programs, self.groups, call)
+        return self.runtime.context.call(lambda: self.runtime.run(self.programs, self.groups, call))
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over textures: see `base.Executable`."""
         if math.prod(call.shape) == 0 or not self.programs:
             return lambda: None
-        return self.runtime.ready(self.programs, self.groups, call, self.rejection())
+        rejection = self.rejection()
+        return self.runtime.context.call(lambda: DeviceRun(self.runtime, self.programs, self.groups, call, rejection))
 
 
 class GlslBackend:
@@ -268,17 +269,15 @@ def _notes(limits: Limits) -> tuple[str, ...]:
 
 
 def _refuse(module: Module, target: Target) -> None:
-    """Raise CompileError for types that GLSL 3.30 lacks: f16, and f64 unless the device has it for shpy's functions."""
-    if target.doubles:
-        return
+    """Raise CompileError for f64, which GLSL 3.30 lacks, unless the device has it for shpy's functions."""
+    found: list[Loc | None] = []
     for function in module.functions:
         things: list[Value | Variable] = [*defined(function), *variables_of(function)]
-        for thing in things:
-            if thing.type.base in (Base.D, Base.H):
-                raise unsupported(thing.type, thing.loc or function.loc)
-    for table in module.tables:
-        if table.type.base in (Base.D, Base.H):
-            raise unsupported(table.type, module.entry.loc)
+        found += [thing.loc or function.loc for thing in things if thing.type.base is Base.D]
+    found += [module.entry.loc for table in module.tables if table.type.base is Base.D]
+    if found and not target.doubles:
+        cure = 'compile this program on "numpy" or "opencl"'
+        raise CompileError("GLSL 3.30 has no 64-bit floats (f64)", loc=found[0], cure=cure, lacks="f64")
 
 
 backend = GlslBackend()

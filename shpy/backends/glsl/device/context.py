@@ -23,18 +23,7 @@ from shpy.backends.device import store
 from shpy.backends.device.answer import Answer
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backends.device.processes import HEARD, Driver
-from shpy.backends.glsl.device.probes import (
-    CHOICES,
-    DOUBLES,
-    EXITS,
-    NEGATIONS,
-    PROBE,
-    ROOTS,
-    SIGNS,
-    STORES,
-    decimal_doubles,
-    decimal_floats,
-)
+from shpy.backends.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
 from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.glsl.text.prologue import Prologue
 from shpy.errors import BackendUnavailable, ShpyError
@@ -52,7 +41,7 @@ void main() {
 }
 """
 
-_OF_GLSL = frozenset({"stores", "choices", "negations", "signs", "decimals"})
+_OF_GLSL = QUESTIONS.keys() - FAULTS
 """Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT, _ROOTED, _READ = "exact", "rooted", "read"
@@ -221,18 +210,7 @@ class Context:
         wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
         if not np.array_equal(found[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
             wrong.add("convert")
-        if self._drawn(STORES) != [0, 0, 0, 5, 0, 0, 0, 0]:
-            wrong.add("stores")
-        if self._drawn(CHOICES) != [1] * 8:
-            wrong.add("choices")
-        if self._drawn(NEGATIONS) != [1] * 8:
-            wrong.add("negations")
-        if self._drawn(SIGNS) != [1] * 8:
-            wrong.add("signs")
-        if self._drawn(decimal_floats()) != [1] * 8:
-            wrong.add("decimals")
-        if self._drawn(EXITS) != [5] * 8:
-            wrong.add("exits")
+        wrong |= {name for name, (text, right) in QUESTIONS.items() if self._drawn(text) != right}
         self.resting.use()
         check(self.gl, "probe the device")
         return frozenset(wrong)
@@ -282,8 +260,7 @@ class Context:
     def _probe(self) -> Limits:
         gl, about = self.gl, self.about
         ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
-        texts = PROBE, STORES, EXITS, CHOICES, NEGATIONS, SIGNS, decimal_floats()
-        key = store.key("glsl faults", *about, str(ordered), *texts)
+        key = store.key("glsl faults", *about, str(ordered), PROBE, *(text for text, _ in QUESTIONS.values()))
         faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
         binary64 = self._binary64(about, flushed="denormals" in faults) if ordered else frozenset()
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.

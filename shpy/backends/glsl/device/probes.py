@@ -199,3 +199,14 @@ def decimal_doubles() -> str:
             for x, (low, high) in zip(numbers, bits, strict=True)
         ),
     )
+
+
+QUESTIONS: Final = {
+    "stores": (STORES, [0, 0, 0, 5, 0, 0, 0, 0]),
+    "exits": (EXITS, [5] * 8),
+    "choices": (CHOICES, [1] * 8),
+    "negations": (NEGATIONS, [1] * 8),
+    "signs": (SIGNS, [1] * 8),
+    "decimals": (decimal_floats(), [1] * 8),
+}
+"""By fault, the shader that shows it, and what a device without the fault draws for eight elements."""

@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 import re
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from shpy.backends.base import Array, Call, DeviceCall, TableMemory
 from shpy.backends.device.pace import Pace
+from shpy.backends.device.pool import Kind
 from shpy.backends.glsl.device.collective import collectives
 from shpy.backends.glsl.device.context import Context, check
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace, own
-from shpy.backends.glsl.device.textures import Lent, Store, Target, read
+from shpy.backends.glsl.device.textures import Store, Target, read
 from shpy.backends.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
@@ -94,48 +95,49 @@ class Runtime:
         weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
         return made
 
-    def ready(
-        self,
-        programs: tuple[Program, ...],
-        groups: tuple[tuple[int, ...], ...],
-        call: DeviceCall,
-        rejection: Program | None,
-    ) -> DeviceRun:
-        """Prepare a run of `programs`, whose outputs are those of `groups`, over textures.
-
-        `rejection` writes the depths by which the depth test rejects elements before they run.
-        """
-        return self.context.call(lambda: DeviceRun(self, programs, groups, call, rejection))
-
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         """Run `programs`, whose outputs are those of `groups`, over all elements; return the status if one is made.
 
-        The status is the output after the last of `call.outputs`.
+        The status is the output after the last of `call.outputs`. It has to be called on the context's thread.
         """
-        return self.context.call(lambda: self._run(programs, groups, call))
-
-    def _run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         last = len(call.outputs)
         status = np.ones(call.count, np.int32) if any(last in g for g in groups) else None
         width = row_length(call.shape, self.context.limits.width)
         band = max(1, min(self.context.limits.width, BAND // width)) * width
         for first in range(0, call.count, band):
             part = slice(first, min(first + band, call.count))
-            with self.store.lent() as lent:
-                inputs: dict[int, Any] = {}
+            lent: list[tuple[Kind, Any]] = []
+            inputs: dict[int, Any] = {}
+            try:
                 # The program that makes the status comes first: the others' outputs are written where it says so.
                 for program, group in sorted(zip(programs, groups, strict=True), key=lambda p: last not in p[1]):
                     target = self._draw(program, call, part, width, lent, inputs)
                     _collect(target, program.shader.outputs, group, call, status, part, width)
+            finally:
+                self.context.resting.use()
+                for kind, thing in lent:
+                    self.store.pool.give_back(kind, thing)
             check(self.context.gl, "run the program")
         return status
 
-    def _draw(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> Target:
+    def _draw(
+        self, made: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: dict[int, Any]
+    ) -> Target:
         shader, gl = made.shader, self.context.gl
         count = part.stop - part.start
-        target = lent.target(list(shader.outputs), width, -(-count // width))
+        kind, target = self.store.target(shader.outputs, width, -(-count // width))
+        lent.append((kind, target))
         check(gl, "make the outputs")
-        self._bind(made, call, part, width, lent, inputs)
+        for port in shader.inputs:
+            if port.sampler in made.units:
+                array = call.inputs[port.index]
+                alone = len(array) == 1
+                if port.index not in inputs:
+                    lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
+                    inputs[port.index] = lent[-1][1]
+                inputs[port.index].use(made.units[port.sampler])
+                _set(made.program, port.each, 0 if alone else 1)
+        self.bind(made, call)
         target.framebuffer.use()
         self.render(made, call.shape, part.start, count, width, reads=True)
         return target
@@ -165,21 +167,15 @@ class Runtime:
         self.context.gl.viewport = (0, first, across, height)
         made.vertices.render(self.context.moderngl.TRIANGLES, 3)
 
-    def _bind(self, made: Program, call: Call, part: slice, width: int, lent: Lent, inputs: dict[int, Any]) -> None:
-        program, shader, units = made.program, made.shader, made.units
-        for port in shader.inputs:
-            if port.sampler in units:
-                array = call.inputs[port.index]
-                alone = len(array) == 1
-                if port.index not in inputs:
-                    inputs[port.index] = lent.filled(array if alone else array[part], 1 if alone else width)
-                inputs[port.index].use(units[port.sampler])
-                _set(program, port.each, 0 if alone else 1)
-        for table in shader.tables:
-            self.bind_table(made, table, call.tables[table.name])
-        bind_params(made, call.params)
+    def bind(self, made: Program, call: Call | DeviceCall) -> None:
+        """Let a program read the tables and params of a call."""
+        for table in made.shader.tables:
+            self._bind_table(made, table, call.tables[table.name])
+        for name, (uniform, type) in made.shader.params.items():
+            if uniform in made.program:
+                made.program[uniform].write(uniform_bytes(call.params[name], type))
 
-    def bind_table(self, made: Program, table: TableTexture, data: TableData | TableMemory) -> None:
+    def _bind_table(self, made: Program, table: TableTexture, data: TableData | TableMemory) -> None:
         """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
         if isinstance(data, TableMemory):
             shape, texture = data.shape, own(data.memory).texture
@@ -192,10 +188,10 @@ class Runtime:
 
 
 class DeviceRun:
-    """A run over textures that is ready to be started on the context's thread.
+    """A run over textures, made and started on the context's thread; `programs` make the outputs of `groups`.
 
-    Where a program discards elements at the start, a first draw computes which and writes that as a depth. The depth
-    test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
+    Where a program discards elements at the start, a first draw of `rejection` computes which and writes that as a
+    depth. The depth test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
     """
 
     def __init__(
@@ -207,7 +203,6 @@ class DeviceRun:
         rejection: Program | None,
     ) -> None:
         self._runtime = runtime
-        self._call = call
         context = runtime.context
         outputs = [own(m) for m in (*call.outputs, call.status) if m is not None]
         self._count = math.prod(call.shape)
@@ -228,10 +223,11 @@ class DeviceRun:
         weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
         self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
         self._inputs = [self._folded(own(m)) for m in call.inputs]
-        self._tables = {
+        tables: dict[str, TableData | TableMemory] = {
             name: TableMemory(self._folded(own(data.memory)), data.shape) if isinstance(data, TableMemory) else data
             for name, data in call.tables.items()
         }
+        self._call = replace(call, tables=tables)
 
     def _folded(self, memory: GlslMemory) -> GlslMemory:
         """Memory in rows of FOLD with the elements of this one, which are copied before each run if need be."""
@@ -257,20 +253,11 @@ class DeviceRun:
                     memory = self._inputs[port.index]
                     memory.texture.use(units[port.sampler])
                     _set(program, port.each, int(memory.count == self._count))
-            for table in made.shader.tables:
-                runtime.bind_table(made, table, self._tables[table.name])
-            bind_params(made, call.params)
+            runtime.bind(made, call)
             framebuffer.use()
             runtime.render(made, call.shape, 0, self._count, self._width, reads=False)
         if self._rejects:
             gl.disable(runtime.context.moderngl.DEPTH_TEST)
-
-
-def bind_params(made: Program, params: dict[str, Array]) -> None:
-    """Set the uniforms of the params."""
-    for name, (uniform, type) in made.shader.params.items():
-        if uniform in made.program:
-            made.program[uniform].write(uniform_bytes(params[name], type))
 
 
 def row_length(shape: tuple[int, ...], limit: int) -> int:
@@ -340,11 +327,3 @@ def refused(source: str, log: str, loc: Loc | None) -> CompileError:
             break
     text = lines[at - 1].strip() if 0 < at <= len(lines) else ""
     return CompileError(f"the driver refused this line of the shader: {found[2].strip()}\n  {at}: {text}", loc=loc)
-
-
-def unsupported(type: Type, loc: Loc | None) -> CompileError:
-    """Return the error for a type that GLSL 3.30 lacks."""
-    lacks = {Base.D: "f64", Base.H: "f16"}.get(type.base)
-    name = f"{lacks[1:]}-bit floats ({lacks})" if lacks else repr(type)
-    cure = 'compile this program on "numpy" or "opencl"'
-    return CompileError(f"GLSL 3.30 has no {name}", loc=loc, cure=cure, lacks=lacks)

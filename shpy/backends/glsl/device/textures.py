@@ -1,21 +1,19 @@
 """Arrays as textures, and textures as arrays: what a full-screen pass reads and writes.
 
 Stage: run. A flat array of elements becomes rows of a 2-D texture, 32-bit integers as integer textures, so that they
-stay exact, bools as bytes, in one to four components. Textures and framebuffers are lent and given back; the copy of
-a table is kept as long as its `TableData` lives and its version does not change.
+stay exact, bools as bytes, in one to four components. Textures and framebuffers come from a pool; the copy of a
+table is kept as long as its `TableData` lives and its version does not change.
 
     store = Store(context)
     texture = store.table(data, vec("f", 3))   # the device's copy, sent only when it has changed
-    with store.lent() as lent:               # what is borrowed here goes back to the store afterwards
-        source = lent.filled(array, 1024)
-        target = lent.target([vec("f", 3), vec("i")], 1024, 8)
+    kind, source = store.filled(array, 1024)
+    store.pool.give_back(kind, source)
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
@@ -124,17 +122,6 @@ class Store:
         texture.filter = (nearest, nearest)
         return texture
 
-    @contextmanager
-    def lent(self) -> Iterator[Lent]:
-        """Lend what is borrowed through the result until the block ends."""
-        lent = Lent(self)
-        try:
-            yield lent
-        finally:
-            self.context.resting.use()
-            for kind, thing in lent.things:
-                self.pool.give_back(kind, thing)
-
     def _room(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of a texture, which is one of few, that has room for so many rows of a width."""
         limit = self.context.limits.width
@@ -145,6 +132,14 @@ class Store:
         size = self._room(width, height)
         kind = Kind(size[0] * size[1] * components * dtype.itemsize, (size, components, dtype.str))
         return kind, self.pool.take(kind, lambda: self._texture(size, components, dtype))
+
+    def filled(self, array: Array, width: int) -> tuple[Kind, Any]:
+        """Take a texture and fill it with the elements of `array`, (n, components) or (n,), in rows of `width`."""
+        texels = as_texels(array).reshape(len(array), -1)
+        kind, texture = self.texture(texels.shape[1], texels.dtype, width, -(-len(texels) // width))
+        write(texture, texels, width)
+        check(self.context.gl, "send an input")
+        return kind, texture
 
     def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Target]:
         """Take a framebuffer of at least `width` x `height` with an output of each type."""
@@ -165,32 +160,6 @@ class Store:
         framebuffer = gl.framebuffer(textures)
         check(gl, f"make a framebuffer of {len(formats)} outputs")
         return Target(framebuffer, tuple(textures))
-
-
-class Lent:
-    """The textures and framebuffers that one run has borrowed."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self.things: list[tuple[Kind, Any]] = []
-
-    def filled(self, array: Array, width: int) -> Any:
-        """Return a texture with the elements of `array`, (n, components) or (n,), in rows of `width`."""
-        texels = as_texels(array).reshape(len(array), -1)
-        height = -(-len(texels) // width)
-        texture = self._noted(self._store.texture(texels.shape[1], texels.dtype, width, height))
-        write(texture, texels, width)
-        check(self._store.context.gl, "send an input")
-        return texture
-
-    def target(self, types: Sequence[Type], width: int, height: int) -> Target:
-        """Return a framebuffer with an output of each type: see `Store.target`."""
-        made: Target = self._noted(self._store.target(types, width, height))
-        return made
-
-    def _noted(self, taken: tuple[Kind, Any]) -> Any:
-        self.things.append(taken)
-        return taken[1]
 
 
 def _format(dtype: np.dtype[Any]) -> str:

@@ -14,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Final
 
+from shpy.backends.emit.operations import COMPARISONS
 from shpy.ir.nodes import Call, Function, Let, Store, Variable
 from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import defined, uses, walk
 from shpy.ir.types import Type
-
-_COMPARISONS: Final = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 
 
 def precise_conditions(function: Function, callees: Mapping[str, Function]) -> set[int]:
@@ -53,7 +52,7 @@ def choices_and_arguments(function: Function) -> set[int]:
 
 
 def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
-    if let.op in _COMPARISONS and types[let.args[0]].is_float:
+    if let.op in COMPARISONS and types[let.args[0]].is_float:
         return True
     # An element that runs alone is asked by its own condition, which has a name already.
     return let.value.type.is_bool and let.op not in LANE_OPS and any(a in comparing for a in let.args)
@@ -68,7 +67,7 @@ _PART_OF_IT: Final = frozenset(
     {"neg", "abs", "floor", "ceil", "round", "trunc", "sqrt", "any", "all", "and", "or", "xor"}
 )
 """Operations that Mesa makes part of the expression that they stand in, as it does operators."""
-_PLAIN: Final = _COMPARISONS | _ROUNDED | _PART_OF_IT | {"not", "swizzle", "construct", "splat", "component"}
+_PLAIN: Final = COMPARISONS.keys() | _ROUNDED | _PART_OF_IT | {"not", "swizzle", "construct", "splat", "component"}
 
 
 def precise_operands(

@@ -24,8 +24,9 @@ from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
 from shpy.backends.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
-from shpy.backends.glsl.text.interface import NOTHING, RUNNING, Limits
-from shpy.backends.glsl.text.prologue import Prologue
+from shpy.backends.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
+from shpy.backends.glsl.text.nesting import sheltered_functions
+from shpy.backends.glsl.text.prologue import Prologue, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loop, Module, Store
 from shpy.ir.ops import TRANSCENDENTALS
@@ -90,26 +91,27 @@ class GlslUnit(Unit):
 
     target = "glsl"
 
-    def __init__(
-        self,
-        module: Module,
-        limits: Limits,
-        *,
-        exact: bool,
-        flagged: bool,
-        limited: bool,
-        sheltered: Collection[str],
-    ) -> None:
+    def __init__(self, module: Module, limits: Limits, *, exact: bool, flagged: bool, limited: bool) -> None:
         super().__init__(module)
         self.limits, self.exact = limits, exact
-        self.flagged, self.limited, self.sheltered = flagged, limited, sheltered
+        self.flagged, self.limited, self.sheltered = flagged, limited, sheltered_functions(module)
         self.leaves_loops = limits.leaves_loops
         self.kept_apart = exact and not limits.keeps_order
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
         self.prologue = Prologue(exact=exact, precise=limits.keeps_order, signs=limits.signs)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
-        self.params: dict[str, Name] = {}
+        take = self.globals.take
+        self.params = {p.name: Name(p.type, take(p.name)) for p in module.params}
+        self.tables: dict[str, TableTexture] = {}
+        self.readers: dict[str, str] = {}
+        for t in module.tables:
+            self.tables[t.name] = TableTexture(t.name, t.type, t.rank, take(t.name), take(f"{t.name}_shape"))
+            self.readers[t.name] = take(f"{t.name}_at")
+        self.functions = {f.name: take(f.name) for f in module.functions}
+        self.read: dict[str, str] = {}
+        """The functions that read tables, and those that find a place in the grid."""
+        self.placed: dict[int, str] = {}
         self.used: set[str] = set()
         """Names of the runtime, and that of the unknown zero, as far as the text has them."""
 
@@ -126,15 +128,18 @@ class GlslUnit(Unit):
 
     def read_table(self, name: str) -> str:
         """Name the function that reads a table, which the text is to have."""
-        raise KeyError(name)
+        if name not in self.read:
+            self.read[name] = reader(self.tables[name], self.readers[name])
+        return self.readers[name]
 
-    def shape_of(self, name: str) -> Name:
-        """Return the shape of a table."""
-        raise KeyError(name)
-
-    def place(self, op: str, type: Type) -> Expr:
-        """Return `grid_index` or `grid_shape`."""
-        raise KeyError(op)
+    def place(self, size: int) -> str:
+        """Name the function that gives the place in the grid on `size` axes, which the text is to have."""
+        if size not in self.placed:
+            if size > 1:
+                self.prologue.use("sh_split", (INT, INT))
+            self.placed[size], names = grid_function(size)
+            self.used |= names
+        return grid_name(size)
 
 
 class GlslBody(Body):
@@ -285,21 +290,26 @@ class GlslBody(Body):
 
     # What the runtime gives
 
-    def param(self, name: str) -> Expr:
+    def op_param(self, let: Let) -> Expr:
         """Return a uniform."""
-        return self.unit.params[name]
+        return self.unit.params[str(let.attr)]
 
-    def table(self, let: Let, index: Expr) -> Expr:
+    def op_table(self, let: Let) -> Expr:
         """Return `heights_at(i)`."""
-        return tree.call(self.unit.read_table(str(let.attr)), let.value.type, index)
+        return tree.call(self.unit.read_table(str(let.attr)), let.value.type, *self.args(let))
 
-    def table_size(self, name: str) -> Expr:
+    def op_table_size(self, let: Let) -> Expr:
         """Return the uniform of a table's shape."""
-        return self.unit.shape_of(name)
+        return Name(let.value.type, self.unit.tables[str(let.attr)].shape)
 
-    def grid(self, op: str, type: Type) -> Expr:
-        """Return `sh_grid_index2()`, `sh_grid_shape.xy`."""
-        return self.unit.place(op, type)
+    def op_grid_index(self, let: Let) -> Expr:
+        """Return `sh_grid_index2()`."""
+        return tree.call(self.unit.place(let.value.type.size), let.value.type)
+
+    def op_grid_shape(self, let: Let) -> Expr:
+        """Return `sh_grid_shape.xy`."""
+        whole = self.unit.runtime_name(GRID_SHAPE, vec(Base.I, 4))
+        return tree.picked(whole, range(let.value.type.size), let.value.type)
 
     # Statements
 

@@ -27,15 +27,11 @@ from shpy.backends.emit.tree import (
     Parameter,
     number,
 )
-from shpy.backends.glsl.text.interface import GRID_SHAPE, LAST, InputTexture, Limits, Shader, TableTexture
-from shpy.backends.glsl.text.nesting import sheltered_functions
+from shpy.backends.glsl.text.interface import LAST, InputTexture, Limits, Shader
 from shpy.backends.glsl.text.operations import GlslBody, GlslUnit
 from shpy.backends.glsl.text.prologue import (
-    grid_function,
-    grid_name,
     input_uniforms,
     output,
-    reader,
     uniforms,
     whole_text,
 )
@@ -63,9 +59,7 @@ def print_shader(
     With `rejects`, the only output, a bool, becomes a depth: the depth test then keeps elements from running for which
     it is true, and their status is DISCARDED.
     """
-    sheltered = sheltered_functions(module)
-    made = _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited, sheltered=sheltered)
-    return made.shader(rejects=rejects)
+    return _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited).shader(rejects=rejects)
 
 
 class _ShaderMaker(GlslUnit):
@@ -73,18 +67,7 @@ class _ShaderMaker(GlslUnit):
 
     def shader(self, *, rejects: bool) -> Shader:
         """Return the whole text, with the names that the runtime needs."""
-        module, take = self.module, self.globals.take
-        self.params = {p.name: Name(p.type, take(p.name)) for p in module.params}
-        self.tables: dict[str, TableTexture] = {}
-        self.readers: dict[str, str] = {}
-        for t in module.tables:
-            self.tables[t.name] = TableTexture(t.name, t.type, t.rank, take(t.name), take(f"{t.name}_shape"))
-            self.readers[t.name] = take(f"{t.name}_at")
-        self.read: dict[str, str] = {}
-        """The functions that read tables, and those that find a place in the grid."""
-        self.placed: dict[int, str] = {}
-        for function in module.functions:
-            self.functions[function.name] = take(function.name)
+        module = self.module
         self.speller = GlslSpeller(exact=self.exact, reads=self.limits.reads)
         for function in module.functions:
             self.add(function)
@@ -100,29 +83,6 @@ class _ShaderMaker(GlslUnit):
             tuple(o.type for o in module.entry.outputs),
         )
 
-    # What the functions ask for
-
-    def read_table(self, name: str) -> str:
-        """Name the function that reads a table, which the text is to have."""
-        if name not in self.read:
-            self.read[name] = reader(self.tables[name], self.readers[name])
-        return self.readers[name]
-
-    def shape_of(self, name: str) -> Name:
-        """Return the name of the uniform that holds a table's shape."""
-        return Name(vec(Base.I, self.tables[name].rank), self.tables[name].shape)
-
-    def place(self, op: str, type: Type) -> Expr:
-        """Return the expression of a place in the grid: `sh_grid_index2()` or `sh_grid_shape.xy`."""
-        if op == "grid_shape":
-            return tree.picked(self.runtime_name(GRID_SHAPE, vec(Base.I, 4)), range(type.size), type)
-        if type.size not in self.placed:
-            if type.size > 1:
-                self.prologue.use("sh_split", (INT, INT))
-            self.placed[type.size], names = grid_function(type.size)
-            self.used |= names
-        return tree.call(grid_name(type.size), type)
-
     # Functions
 
     def add(self, function: Function) -> None:
@@ -132,9 +92,6 @@ class _ShaderMaker(GlslUnit):
         if not alone:
             parameters += [Parameter(o.type, body.slot(o), "out") for o in function.outputs]
         body.begin(returns=True)
-        if not alone:
-            zeros = [o for o in function.outputs if o.id in body.planned.zeroed]
-            body.out += [Assign(body.slots[o.id], body.zero(o.type)) for o in zeros]
         body.statements()
         result = function.outputs[0].type if alone else None
         name = self.functions[function.name]

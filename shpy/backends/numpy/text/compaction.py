@@ -143,10 +143,8 @@ class _Reader:
                 case If():
                     sides = self.before(s.then, after, leave, again) | self.before(s.orelse, after, leave, again)
                     after = sides | _names(s.condition)
-                case Loop():
+                case Loop() | Each():
                     after = self.loop(s, after)
-                case Each():
-                    after = self.each(s, after)
                 case Exit("break"):
                     after = leave
                 case Exit("continue"):
@@ -163,24 +161,16 @@ class _Reader:
                     after |= _names(s.value)
         return after
 
-    def loop(self, s: Loop, after: frozenset[Expr]) -> frozenset[Expr]:
-        """Find the names needed before a loop."""
-        test = _names(s.test)
-        out = _NONE if s.test is None else after
-        head = test | out
-        while True:
-            again = test | out | self.before(s.body, head, after, head)
-            if again == head:
-                break
+    def loop(self, s: Loop | Each, after: frozenset[Expr]) -> frozenset[Expr]:
+        """Find the names needed before a loop, or a loop over a sequence, which gives its name a value."""
+        made, tested = (frozenset({s.name}), True) if isinstance(s, Each) else (_NONE, s.test is not None)
+        out = after if tested else _NONE
+        if isinstance(s, Loop):
+            out |= _names(s.test)
+        head = out
+        while (again := out | (self.before(s.body, head, after, head) - made)) != head:
             head = again
         if isinstance(s, LaneLoop):
             self.found[id(s)] = _Found(s, _stored(s.body), head | {s.live}, after)
             head = (head | {s.live}) - {s.lane}  # it is stored in front
-        return head
-
-    def each(self, s: Each, after: frozenset[Expr]) -> frozenset[Expr]:
-        """Find the names needed before a loop over a sequence."""
-        head = after
-        while (again := head | self.before(s.body, head, after, head) - {s.name}) != head:
-            head = again
-        return head | _names(s.over)
+        return head | _names(s.over) if isinstance(s, Each) else head

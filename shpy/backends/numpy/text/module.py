@@ -18,7 +18,7 @@ from typing import Final
 
 from shpy.backends.emit import tree
 from shpy.backends.emit.entry import Needs, Unit, needed_by, needs_of
-from shpy.backends.emit.late import MAX_WIDTH, LateWishes, plan_late, stored_results
+from shpy.backends.emit.late import MAX_WIDTH, LateWishes, plan_late
 from shpy.backends.emit.names import Names
 from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.spell_python import PythonSpeller
@@ -104,18 +104,15 @@ def print_python(vector: VectorModule, *, status: bool = False, exact: frozenset
 def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
     """Return the arguments that each function needs besides its inputs, also for the functions that it calls."""
 
-    def needed(let: Let) -> Needs | None:
-        needs = needed_by(let)
-        return needs | Needs(grid=frozenset({"place"})) if needs is not None and let.op == "neighbour" else needs
+    def needed(let: Let) -> Needs:
+        return needed_by(let) | ({("place", "")} if let.op == "neighbour" else frozenset())
 
-    found = {}
-    for name, needs in needs_of(module, needed).items():
-        found[name] = [("param", p.name) for p in module.params if p.name in needs.params]
-        found[name] += [("table", t.name) for t in module.tables if t.name in needs.tables]
-        found[name] += [(op, "") for op in ("place", "grid_index", "grid_shape") if op in needs.grid]
-    for f in module.functions:
-        found[f.name] += [] if f.pure else [LANES]
-    return found
+    named = [*(("param", p.name) for p in module.params), *(("table", t.name) for t in module.tables)]
+    every = [*named, ("place", ""), ("grid_index", ""), ("grid_shape", "")]
+    needs = needs_of(module, needed)
+    return {
+        f.name: [key for key in every if key in needs[f.name]] + ([] if f.pure else [LANES]) for f in module.functions
+    }
 
 
 class _PythonModule(Unit):
@@ -216,7 +213,6 @@ class _PythonBody(NumpyOperations):
         def holds(value: int, variable: int) -> bool:
             return (variable in self.varying_slots) == (value in self.varying) and value not in splats
 
-        self.holds = holds
         wishes = LateWishes(self.letters_of, *self.glimpses(), holds, self.in_place, self.updatable, self.kept)
         self.planned = plan_late(self.function, self.unit.callees, wishes)
         blank = self.blank()
@@ -279,10 +275,6 @@ class _PythonBody(NumpyOperations):
     def updatable(self, s: Let) -> bool:
         """Return whether an operation may change the array of its first operand."""
         return self.updates is not None and self.updates.allows(s)
-
-    def called(self, function: str) -> str:
-        """Name a function of the module as the text does."""
-        return self.module.functions[function]
 
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return the names that a call passes on besides the arguments."""
@@ -390,11 +382,8 @@ class _PythonBody(NumpyOperations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.settle(place)
-        args = [own(self.exprs[a]) for a in s.args]
-        made = tree.call(self.called(s.function), BOOL, *args, *self.context(s.function))
-        following = self.planned.regions[place[0]][place[1] + 1 :]
-        slots = stored_results(s, following, self.holds, self.in_place)
-        names = []
+        made = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
+        slots, names = self.planned.results[place], []
         for result in s.results:
             slot = slots.get(result.id)
             name = Name(result.type, self.scope.take(result.name)) if slot is None else self.slots[slot]
@@ -438,7 +427,7 @@ class _PythonBody(NumpyOperations):
         if iterations is not None:
             self.together(s, place, iterations)
             return
-        body, continuing = self.planned.inner[place]
+        body, continuing = self.planned.survey.inner[place]
         outside, within = self.lanes, self.within
         lane = Name(INT, self.scope.take("lane")) if plan is not None else None
         start, test = self._first_test(s, place)
@@ -468,7 +457,7 @@ class _PythonBody(NumpyOperations):
 
     def together(self, s: Loop, place: Place, iterations: Iterations) -> None:
         """Append a loop of which several iterations are computed at once."""
-        body = self.planned.inner[place][0]
+        body = self.planned.survey.inner[place][0]
         start, _ = self._first_test(s, place)
         stop, counter = self.exprs[iterations.stop], self.slots[iterations.counter]
         assert isinstance(counter, Name)

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backends.emit import tree
+from shpy.backends.emit.operations import OPERATORS
 from shpy.backends.emit.spell_python import dtype
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Construct, Expr, Index, Literal, Member, Method, Name, Operator, Tuple
@@ -23,8 +24,7 @@ from shpy.ir.nodes import Let
 from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.types import Base, Type
 
-COMPARISONS: Final = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
-INFIX: Final = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", **COMPARISONS}
+INFIX: Final = {op: symbol for op, symbol in OPERATORS.items() if op not in ("shl", "shr")}
 """Operations that are operators of Python."""
 UPDATES: Final = {"add": ("+",), "sub": ("-",), "mul": ("*",), "mad": ("*", "+")}
 """By operation, the operators that update its first operand with each of the others in turn."""
@@ -120,8 +120,7 @@ class NumpyOperations(Body):
             case "load" | "swizzle" | "param" | "grid_index" | "grid_shape" | "table" | "table_size" | "neighbour":
                 return self.named(let, args)
             case "call":
-                name = str(let.attr)
-                return tree.call(self.called(name), type, *map(own, args), *self.context(name))
+                return self.called(str(let.attr), type, map(own, args))
             case "construct":
                 function = "vector" if all(t.size == 1 for t in types) else "joined"
                 return tree.call(function, type, *map(own, args))

@@ -1,4 +1,4 @@
-"""Other widths of a kernel, compiled in another process while the kernel runs: see `widths.Builder`.
+"""Other widths of a kernel, compiled in another process while the kernel runs: see `widths`.
 
 Stage: compile. The process gets what the kernel was printed from, and answers with the text for the other width and the
 driver's binary, which this process loads: that takes a hundredth of the time of compiling.
@@ -13,16 +13,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
+from shpy.backends.base import Executable
 from shpy.backends.device.answer import Answer
 from shpy.backends.opencl.device.background import Refused, background
 from shpy.errors import CompileError
 
 if TYPE_CHECKING:
     from shpy.backends.opencl.device.driver import Machine
-    from shpy.backends.opencl.device.widths import Sized
     from shpy.backends.opencl.text.kernel import Kernel
+
+
+class Sized(Executable, Protocol):
+    """An executable whose packets have one width."""
+
+    @property
+    def lanes(self) -> int:
+        """Elements of a packet."""
+
 
 Facts = dict[str, frozenset[str]]
 """The results of trials of the device so far; keys are names of attributes of `Machine`."""

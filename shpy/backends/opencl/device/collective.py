@@ -9,6 +9,7 @@ a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest fi
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -29,162 +30,16 @@ _LEAST: Final = 1 << 14
 _MOST_COUNTERS: Final = 1 << 22
 """Counters of all chunks together."""
 
-# WORD is the unsigned word of a component, KEY one of _KEYS.
-_ORDER: Final = """\
-inline WORD key(WORD x) {
-    return KEY;
-}
-
-__kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, __global uint *counts) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk), i = first;
-    uint found[4][RADIX];
-    for (uint d = 0; d < RADIX; ++d)
-        found[0][d] = found[1][d] = found[2][d] = found[3][d] = 0;
-    // Equal digits often follow each other: four tables let four be counted at a time.
-    for (; i + 4 <= end; i += 4) {
-        ++found[0][(key(given[i]) >> shift) & (RADIX - 1)];
-        ++found[1][(key(given[i + 1]) >> shift) & (RADIX - 1)];
-        ++found[2][(key(given[i + 2]) >> shift) & (RADIX - 1)];
-        ++found[3][(key(given[i + 3]) >> shift) & (RADIX - 1)];
-    }
-    for (; i < end; ++i)
-        ++found[0][(key(given[i]) >> shift) & (RADIX - 1)];
-    for (uint d = 0; d < RADIX; ++d)
-        counts[d * get_global_size(0) + get_global_id(0)] = found[0][d] + found[1][d] + found[2][d] + found[3][d];
-}
-
-// Replace each count by the sum of those before it.
-__kernel void sum_before(__global uint *counts, uint n) {
-    uint sum = 0;
-    for (uint i = 0; i < n; ++i) {
-        uint count = counts[i];
-        counts[i] = sum;
-        sum += count;
-    }
-}
-
-__kernel void move_words(__global const WORD *given, uint n, uint chunk, uint shift, __global const uint *counts,
-                         __global WORD *moved) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[RADIX];
-    for (uint d = 0; d < RADIX; ++d)
-        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
-    for (uint i = first; i < end; ++i) {
-        WORD x = given[i];
-        moved[at[(key(x) >> shift) & (RADIX - 1)]++] = x;
-    }
-}
-
-// The same with the index that each word had at first: without `indices`, that is where it stands.
-__kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, __global const uint *counts,
-                         __global WORD *moved, __global const uint *indices, __global uint *moved_indices) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[RADIX];
-    for (uint d = 0; d < RADIX; ++d)
-        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
-    for (uint i = first; i < end; ++i) {
-        WORD x = given[i];
-        uint to = at[(key(x) >> shift) & (RADIX - 1)]++;
-        moved[to] = x;
-        moved_indices[to] = indices ? indices[i] : i;
-    }
-}
-"""
-_SELECT: Final = """\
-__kernel void count_marks(__global const uchar *marks, uint n, uint chunk, __global uint *counts) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk), count = 0, i = first;
-    for (; i + 16 <= end; i += 16) {
-        // A mark that is set gives -1.
-        char16 set = vload16(0, marks + i) != (uchar16)(0);
-        char8 eight = set.lo + set.hi;
-        char4 four = eight.lo + eight.hi;
-        count -= (int)four.x + four.y + four.z + four.w;
-    }
-    for (; i < end; ++i)
-        count += marks[i] != 0;
-    counts[get_global_id(0)] = count;
-}
-
-__kernel void list_marks(__global const uchar *marks, uint n, uint chunk, __global const uint *starts,
-                         __global int *listed) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    __global int *to = listed + starts[get_global_id(0)];
-    int some[BLOCK];
-    for (uint begin = first; begin < end; begin += BLOCK) {
-        uint stop = min(end, begin + BLOCK), count = 0;
-        // Each index is stored, and the next one overwrites it where it is not marked: no branch is mispredicted.
-        for (uint i = begin; i < stop; ++i) {
-            some[count] = i;
-            count += marks[i] != 0;
-        }
-        for (uint k = 0; k < count; ++k)
-            to[k] = some[k];
-        to += count;
-    }
-}
-"""
-_MOVE: Final = """\
-__kernel void take(__global const WORD *given, __global const INDEX *indices, uint n, INDEX last,
-                   __global WORD *taken) {
-    size_t i = get_global_id(0);
-    if (i < n) {
-        size_t from = clamp(indices[i], (INDEX)0, last);
-        for (int k = 0; k < SIZE; ++k)
-            taken[i * SIZE + k] = given[from * SIZE + k];
-    }
-}
-
-__kernel void forget(__global int *winners, uint n) {
-    if (get_global_id(0) < n)
-        winners[get_global_id(0)] = -1;
-}
-
-// The last element of each place wins, in whatever order the device runs them.
-__kernel void compete(__global const INDEX *indices, uint n, uint places, __global volatile int *winners) {
-    size_t i = get_global_id(0);
-    if (i < n && (uint)indices[i] < places)
-        atomic_max(winners + indices[i], (int)i);
-}
-
-__kernel void put(__global const WORD *values, __global const int *winners, uint n, __global WORD *target) {
-    size_t i = get_global_id(0);
-    if (i < n && winners[i] >= 0)
-        for (int k = 0; k < SIZE; ++k)
-            target[i * SIZE + k] = values[(size_t)winners[i] * SIZE + k];
-}
-
-// No place occurs twice.
-__kernel void place(__global const WORD *values, __global const INDEX *indices, uint n, __global WORD *target) {
-    size_t i = get_global_id(0);
-    if (i < n)
-        for (int k = 0; k < SIZE; ++k)
-            target[(size_t)indices[i] * SIZE + k] = values[i * SIZE + k];
-}
-"""
+# In these files WORD is the unsigned word of a component, KEY one of _KEYS.
+_ORDER, _SELECT, _MOVE, _TALLY = (
+    (resources.files(__package__) / f"{name}.cl").read_text() for name in ("order", "select", "move", "tally")
+)
 _MARK: Final = f"""\
 __kernel void mark(__global const uchar *mask, uint n, __global int *status) {{
     size_t i = get_global_id(0);
     if (i < n)
         status[i] = mask[i] ? {Status.WRITTEN} : {Status.DISCARDED};
 }}
-"""
-_TALLY: Final = """\
-__kernel void tally(__global const int *numbers, uint n, uint chunk, uint bins, __global int *counts) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    __global int *own = counts + (size_t)get_global_id(0) * bins;
-    for (uint b = 0; b < bins; ++b)
-        own[b] = 0;
-    for (uint i = first; i < end; ++i)
-        if ((uint)numbers[i] < bins)
-            ++own[numbers[i]];
-}
-
-__kernel void add_tallies(__global int *counts, uint bins, uint chunks) {
-    uint b = get_global_id(0);
-    if (b < bins)
-        for (uint c = 1; c < chunks; ++c)
-            counts[b] += counts[(size_t)c * bins + b];
-}
 """
 _KEYS: Final = {
     # NaN, the greatest; both zeros alike; then negative numbers with their bits inverted, so that the least is first.

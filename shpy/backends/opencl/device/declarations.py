@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Final
 
+from shpy.backends.opencl.text.operations import NATIVE, UNARY
+
 GUARD: Final = "-D_OPENCL_H_"
 """The option that makes the header empty."""
 
@@ -31,19 +33,10 @@ _PURE: Final = "__attribute__((overloadable, pure))"
 _PLAIN: Final = "__attribute__((overloadable))"
 
 _FORMS: Final = (
-    (
-        "floor ceil trunc rint fabs sign sqrt rsqrt exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
-        "asinh acosh atanh",
-        _FLOATS,
-        ("T(T)",),
-    ),
+    (" ".join(UNARY), _FLOATS, ("T(T)",)),
     ("pow atan2 hypot", _FLOATS, ("T(T, T)",)),
     ("fma mad", _FLOATS, ("T(T, T, T)",)),
-    (
-        " ".join(f"native_{name}" for name in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()),
-        ("float",),
-        ("T(T)",),
-    ),
+    (" ".join(NATIVE.values()), ("float",), ("T(T)",)),
     ("isnan isinf", _FLOATS, ("B(T)",)),
     ("any all", ("char", "short", "int", "long"), ("int(T)",)),
     ("popcount clz", _INTS, ("T(T)",)),

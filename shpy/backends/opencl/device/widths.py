@@ -21,10 +21,11 @@ import threading
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
-from shpy.backends.base import Array, Call, DeviceCall, Executable
+from shpy.backends.base import Array, Call, DeviceCall
 from shpy.backends.device import store
+from shpy.backends.opencl.device.beside import Beside, Sized, Waiting
 from shpy.backends.opencl.device.memory import OpenCLSpace
 from shpy.backends.opencl.device.samples import Sample, sample_of, sample_on_device
 from shpy.errors import CompileError
@@ -55,35 +56,6 @@ _LEVEL: Final = 1.1
 """A wider width that takes at most this share of the time is level: the next wider one may still gain."""
 _SIMILAR: Final = 2
 """A run over device memory with at most this many times the elements of a timed run is not timed itself."""
-
-
-class Sized(Executable, Protocol):
-    """An executable whose packets have one width."""
-
-    @property
-    def lanes(self) -> int:
-        """Elements of a packet."""
-
-
-class Pending(Protocol):
-    """A width that is being compiled elsewhere."""
-
-    def done(self) -> bool:
-        """Return whether the compiler has ended."""
-
-    def result(self) -> tuple[Sized, float]:
-        """Return the kernel and the seconds of its compilation; raises CompileError."""
-
-
-class Builder(Protocol):
-    """Compiles other widths of a kernel while it runs."""
-
-    @property
-    def busy(self) -> bool:
-        """Return whether anything is being compiled, which may slow a run."""
-
-    def begin(self, lanes: int) -> Pending:
-        """Begin to compile for a width."""
 
 
 @dataclass(slots=True)
@@ -123,7 +95,7 @@ class Choosing:
         self,
         first: Sized,
         widths: tuple[int, ...],
-        builder: Builder,
+        builder: Beside,
         seconds: float,
         key: str,
         space: OpenCLSpace,
@@ -151,7 +123,7 @@ class Choosing:
         self._spread = spread
         self._step = threading.Lock()
         """Held by the thread that goes on with the choice; others run at the width in use meanwhile."""
-        self._pending: Pending | None = None
+        self._pending: Waiting | None = None
         self._trial: _Trial | None = None
         self._other = self._next()
         self._shares: list[str] = []
@@ -275,7 +247,7 @@ class Choosing:
         least = self._least[count] = min(taken, self._least.get(count, taken))
         return least < _LONG_ENOUGH
 
-    def _receive(self, pending: Pending, width: int) -> None:
+    def _receive(self, pending: Waiting, width: int) -> None:
         """Begin a trial with the kernel of another width, or note the reason why there is none."""
         self._pending = None
         self._measured.add(width)

@@ -44,12 +44,12 @@ from shpy.backends.opencl.packets.alone import LaneCalls
 from shpy.backends.opencl.packets.operations import PacketBody
 from shpy.backends.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packets.prologue_memory import QUAD, spelled_wide
-from shpy.backends.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
+from shpy.backends.opencl.packets.prologue_wide import declare_wide
 from shpy.backends.opencl.packets.spell_packets import PacketSpeller
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
-from shpy.backends.opencl.text.kernel import INDEX, SHAPE, SIZE, ULONG, Kernel, KernelMaker
-from shpy.backends.opencl.text.operations import ClBody, hides_zeros
-from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.backends.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
+from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
+from shpy.backends.opencl.text.prologue import NOINLINE
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
@@ -80,12 +80,19 @@ def print_packets(
     if called:
         # A function that lanes run one after the other calls no other function.
         module = inline_calls(module, lambda f: f.name in called)
+    packets = in_packets(module, lanes, math, faults, padded=True, alone=True)
+    columns = lanes if _stay_together(packets) else QUAD
+    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
+
+
+def in_packets(
+    module: Module, lanes: int, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
+) -> Module:
+    """Return a prepared module on packets of scalars; `padded` and `alone`: see `vectorize`."""
     scalar = optimise(take_apart(module))
     # A hidden zero adds arithmetic on vectors, which has to be split too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
-    packets = widen(find_neighbours(vectorize(whole, padded=True, alone=True)), lanes)
-    columns = lanes if _stay_together(packets) else QUAD
-    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
+    return widen(find_neighbours(vectorize(whole, padded=padded, alone=alone)), lanes)
 
 
 def _stay_together(module: Module) -> bool:
@@ -122,8 +129,8 @@ class PacketMaker(KernelMaker):
         faults: Collection[str] = (),
     ) -> None:
         self.lanes, self.columns = lanes, columns
-        super().__init__(module, math, Prologue(), elementwise=abilities.elementwise, faults=faults)
-        self.listed = columns == lanes and not self.needs[module.entry.name].grid
+        super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
+        self.listed = columns == lanes and not self.grid_of(module.entry.name)
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
         self.speller = PacketSpeller(self.prologue.struct)
         self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
@@ -140,8 +147,6 @@ class PacketMaker(KernelMaker):
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
-        self.words = Words()
-        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
 
     def kernels_around(self, text: Callable[[str], str]) -> Kernel:
         """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
@@ -151,9 +156,7 @@ class PacketMaker(KernelMaker):
         self.prologue.packet()
         inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
         self.add(entry, inner)
-        around = text(inner)
-        self.words.add_text(around)
-        self.speller.paragraph(around)
+        self.speller.paragraph(text(inner))
         return self.finished(())
 
     def finished(self, inputs: tuple[int, ...]) -> Kernel:
@@ -164,29 +167,26 @@ class PacketMaker(KernelMaker):
         """Return whether a double occurs."""
         return super().needs_doubles() or self.prologue.doubles
 
-    def declared(self) -> Sequence[str]:
+    def declared(self, text: str) -> Sequence[str]:
         """Return declarations of vectors longer than OpenCL C's."""
-        if self.lanes <= LONGEST:
-            return ()
-        self.words.add_text(self.prologue.text())
-        return ["", *declare_wide(self.words, self.lanes).splitlines()]
+        found = declare_wide(text, self.lanes)
+        return ["", *found.splitlines()] if found else ()
 
     # The extra arguments of functions
 
-    def needed(self, let: Let) -> Needs | None:
-        """Return the tables, params and grid variables that an operation reads; None without any.
+    def needed(self, let: Let) -> Needs:
+        """Return the tables, params and grid variables that an operation reads.
 
         Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through planes.
         """
-        found = needed_by(let)
-        if found is None or let.op not in ("grid_index", "grid_shape", "neighbour"):
-            return found
+        shape = let.op == "neighbour" or self.rank_of(let) > 2
+        return needed_by(let) | ({(SHAPE, "")} if shape else frozenset())
+
+    def rank_of(self, let: Let) -> int:
+        """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
         if let.op == "neighbour":
-            rank = next(t.rank for t in self.module.tables if t.name == let.attr)
-        else:
-            rank = 1 if isinstance(let.value.type, Lanes) else let.value.type.size
-        shape = {SHAPE} if rank > 2 or let.op == "neighbour" else set()
-        return replace(found, grid=found.grid | shape, ranks=frozenset({rank}))
+            return self.tables[str(let.attr)].rank
+        return min(super().rank_of(let), 1) if isinstance(let.value.type, Lanes) else super().rank_of(let)
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function; the entry's own function computes its index in the grid itself."""
@@ -208,12 +208,6 @@ class PacketMaker(KernelMaker):
     def stands_apart(self, function: Function) -> bool:
         """Return whether the compiler must not inline the function."""
         return super().stands_apart(function) or _is_large(function)
-
-    def spelled(self, made: tree.Function) -> None:
-        """Add a function to the text."""
-        if self.lanes > LONGEST:
-            self.words.add_function(made, self.speller)
-        super().spelled(made)
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
@@ -242,7 +236,7 @@ class PacketMaker(KernelMaker):
         result = lanes_of(outputs[0].type.base, self.lanes) if single else None
         calls = LaneCalls(active, inputs, outputs, handed, self.lanes, names.take)
         block = calls.one_by_one(inner) if two is None else calls.two_by_two(inner)
-        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
+        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function.
@@ -316,7 +310,7 @@ class PacketMaker(KernelMaker):
     def _find_place(self) -> Block:
         """Return the statement that computes the lanes' index in the grid, or none if no operation reads it."""
         index = self.grid[INDEX]
-        if INDEX not in self.needs[self.module.entry.name].grid:
+        if (INDEX, "") not in self.needs[self.module.entry.name]:
             return ()
         return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
 

@@ -69,7 +69,7 @@ class PacketBody(ClBody):
         for a in let.args:
             whole = isinstance(self.types[a], Rows)
             parts += self._components(a, range(self.types[a].size), lanes) if whole else [self.arg(a)]
-        return self.construct(type, *parts)
+        return Construct(type, tuple(parts))
 
     def op_splat(self, let: Let) -> Expr:
         """Broadcast a uniform value to all lanes, or repeat one packet for each component."""
@@ -77,10 +77,10 @@ class PacketBody(ClBody):
         if not isinstance(type, Rows):
             return super().op_splat(let)
         if isinstance(source, Lanes):
-            return self.construct(type, *[self.exprs[let.args[0]]] * type.size)
+            return Construct(type, (self.exprs[let.args[0]],) * type.size)
         lanes = lanes_of(type.base, type.lanes)
         numbers = [self.picked(self.exprs[let.args[0]], (k,), source.scalar) for k in range(type.size)]
-        return self.construct(type, *[self.construct(lanes, n) for n in numbers])
+        return Construct(type, tuple([Construct(lanes, (n,)) for n in numbers]))
 
     def op_swizzle(self, let: Let) -> Expr:
         """Return `p.x`; several components of vectors are picked one by one."""
@@ -88,7 +88,7 @@ class PacketBody(ClBody):
         if not isinstance(type, Rows):
             return super().op_swizzle(let)
         assert isinstance(let.attr, tuple)
-        return self.construct(type, *self._components(let.args[0], let.attr, lanes_of(type.base, type.lanes)))
+        return Construct(type, tuple(self._components(let.args[0], let.attr, lanes_of(type.base, type.lanes))))
 
     # Operations
 
@@ -152,9 +152,11 @@ class PacketBody(ClBody):
         by = [pair[0] if rank == 1 else Construct(INT.sized(rank), tuple(pair)) for pair in pairs]
         return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)
 
-    def grid(self, op: str, type: Type) -> Expr:
+    def op_grid_index(self, let: Let) -> Expr:
         """Return the kernel's variable for the shape or for the lanes' index."""
-        return self.unit.grid[op]
+        return self.unit.grid[let.op]
+
+    op_grid_shape = op_grid_index
 
     # Local arrays
 

@@ -26,7 +26,7 @@ from typing import Final
 from shpy.backends.emit.spell_c import row_major
 from shpy.backends.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
 from shpy.backends.opencl.packets.widen import Lanes, lanes_of, rows_of
-from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologue
+from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologue, name_of
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
@@ -133,8 +133,7 @@ class PacketPrologue(Prologue):
             return super().use(op, type)
         if op == "lane_any":
             return self._ask("sh_any", lambda _: self._any())
-        suffix = "" if type.base is Base.F else f"_{type.base.value}"
-        name = f"sh_{_SHORT.get(op, op)}{suffix}{type.size}"
+        name = name_of(op, type)
         if op in _SIGN_LOST:
             self.use("lane_any", lanes_of(Base.B, self.lanes))
             return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
@@ -228,9 +227,6 @@ class PacketPrologue(Prologue):
         texts = {"pick": _pick if varies else _pick_uniform, "put": _put}
         scalar = SCALARS[Base.I if base is Base.B and varies else base]
         return self._ask(name, lambda n: texts[way](n, scalar, length, self.lanes))
-
-
-_SHORT: Final = {"bits_from_float": "bits"}
 
 
 def _each(lanes: int) -> list[str]:

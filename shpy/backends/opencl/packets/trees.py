@@ -10,19 +10,13 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from shpy.backends.base import NodeTypes
-from shpy.backends.opencl.packets.kernel import PacketMaker
+from shpy.backends.opencl.packets.kernel import PacketMaker, in_packets
 from shpy.backends.opencl.packets.prologue import Abilities
 from shpy.backends.opencl.packets.prologue_trees import TreePrologue
-from shpy.backends.opencl.packets.widen import Lanes, widen
+from shpy.backends.opencl.packets.widen import Lanes
 from shpy.backends.opencl.text.kernel import Kernel
-from shpy.backends.opencl.text.operations import hides_zeros
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base
-from shpy.passes.components import take_apart
-from shpy.passes.hide import hide_derivable
-from shpy.passes.neighbours import find_neighbours
-from shpy.passes.pipeline import optimise
-from shpy.passes.vectorize import vectorize
 
 
 def print_trees(
@@ -35,9 +29,7 @@ def print_trees(
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
         return None
-    scalar = optimise(take_apart(module))
-    whole = take_apart(hide_derivable(scalar)) if hides_zeros("strict", faults) else scalar
-    packets = widen(find_neighbours(vectorize(whole)), lanes)
+    packets = in_packets(module, lanes, "strict", faults)
     if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
         return None
     maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, faults=faults)

@@ -14,12 +14,10 @@ Each function gets a form for packets; a pure one keeps its own form too, for un
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
-from shpy.ir.builder import Builder
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
+from shpy.ir.nodes import Call, Function, Let, Module, Store, Value
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.calls import LaneFacts
@@ -80,7 +78,8 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
 def widen(vector: VectorModule, lanes: int) -> Module:
     """Return the module with packet types for varying values; pure functions get the forms that are used."""
     functions = vector.module.functions
-    names = {f.name for f in functions}
+    by_name = {f.name: f for f in functions}
+    names = set(by_name)
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
     alone = {f.name for f in functions if f.alone}
     made: list[Function] = []
@@ -88,7 +87,7 @@ def widen(vector: VectorModule, lanes: int) -> Module:
         if f.pure:
             made.append(_Uniform(f, {}, uniform).run())
         facts = _everything_varies(f) if f.pure else vector.facts[f.name]
-        made.append(_Widener(f, facts, lanes, uniform, alone).run())
+        made.append(_Widener(f, by_name, facts, lanes, uniform, alone).run())
     return remove_unused_functions(replace(vector.module, functions=tuple(made)))
 
 
@@ -116,75 +115,55 @@ def _everything_varies(function: Function) -> LaneFacts:
     return LaneFacts(frozenset(varying), slots)
 
 
-class _Widener:
-    """The rewriter of one function: it gives values their types and broadcasts uniform operands."""
+class _Widener(Rewriter):
+    """Gives values their types and broadcasts uniform operands."""
 
     def __init__(
-        self, function: Function, facts: LaneFacts, lanes: int, uniform: dict[str, str], alone: set[str]
+        self,
+        function: Function,
+        functions: Functions,
+        facts: LaneFacts,
+        lanes: int,
+        uniform: dict[str, str],
+        alone: set[str],
     ) -> None:
-        self.function = function
-        self.varying = facts.varying
-        self.varying_slots = facts.slots
-        self.lanes = lanes
-        self.uniform = uniform
-        self.alone = alone
-        self.b = Builder(function=function)
-        self.parts: dict[int, tuple[int, ...]] = {}
+        super().__init__(function, functions)
+        self.facts, self.lanes, self.uniform, self.alone = facts, lanes, uniform, alone
 
     def run(self) -> Function:
         """Return the function with the types of packets."""
-        self.b.inputs = [replace(i, type=self.type_of(i)) for i in self.function.inputs if isinstance(i, Value)]
-        self.statements(self.function.body)
-        made = self.b.finish()
-        return replace(
-            made, outputs=tuple(map(self.slot, made.outputs)), variables=tuple(map(self.slot, made.variables))
+        made, varying = super().run(), self.facts.slots
+        inputs = tuple(self.typed(i) for i in made.inputs if isinstance(i, Value))
+        outputs, variables = (
+            tuple(replace(v, type=self.wide(v.type)) if v.id in varying else v for v in slots)
+            for slots in (made.outputs, made.variables)
         )
+        return replace(made, inputs=inputs, outputs=outputs, variables=variables)
 
-    def type_of(self, value: Value) -> Type:
-        return self.wide(value.type) if value.id in self.varying else value.type
+    def typed(self, value: Value) -> Value:
+        return replace(value, type=self.wide(value.type)) if value.id in self.facts.varying else value
 
     def wide(self, type: Type) -> Type:
         return rows_of(type.base, type.size, self.lanes)
 
-    def slot(self, variable: Variable) -> Variable:
-        return replace(variable, type=self.wide(variable.type)) if variable.id in self.varying_slots else variable
-
     def spread(self, value: int) -> int:
         """Broadcast a uniform value to all lanes; return the id of the result, or of a value that varies already."""
-        if value in self.varying:
+        if value in self.facts.varying:
             return value
-        return self.b.let("splat", value, type=self.wide(self.b.type_of(value))).id
+        made = self.value(self.wide(self.types[value]))
+        self.emit(Let(made, "splat", (value,)))
+        return made.id
 
-    def let(self, s: Let) -> None:
-        if s.value.id not in self.varying:
-            attr = self.uniform[str(s.attr)] if s.op == "call" else s.attr
-            args = tuple(map(self.spread, s.args)) if s.op == "lane_any" else s.args
-            self.b.append(replace(s, args=args, attr=attr))
-            return
-        args = s.args if s.op in ("load", "swizzle", "neighbour") else tuple(map(self.spread, s.args))
-        self.b.append(Let(replace(s.value, type=self.wide(s.value.type)), s.op, args, s.attr))
+    def let(self, let: Let) -> None:
+        varies = let.value.id in self.facts.varying
+        attr = self.uniform[str(let.attr)] if let.op == "call" and not varies else let.attr
+        spreads = let.op not in ("load", "swizzle", "neighbour") if varies else let.op == "lane_any"
+        self.emit(Let(self.typed(let.value), let.op, tuple(map(self.spread, let.args)) if spreads else let.args, attr))
 
-    def statements(self, region: Iterable[Stmt]) -> None:
-        for s in region:
-            match s:
-                case Let():
-                    self.let(s)
-                case Store(variable, value):
-                    spread = self.spread(value) if variable in self.varying_slots else value
-                    self.b.append(replace(s, value=spread))
-                case If(condition, then, orelse, loc):
-                    self.b.append(If(condition, self.region(then), self.region(orelse), loc))
-                case Loop(body, continuing, until, turns, loc):
-                    self.b.append(Loop(self.region(body), self.region(continuing), until, turns, loc))
-                case Call(name, args, results):
-                    args = tuple(map(self.spread, args)) if name in self.alone else args
-                    self.b.append(
-                        replace(s, args=args, results=tuple(replace(r, type=self.type_of(r)) for r in results))
-                    )
-                case _:
-                    self.b.append(s)
+    def store(self, store: Store) -> None:
+        varies = store.variable in self.facts.slots
+        self.emit(replace(store, value=self.spread(store.value)) if varies else store)
 
-    def region(self, region: Region) -> Region:
-        self.b.push()
-        self.statements(region)
-        return self.b.pop()
+    def call(self, call: Call) -> None:
+        args = tuple(map(self.spread, call.args)) if call.function in self.alone else call.args
+        self.emit(replace(call, args=args, results=tuple(map(self.typed, call.results))))

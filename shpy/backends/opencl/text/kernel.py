@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from shpy.backends.emit import tree
-from shpy.backends.emit.entry import Needs, direct_outputs, leaves_early, needed_by, needs_of
+from shpy.backends.emit.entry import direct_outputs, leaves_early
 from shpy.backends.emit.spell_c import Line, text_of
 from shpy.backends.emit.tree import (
     BOOL,
     INT,
     UINT,
     AnyType,
-    Assign,
     Block,
     Cast,
     Declare,
@@ -32,19 +31,16 @@ from shpy.backends.emit.tree import (
     Pointer,
     number,
 )
-from shpy.backends.opencl.text.operations import ClBody, ClUnit, hides_zeros
-from shpy.backends.opencl.text.prologue import NOINLINE, Prologue
+from shpy.backends.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hides_zeros
+from shpy.backends.opencl.text.prologue import NOINLINE
 from shpy.backends.opencl.text.spell_cl import ClSpeller, element_type
-from shpy.errors import CompileError
-from shpy.ir.nodes import Function, Let, Loc, Module, Table, Value, Variable
+from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
 from shpy.ir.traverse import bases_of
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.size import kept_apart
 
-INDEX: Final = "grid_index"
-SHAPE: Final = "grid_shape"
 ULONG: Final = Own("ulong")
 SIZE: Final = Own("size_t")
 
@@ -82,7 +78,7 @@ def print_kernel(
     `elementwise` tells whether the compiler has the functions of ELEMENTWISE; `faults` are its faults, of FAULTS.
     """
     whole = hide_derivable(module) if hides_zeros(math, faults) else module
-    return KernelMaker(whole, math, Prologue(), elementwise=elementwise, faults=faults).kernel()
+    return KernelMaker(whole, math, elementwise=elementwise, faults=faults).kernel()
 
 
 class KernelMaker(ClUnit):
@@ -91,22 +87,8 @@ class KernelMaker(ClUnit):
     body: ClassVar[type[ClBody]] = ClBody
     work: ClassVar[str] = "element"
 
-    def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
-    ) -> None:
-        super().__init__(module, math, prologue, elementwise=elementwise, faults=faults)
-        take = self.globals.take
-        self.count = Name(UINT, take("count"))
-        self.first = Name(UINT, take("first"))
-        self.needs = needs_of(module, self.needed)
-        self.grid_rank = self.rank()
-        self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
-        self.functions = {f.name: take(f.name, "f") for f in module.functions}
-        self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
-        self.size_names = {
-            t.name: Name(vec(Base.I, t.rank), take(f"{self.table_names[t.name].text}_size")) for t in module.tables
-        }
-        self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
+    def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
+        super().__init__(module, math, elementwise=elementwise, faults=faults)
         self.apart = kept_apart(module)
         self.outer = module.entry
         """The entry with its inputs and outputs as they are in memory."""
@@ -117,16 +99,8 @@ class KernelMaker(ClUnit):
 
     # Methods that a kernel of packets overrides
 
-    def needed(self, let: Let) -> Needs | None:
-        """Return the tables, params and grid variables that an operation reads; None without any."""
-        return needed_by(let)
-
-    def rank(self) -> int:
-        """Return the number of axes of the grid; 0 if no function reads its place in the grid."""
-        return max((r for needs in self.needs.values() for r in needs.ranks), default=0)
-
-    def declared(self) -> Sequence[str]:
-        """Return the lines that declare the types that the text uses and OpenCL C lacks."""
+    def declared(self, text: str) -> Sequence[str]:
+        """Return the lines that declare the types that a text uses and OpenCL C lacks."""
         return ()
 
     def stands_apart(self, function: Function) -> bool:
@@ -150,38 +124,27 @@ class KernelMaker(ClUnit):
         """Return the kernel with all text that was added; `inputs` are the positions of the inputs that it reads."""
         entry = self.module.entry
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
+        declared = self.declared("\n".join([prologue, *(line for line, _ in self.speller.lines)]))
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math in REPRODUCIBLE else 'ON'}"]
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
-        lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
+        lines: list[Line] = [(text, None) for text in [*head, *declared, "", *prologue.splitlines()]]
         lines += self.speller.lines if prologue else self.speller.lines[1:]
         return Kernel(
             text_of(lines),
             self.functions[entry.name],
             tuple([loc for _, loc in lines]),
             doubles,
-            self.grid_rank if needs.grid else 0,
+            self.grid_rank if self.grid_of(entry.name) else 0,
             inputs,
-            tuple(t for t in self.module.tables if t.name in needs.tables),
-            tuple(p for p in self.params if p in needs.params),
+            tuple(t for t in self.module.tables if ("table", t.name) in needs),
+            tuple(p for p in self.params if ("param", p) in needs),
         )
 
     def needs_doubles(self) -> bool:
-        """Return whether a double occurs; raise CompileError for a binary16."""
-        found = bases_of(self.module)
-        if Base.H in found:
-            raise CompileError("OpenCL kernels hold no binary16", lacks="f16")
-        return Base.D in found
+        """Return whether a double occurs."""
+        return Base.D in bases_of(self.module)
 
     # The extra arguments of functions
-
-    def handed(self, function: str) -> tuple[Name, ...]:
-        """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
-        needs = self.needs[function]
-        found = [self.grid[op] for op in sorted(needs.grid)]
-        for table in self.module.tables:
-            if table.name in needs.tables:
-                found += [self.table_names[table.name], self.size_names[table.name]]
-        return (*found, *(e for p, e in self.params.items() if p in needs.params))
 
     def declares(self, e: Name) -> Parameter:
         """Return the parameter for an extra argument; a bool is passed as an int."""
@@ -201,23 +164,16 @@ class KernelMaker(ClUnit):
         parameters = self.ports(body, (*function.inputs, *(() if single else function.outputs)))
         parameters += [self.declares(e) for e in self.handed(function.name)]
         body.begin(returns=True)
-        if not single:
-            zeros = [o for o in function.outputs if o.id in body.planned.zeroed]
-            body.out += [Assign(body.slots[o.id], body.zero(o.type)) for o in zeros]
         body.out += self.prelude(function.name)
         body.statements()
         result = function.outputs[0].type if single else None
         qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
         block = tuple(body.out)
-        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
+        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function."""
         return ()
-
-    def spelled(self, made: tree.Function) -> None:
-        """Add a function that has been made."""
-        self.speller.function(made)
 
     def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
         """Name the parameters of a function and return them; variables are passed by pointer."""
@@ -241,12 +197,12 @@ class KernelMaker(ClUnit):
             self.add(entry, inner)
         body = self.body(self, entry, () if inner else self.direct(entry))
         body.begin(returns=False)
-        uses, take, outer = body.planned.uses, body.scope.take, self.outer
+        uses, take, outer = body.planned.survey.uses, body.scope.take, self.outer
         read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
         arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
         steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]
         self.arrays = {o.id: Name(o.type, take(f"{o.name or 'result'}_out")) for o in outer.outputs}
-        parameters = [*self.dispatch, *([self.declares(self.grid[SHAPE])] if self.needs[entry.name].grid else [])]
+        parameters = [*self.dispatch, *([self.declares(self.grid[SHAPE])] if self.grid_of(entry.name) else [])]
         for (at, _), array, step in zip(read, arrays, steps, strict=True):
             parameters.append(Parameter(self.array(self.stored(outer.inputs[at].type), "const "), array.text))
             parameters.append(Parameter(INT, step.text))
@@ -261,7 +217,7 @@ class KernelMaker(ClUnit):
         else:
             body.statements()
         self.write_outputs(body)
-        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
+        self.speller.function(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
         return tuple(at for at, _ in read)
 
     def call_entry(self, body: ClBody, inner: str) -> None:
@@ -315,7 +271,7 @@ class KernelMaker(ClUnit):
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
         outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))
         found: Block = (Declare(SIZE, element.text, start), outside)
-        if INDEX not in self.needs[self.module.entry.name].grid:
+        if (INDEX, "") not in self.needs[self.module.entry.name]:
             return found
         rest: Expr = element
         axes: list[Expr] = []

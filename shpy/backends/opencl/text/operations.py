@@ -15,12 +15,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from shpy.backends.emit import tree
-from shpy.backends.emit.entry import Unit
+from shpy.backends.emit.entry import Needs, Unit, needed_by, needs_of
 from shpy.backends.emit.operations import INFIX
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import (
@@ -42,7 +42,8 @@ from shpy.backends.opencl.text.addresses import steady_parts
 from shpy.backends.opencl.text.prologue import NAN_LOST, Prologue, spelled
 from shpy.errors import CompileError
 from shpy.ir.nodes import Let, Loc, Module, Variable
-from shpy.ir.types import Base, Type
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, Type, vec
 from shpy.passes.modes import REPRODUCIBLE, Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
@@ -65,11 +66,19 @@ PoCL compiles them to fewer instructions than OpenCL's own functions, whose resu
 compiler derives, as in `floor(NAN - x)`.
 """
 
+UNARY: Final = (
+    "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
+    "asinh acosh atanh".split()
+)
+"""OpenCL C's functions of one float that give a float."""
+
 NATIVE: Final[Mapping[str, str]] = {
     op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
 }
 """Functions of binary32 that fast mode calls instead: OpenCL leaves their accuracy to the device."""
 
+INDEX: Final = "grid_index"
+SHAPE: Final = "grid_shape"
 _WRAPPING: Final = frozenset({"add", "sub", "mul"})
 
 
@@ -86,38 +95,58 @@ class ClUnit(Unit):
 
     target = "opencl"
 
-    def __init__(
-        self, module: Module, math: Math, prologue: Prologue, *, elementwise: bool = False, faults: Collection[str] = ()
-    ) -> None:
+    def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
         super().__init__(module)
-        self.math, self.prologue = math, prologue
+        self.math, self.prologue = math, Prologue()
         self.elementwise, self.hides_zeros = elementwise, hides_zeros(math, faults)
         self.leaves_loops = "exits" not in faults
         self.tables = {t.name: t for t in module.tables}
-        self.element = Name(UINT, self.globals.take("element"))
-        self.params: dict[str, Name] = {}
-        self.table_names: dict[str, Name] = {}
-        self.size_names: dict[str, Name] = {}
-        self.grid: dict[str, Name] = {}
-        self.grid_rank = 0
+        take = self.globals.take
+        self.element, self.count, self.first = [Name(UINT, take(name)) for name in ("element", "count", "first")]
+        self.needs = needs_of(module, self.needed)
+        lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+        self.grid_rank = max(map(self.rank_of, lets), default=0)
+        self.grid = {op: Name(vec(Base.I, max(self.grid_rank, 1)), take(op)) for op in (INDEX, SHAPE)}
+        self.functions = {f.name: take(f.name, "f") for f in module.functions}
+        self.table_names = {t.name: Name(t.type, take(t.name, "table")) for t in module.tables}
+        self.size_names = {
+            t.name: Name(vec(Base.I, t.rank), take(f"{self.table_names[t.name].text}_size")) for t in module.tables
+        }
+        self.params = {p.name: Name(p.type, take(p.name, "param")) for p in module.params}
         self.arrays: dict[int, Name] = {}
         """The arrays of the entry's outputs."""
 
+    def needed(self, let: Let) -> Needs:
+        """Return the tables, params and grid variables that an operation reads."""
+        return needed_by(let)
+
+    def rank_of(self, let: Let) -> int:
+        """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
+        return let.value.type.size if let.op in (INDEX, SHAPE) else 0
+
+    def grid_of(self, function: str) -> list[Name]:
+        """Return the grid variables that a function reads."""
+        return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs[function]]
+
     def handed(self, function: str) -> tuple[Name, ...]:
-        """Return the extra arguments of a function."""
-        raise KeyError(function)
+        """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
+        needs = self.needs[function]
+        found = self.grid_of(function)
+        for table in self.module.tables:
+            if ("table", table.name) in needs:
+                found += [self.table_names[table.name], self.size_names[table.name]]
+        return (*found, *(e for p, e in self.params.items() if ("param", p) in needs))
 
 
 class ClBody(Body):
     """The builder of one function's tree."""
 
     unit: ClUnit
-    scalar_comparisons: ClassVar[bool] = True
 
     @cached_property
     def steady(self) -> Mapping[int, tuple[int, int]]:
         """The reads of tables whose index has a loop-invariant part."""
-        return steady_parts(self.function, self.known)
+        return steady_parts(self.planned.survey, self.known)
 
     # Literals, vectors and names
 
@@ -159,9 +188,9 @@ class ClBody(Body):
         """Return `sh_at(i, 8)`."""
         return tree.call(self.unit.prologue.flat_index(1), UINT, index, number(length))
 
-    def param(self, name: str) -> Expr:
+    def op_param(self, let: Let) -> Expr:
         """Return a uniform; a bool was passed as an int."""
-        e = self.unit.params[name]
+        e = self.unit.params[str(let.attr)]
         return as_bool(e) if e.type is BOOL else e
 
     def context(self, function: str) -> tuple[Expr, ...]:
@@ -278,7 +307,7 @@ class ClBody(Body):
         type = let.value.type
         one = self.splat_of(c)
         if type.size == 3 and one is not None and _is_constant(a) and _is_constant(b):
-            return self.choose(type, self.construct(type.based(Base.B), one), a, b)
+            return self.choose(type, Construct(type.based(Base.B), (one,)), a, b)
         return super().op_cond(let)
 
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
@@ -312,30 +341,32 @@ class ClBody(Body):
 
     # Tables and the grid
 
-    def table(self, let: Let, index: Expr) -> Expr:
+    def op_table(self, let: Let) -> Expr:
         """Return `noise[sh_at(i, noise_size)]`; an index that is known to be in range is not clamped."""
         name, unit = str(let.attr), self.unit
         rank, size = unit.tables[name].rank, unit.tables[name].size
         if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
             array: Expr = unit.table_names[name]
             index = self.exprs[let.args[0]]
-            if let.value.id in self.steady and self.planned.uses[let.args[0]] == 1:
+            if let.value.id in self.steady and self.planned.survey.uses[let.args[0]] == 1:
                 index, start = (self.exprs[part] for part in self.steady[let.value.id])
                 array = tree.infix("+", array, start)
             return self.read(array, index, let.value.type)
-        at = tree.call(unit.prologue.flat_index(rank), UINT, index, unit.size_names[name])
+        at = tree.call(unit.prologue.flat_index(rank), UINT, *self.args(let), unit.size_names[name])
         return self.read(unit.table_names[name], at, let.value.type)
 
-    def table_size(self, name: str) -> Expr:
+    def op_table_size(self, let: Let) -> Expr:
         """Return the argument that holds a table's size."""
-        return self.unit.size_names[name]
+        return self.unit.size_names[str(let.attr)]
 
-    def grid(self, op: str, type: Type) -> Expr:
+    def op_grid_index(self, let: Let) -> Expr:
         """Return the kernel's variable for the index or the shape."""
-        rank = self.unit.grid_rank
-        if type.size != rank:
-            raise CompileError(f"grid_index and grid_shape are used with {rank} and {type.size} axes at once")
-        return self.unit.grid[op]
+        rank, size = self.unit.grid_rank, let.value.type.size
+        if size != rank:
+            raise CompileError(f"grid_index and grid_shape are used with {rank} and {size} axes at once")
+        return self.unit.grid[let.op]
+
+    op_grid_shape = op_grid_index
 
     def read(self, array: Expr, index: Expr, type: Type) -> Expr:
         """Return an element of an array in memory."""
@@ -362,16 +393,9 @@ class ClBody(Body):
                 return replace(step, value=tree.infix("+", i, number(1))) if i.type is INT else step
         return step
 
-    def reference(self, variable: int) -> Expr:
-        """Return `&x`; a parameter by reference, or an array, is a pointer already."""
-        e = self.slots[variable]
-        if self.variables[variable].length is not None:
-            return e
+    def reference(self, e: Expr) -> Expr:
+        """Return `&x`; a parameter by reference is a pointer already."""
         return e.args[0] if isinstance(e, Operator) else tree.prefix("&", e)
-
-    def out_argument(self, e: Expr) -> Expr:
-        """Return `&x`."""
-        return tree.prefix("&", e)
 
     def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
         """Return the store into the output's array."""

@@ -172,6 +172,12 @@ def spelled(type: Type) -> str:
     return SCALARS[type.base] if type.size == 1 else f"{SCALARS[type.base]}{type.size}"
 
 
+def name_of(op: str, type: Type) -> str:
+    """Return the name of the function that computes `op` for a first argument of `type`."""
+    base = "" if type.base is Base.F else f"_{type.base.value}"
+    return f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
+
+
 class Prologue:
     """The functions that one kernel uses, in the order in which they were asked for."""
 
@@ -180,8 +186,7 @@ class Prologue:
 
     def use(self, op: str, type: Type) -> str:
         """Add the function that computes `op` for a first argument of `type`; return its name."""
-        base = "" if type.base is Base.F else f"_{type.base.value}"
-        name = f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
+        name = name_of(op, type)
         if name in self._texts:
             return name
         if op in ANY_SIZE:

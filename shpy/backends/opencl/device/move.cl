@@ -1,0 +1,36 @@
+__kernel void take(__global const WORD *given, __global const INDEX *indices, uint n, INDEX last,
+                   __global WORD *taken) {
+    size_t i = get_global_id(0);
+    if (i < n) {
+        size_t from = clamp(indices[i], (INDEX)0, last);
+        for (int k = 0; k < SIZE; ++k)
+            taken[i * SIZE + k] = given[from * SIZE + k];
+    }
+}
+
+__kernel void forget(__global int *winners, uint n) {
+    if (get_global_id(0) < n)
+        winners[get_global_id(0)] = -1;
+}
+
+// The last element of each place wins, in whatever order the device runs them.
+__kernel void compete(__global const INDEX *indices, uint n, uint places, __global volatile int *winners) {
+    size_t i = get_global_id(0);
+    if (i < n && (uint)indices[i] < places)
+        atomic_max(winners + indices[i], (int)i);
+}
+
+__kernel void put(__global const WORD *values, __global const int *winners, uint n, __global WORD *target) {
+    size_t i = get_global_id(0);
+    if (i < n && winners[i] >= 0)
+        for (int k = 0; k < SIZE; ++k)
+            target[i * SIZE + k] = values[(size_t)winners[i] * SIZE + k];
+}
+
+// No place occurs twice.
+__kernel void place(__global const WORD *values, __global const INDEX *indices, uint n, __global WORD *target) {
+    size_t i = get_global_id(0);
+    if (i < n)
+        for (int k = 0; k < SIZE; ++k)
+            target[(size_t)indices[i] * SIZE + k] = values[i * SIZE + k];
+}
