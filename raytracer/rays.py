@@ -191,9 +191,9 @@ class Frame:
 
     def distances(self, t: NDArray[Any], triangle: NDArray[Any], rays: Rays) -> NDArray[Any]:
         """Return distances (N,) or (N, K) in lengths of directions, for rays converted here; infinite for no hit."""
-        pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
         found = np.full_like(t, np.inf)
         with np.errstate(over="ignore", under="ignore"):
+            pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
             np.divide(t, pace, out=found, where=triangle >= 0, casting="same_kind")
         return found
 

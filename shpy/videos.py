@@ -50,8 +50,8 @@ def writing(
 ) -> Iterator[int]:
     """Write `frames` frames of `size` (width, height) to a file or folder; yield how many are done after each.
 
-    `resume` keeps the frames that a folder has. `mapping` runs `draw` for all frames that are to be drawn. A file is
-    written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation, and where
+    `resume` keeps the frames of this size that a folder has. `mapping` runs `draw` for all frames that are to be drawn.
+    A file is written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation, and where
     Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
     """
     if not (isinstance(frames, int) and frames > 0):
@@ -66,7 +66,7 @@ def writing(
         return mapping(draw, numbers)
 
     if not path.suffix:
-        return _into_folder(path, frames, drawn, resume)
+        return _into_folder(path, frames, size if resume else None, drawn)
     if resume:
         raise VideoError(f"{path}: frames are resumed in a folder of PNG files alone")
     check_writable(path)
@@ -89,7 +89,8 @@ def _pillow(ending: str) -> Any:
     return Image
 
 
-def _into_folder(folder: Path, frames: int, drawn: _Drawn, resume: bool) -> Iterator[int]:
+def _into_folder(folder: Path, frames: int, kept: tuple[int, int] | None, drawn: _Drawn) -> Iterator[int]:
+    """Write frames into a folder; those of the size `kept` that it has stay."""
     digits = max(4, len(str(frames - 1)))
     if folder.exists() and not folder.is_dir():
         raise VideoError(f"{folder} is a file: name a folder, or a .gif, .webp or .mp4 file")
@@ -99,7 +100,7 @@ def _into_folder(folder: Path, frames: int, drawn: _Drawn, resume: bool) -> Iter
     check_writable(paths[0])
 
     def run() -> Iterator[int]:
-        missing = [number for number, path in enumerate(paths) if not (resume and path.exists())]
+        missing = [number for number, path in enumerate(paths) if kept is None or _size_of(pillow, path) != kept]
         pictures = drawn(missing)
         left = set(missing)
         for number, path in enumerate(paths):
@@ -111,6 +112,16 @@ def _into_folder(folder: Path, frames: int, drawn: _Drawn, resume: bool) -> Iter
             yield number + 1
 
     return run()
+
+
+def _size_of(pillow: Any, path: Path) -> tuple[int, int] | None:
+    """Return the size of a picture, None for a file that is none or not there."""
+    try:
+        with pillow.open(path) as picture:
+            found: tuple[int, int] = picture.size
+            return found
+    except (OSError, SyntaxError):
+        return None
 
 
 def _as_picture(path: Path, frames: int, fps: float, drawn: _Drawn) -> Iterator[int]:

@@ -61,6 +61,8 @@ def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, 
     digest = hashlib.sha256(repr(numbers).encode())
     if places:
         digest.update(repr(used).encode())
+    if pictures:
+        digest.update(repr([(texture.filter, texture.wrap) for texture in pictures]).encode())
     if layout.secondary is not None:
         digest.update(repr(layout.secondary.options).encode())
     for array in arrays:

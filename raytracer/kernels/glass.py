@@ -76,8 +76,8 @@ class GlassTracer(Tracer):
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
                     clear[:] = surface.transmission * (1 - reflected)
                     path.scolor[:] = self.ambient * surface.color
-                    if emission is not None:
-                        path.scolor += emission
+                    if emission is not None:  # mirrors and glass send out all of it, too
+                        path.color += share * emission
                     path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
             if self.lights.count:
                 with SH_ELSE():

@@ -171,8 +171,8 @@ class Tracer:
                 with SH_IF(pixel.object < 0):
                     self.note(pixel, hit, surface)
                 path.scolor[:] = self.ambient * surface.color
-                if emission is not None:
-                    path.scolor += emission
+                if emission is not None:  # a mirror sends out all of it, too
+                    path.color += path.rn.x * emission
                 path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
             with SH_ELSE():
                 path.scolor[:] = self.background

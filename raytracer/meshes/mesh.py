@@ -162,14 +162,18 @@ class Mesh:
         return found
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
-        """Scale, tilt about x and turn about y (degrees), then move by `offset`."""
+        """Scale, tilt about x and turn about y (degrees), then move by `offset`.
+
+        A negative scale mirrors, so it turns the faces over, as `transformed` does.
+        """
         a, b = np.radians(turn), np.radians(tilt)
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
         matrix = about_y @ about_x
-        normals = None if self.normals is None else self.normals @ matrix.T
+        placed = self._turned_over() if scale < 0 else self
+        normals = None if placed.normals is None else placed.normals @ matrix.T * (-1.0 if scale < 0 else 1.0)
         vertices = self.vertices @ matrix.T * scale + np.asarray(offset)
-        return dataclasses.replace(self, vertices=vertices, normals=normals)
+        return dataclasses.replace(placed, vertices=vertices, normals=normals)
 
     def transformed(self, matrix: ArrayLike) -> Mesh:
         """Transform by a matrix (4, 4) that multiplies columns (x, y, z, 1), as glTF's and trimesh's do.

@@ -11,6 +11,7 @@ so that an error names its line.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -130,6 +131,8 @@ def _floats(words: list[str], line: int) -> list[float]:
     if len(found) < least:
         need = "three coordinates" if least == 3 else "a coordinate"
         raise SceneError(f"line {line}: a {what} has {need}, not {len(found)}")
+    if not math.isfinite(sum(found)) and not all(map(math.isfinite, found)):
+        raise SceneError(f"line {line}: a {what} has a coordinate that is not finite")
     return found
 
 

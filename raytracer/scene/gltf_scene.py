@@ -74,7 +74,7 @@ class GltfScene:
         self._built = self._placed = 0
         if not animated:
             notices.ignore("animations", len(document.all("animations")))
-        notices.ignore("scenes after the first", len(document.all("scenes")) - 1)
+        notices.ignore("scenes after the first", max(0, len(document.all("scenes")) - 1))
         for extension in document.unread if materials else ():
             notices.ignore(extension)
 
@@ -159,10 +159,12 @@ class GltfScene:
     def lights(self, middle: Matrix) -> list[PlacedLight]:
         """Return the lights of KHR_lights_punctual, scaled together: a surface at `middle` that all shine on gets 1.
 
+        Points and spots fall off by the square of the distance.
+
         A file gives them in lux and candela, for an exposure that it does not give.
         """
         given = self.document.tree.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
-        found: list[tuple[PlacedLight, NDArray[np.float64]]] = []
+        found: list[tuple[PlacedLight, float]] = []
         for node in self.nodes:
             number = node.entry.get("extensions", {}).get(_LIGHTS, {}).get("light")
             if number is None:
@@ -170,24 +172,26 @@ class GltfScene:
             if not 0 <= number < len(given):
                 raise SceneError(f"it names light {number}, and there are {len(given)}")
             found += [made for made in [self._light(given[number], node.matrix, middle)] if made]
-        most = float(sum((color for _, color in found), np.zeros(3)).max())
-        return [replace(light, color=_triple(color / most)) for light, color in found] if most > 0 else []
+        colors = [np.asarray(light.color) for light, _ in found]
+        most = float(sum((c * share for c, (_, share) in zip(colors, found, strict=True)), np.zeros(3)).max())
+        lights = zip(colors, found, strict=True)
+        return [replace(light, color=_triple(c / most)) for c, (light, _) in lights] if most > 0 else []
 
-    def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, Matrix] | None:
-        """Return a light, and how bright it is at `middle`."""
+    def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, float] | None:
+        """Return a light, and the share of its colour that comes to `middle`."""
         color = float(entry.get("intensity", 1)) * np.asarray(entry.get("color", (1, 1, 1)), dtype=np.float64)
         kind, place = entry.get("type"), matrix[:3, 3]
         if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
             raise SceneError(f"a light has the colour {shown(str(color))}")
         if kind == "directional":
-            return DirectionalLight(_triple(-matrix[:3, 2])), color
+            return DirectionalLight(_triple(-matrix[:3, 2]), _triple(color)), 1.0
         if kind not in ("point", "spot"):
             self.notices.ignore(f"lights of the type {kind}")
             return None
         if kind == "spot":
             self.notices.ignore("cones of spot lights, which shine all round")
         distance = float(np.linalg.norm(place - middle))
-        return PointLight(_triple(place)), color / (distance**2 or 1)
+        return PointLight(_triple(place), _triple(color), falloff="square"), 1 / (distance**2 or 1)
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:

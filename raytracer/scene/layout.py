@@ -253,7 +253,8 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
             rows[2 * k] = *placed("the light", light.position, origin, scale, dtype), 1
             rows[2 * k + 1, 3] = light.falloff == "square"
         else:
-            rows[2 * k, :3] = -np.asarray(light.direction) / np.linalg.norm(light.direction)
+            direction = np.asarray(light.direction) / np.abs(light.direction).max()  # whose squares f64 holds
+            rows[2 * k, :3] = -direction / np.linalg.norm(direction)
         rows[2 * k + 1, :3] = light.color
     return rows
 
