@@ -19,7 +19,7 @@ from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import Recorded
-from shpy.lang.recording.emit import FrameEmitter, Node, replay
+from shpy.lang.recording.emit import Node, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, Recording
 from shpy.lang.values import arithmetic
@@ -39,7 +39,6 @@ def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], co
         if all(function is not known for known in frame.recording.functions):
             frame.recording.functions.append(function)
     entry = names.body(recorded.module.entry)
-    emitter = FrameEmitter(frame)
     args: list[int] = []
     for name, type_ in recorded.inputs.items():
         if isinstance(type_, TableType | TextureType):
@@ -49,7 +48,7 @@ def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], co
             args.append(arithmetic.convert(frame, entry_value, cls.type, f"the input {leaf}"))
     results = _splice(frame, entry, args) if _can_splice(frame, entry) else _call(frame, entry, args)
     classes = [cls for _, _, cls in leaves(recorded.output, "")]
-    wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
+    wrapped = [arithmetic.made(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
     return build_values(recorded.output, iter(wrapped))
 
 
@@ -186,14 +185,13 @@ def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
 
 def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     """Put the entry's statements into the open region, with fresh ids; return the values of its outputs."""
-    emitter = FrameEmitter(frame)
     slots: dict[int, int] = {}
     for v in (*entry.variables, *entry.outputs):
         slots[v.id] = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
         frame.names[slots[v.id]] = v.name
         if frame.scope.loops and v.length is None:
             # A slot is zero when its function starts, so in a loop it is set to zero in each iteration.
-            frame.store(slots[v.id], emitter.const(v.type, (0,) * v.type.size))
+            frame.store(slots[v.id], frame.const(v.type, (0,) * v.type.size))
     values: dict[int, int] = {}
     for port, arg in zip(entry.inputs, args, strict=True):
         values[port.id] = arg
@@ -206,7 +204,7 @@ def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     callees = {f.name: f for f in frame.recording.functions}
     for statement in entry.body:
         frame.append(_renamed(statement, slots, values, fresh, callees))
-    return [emitter.let("load", (), output.type, slots[output.id]) for output in entry.outputs]
+    return [frame.let("load", (), output.type, slots[output.id]) for output in entry.outputs]
 
 
 def _renamed(

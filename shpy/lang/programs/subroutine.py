@@ -22,7 +22,6 @@ from shpy.ir.nodes import Call, Function, Loc, Store, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, walk
 from shpy.lang.data.array import Array
 from shpy.lang.programs.returns import Returns
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import at, here, in_library, is_library
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
@@ -221,16 +220,14 @@ class Recorded:
             results = [v.id for v in made]
         if self.layout is None:
             return None
-        emitter = FrameEmitter(frame)
         classes = [cls for _, _, cls in leaves(self.layout, "")]
-        wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
+        wrapped = [arithmetic.made(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
         return wrapped[0] if isinstance(self.layout, Leaf) else build_values(self.layout, iter(wrapped))
 
     def _arguments(self, frame: Frame, given: dict[str, Any]) -> list[int]:
-        emitter = FrameEmitter(frame)
         passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
         args = [
-            self._reference(frame, leaf, name) if reference else int(leaf._read(emitter))
+            self._reference(frame, leaf, name) if reference else int(leaf._read(frame))
             for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
         ]
         self._check_apart(passed)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import RecordError
 from shpy.ir.types import Type
-from shpy.lang.recording.emit import DEFERRED, Emitter, FrameEmitter, Handle, Node, nodes_of, replay
+from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, Node, nodes_of, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
@@ -158,11 +158,10 @@ def name_parts(parts: dict[str, Any]) -> None:
 
 def record_expression(frame: Frame, root: Node) -> int:
     """Record what an expression computes into a program."""
-    emitter = FrameEmitter(frame)
 
     def let(node: Node, args: tuple[int, ...]) -> int:
         if node.op == "param":
-            return int(node.source._read(emitter))
+            return int(node.source._read(frame))
         return frame.let(node.op, args, node.type, node.source._declared(frame) if node.op == "table" else node.attr)
 
     return int(replay(root, let))

@@ -22,7 +22,6 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Call, Discard, Function, Let, Region, Return, Stmt, Store, Variable
 from shpy.ir.traverse import is_straight, results, rewrite, uses, walk
 from shpy.ir.types import INTS, Base, Type, vec
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic
@@ -57,7 +56,7 @@ def _difference(x: Any, what: str, axis: int) -> Any:
     frame = need_frame(what)
     _check_place(frame, what)
     own = _floats(x, what)
-    beside, rank = _Slice(frame, what).of(own._read(FrameEmitter(frame)), own.type)
+    beside, rank = _Slice(frame, what).of(own._read(frame), own.type)
     if rank < axis:
         raise RecordError(
             f"{what} takes rows, and the elements have one axis: no element has a neighbour above or below",
@@ -100,13 +99,12 @@ def _no_neighbour(what: str, cure: str = "a value that is computed from sh.grid_
 
 def _called(frame: Frame, function: Function, index: Value, like: Value) -> Any:
     """Record a call of the slice; return a value of `like`'s type."""
-    emitter = FrameEmitter(frame)
-    args = (index._read(emitter),)
+    args = (index._read(frame),)
     if function.pure:
-        return arithmetic.made(like.kind, like.type, emitter, frame.let("call", args, like.type, function.name))
+        return arithmetic.made(like.kind, like.type, frame, frame.let("call", args, like.type, function.name))
     result = frame.new_value(like.type, None, here())
     frame.append(Call(function.name, args, (result,), here()))
-    return arithmetic.made(like.kind, like.type, emitter, result.id)
+    return arithmetic.made(like.kind, like.type, frame, result.id)
 
 
 class _Slice:
