@@ -9,8 +9,9 @@ computed before each run from the current values of the Params.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,8 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
 
-
-class Evaluator(Protocol):
-    """Computes a dependent uniform from its sources' current values, at a kernel's precision and in its mode."""
-
-    def __call__(self, uniform: Dependent, precision: str, math: str) -> NDArray[Any]:
-        """Return the value, of shape () or (size,)."""
-
-
+Evaluator = Callable[["Dependent", str, str], NDArray[Any]]
+"""Computes a uniform, () or (size,), from its sources' current values, at a kernel's precision and in its mode."""
 _evaluators: list[Evaluator] = []
 
 
