@@ -278,8 +278,7 @@ class Run:
         stream = self.current.get(key)
         if stream is not None:
             return [entry.memory for entry in stream.leaf_entries()]
-        place = self.place
-        zero = Stream.empty(1, _class_of(layout), place.backend, place.device, place.precision)
+        zero = Stream.empty(1, _class_of(layout), *self.place)
         return [entry.memory for entry in zero.leaf_entries()]
 
     def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:

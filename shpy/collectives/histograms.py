@@ -69,22 +69,18 @@ def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
         count = len(edges) - 1
         lower, last = _exact(edges, _entry(given).dtype)
         if not len(lower) or not line.size:
-            return Stream.empty(count, Attrib1i, *_at(given))
+            return Stream.empty(count, Attrib1i, *given.place)
         edge: Any = CLASSES["Attrib", 1, base]
         if is_mapped(given.place, edge):
             keys = mapping().compile("numpy")
             lower, last, edge = keys(lower), keys(last), Attrib1u
-        table = Stream(lower, edge, *_at(given))
+        table = Stream(lower, edge, *given.place)
         inputs = {"x": line, "edges": table, "last": last, "bins": np.array([count], np.int32)}
         equal = isinstance(bins, int | np.integer) and base is Base.F
         if equal:
             inputs |= _spacing(edges)
         numbers = _entry(run_over(given.place, _locating(line.type, edge, equal), line.size, **inputs))
     return Stream.over(Attrib1i, (count,), given.place, [leaves.tally(numbers, count)])
-
-
-def _at(stream: Stream) -> tuple[Any, ...]:
-    return stream.backend, stream.device, stream.precision
 
 
 def _entry(stream: Stream) -> Any:

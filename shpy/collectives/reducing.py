@@ -106,7 +106,7 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
         array = memory.read().reshape(*shape, size)
         found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, shape[1]))
     kept = (before * after, size) if size > 1 else (before * after,)
-    made = Stream(found.reshape(kept), stream.type, stream.backend, stream.device, stream.precision)
+    made = Stream(found.reshape(kept), stream.type, *stream.place)
     return _result(made, stream, axis, stream.type)
 
 
@@ -236,7 +236,7 @@ def _finished(program: Program, found: Stream, *others: Any) -> Stream:
 def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
     shape = _left(stream, axis) + ((made.size,) if made.size > 1 else ())
     array = np.full(shape, value, dtypes_at(stream.precision)[made.base])
-    return array[()] if axis is None else Stream(array, made, stream.backend, stream.device, stream.precision)
+    return array[()] if axis is None else Stream(array, made, *stream.place)
 
 
 def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:

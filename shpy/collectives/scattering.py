@@ -96,7 +96,7 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
     if out is None:
         if shape is None:
             raise ShpyTypeError("scatter needs a shape", loc=here(), cure="sh.scatter(values, index, shape), or out=")
-        return Stream.empty(given_shape(shape), values.type, values.backend, values.device, values.precision)
+        return Stream.empty(given_shape(shape), values.type, *values.place)
     check_place(check_stream(out, "out"), values.place, "out")
     if out.type is not values.type or (shape is not None and given_shape(shape) != out.shape):
         wanted = out.shape if shape is None else given_shape(shape)
