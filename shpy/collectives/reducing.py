@@ -121,10 +121,8 @@ def _sums_on_device(rows: Stream) -> NDArray[Any]:
 
 def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
     size, base = _element(stream, name)
-    if base is Base.B:
-        _check_some(stream, axis, name)
-        return _logic(stream, axis, "all" if name == "min" else "any")
-    return _reduced(stream, axis, extremes(size, base, name == "min"), stream.type, None, name)
+    kind = logic(size, name == "min") if base is Base.B else extremes(size, base, name == "min")
+    return _reduced(stream, axis, kind, stream.type, None, name)
 
 
 def _place(stream: Stream, axis: int | None, name: str) -> Any:
@@ -193,12 +191,6 @@ def _left(stream: Stream, axis: int | None) -> tuple[int, ...]:
         return ()
     k = axis % len(stream.shape)
     return stream.shape[:k] + stream.shape[k + 1 :]
-
-
-def _check_some(stream: Stream, axis: int | None, name: str) -> None:
-    rows = _rows(stream, axis)
-    if not rows.shape[len(rows.shape) // 2]:
-        raise _empty(name, "a stream with elements")
 
 
 def _empty(name: str, cure: str) -> ShpyTypeError:
