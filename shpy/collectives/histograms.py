@@ -156,7 +156,7 @@ def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
 def _locating(element: Any, edge: Any, equal: bool) -> Program:
     """Record the program that returns the bin of an element, or -1; `equal`: all bins have the same width."""
 
-    def among(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
+    def locate(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
         key = x if x.base is edge.base else mapped(x)
         count = Attrib1i(edges.shape[0])
         low, high = Attrib1i(0), count.copy()
@@ -180,13 +180,6 @@ def _locating(element: Any, edge: Any, equal: bool) -> Program:
         # NaN <= last is false, so a NaN gets -1.
         return cond(key <= last, least(low, bins) - 1, -1)
 
-    def guess(x: Any, edges: Any, last: Any, bins: Any, begin: Any, each: Any) -> Any:
-        return among(x, edges, last, bins, begin, each)
-
-    def locate(x: Any, edges: Any, last: Any, bins: Any) -> Any:
-        return among(x, edges, last, bins)
-
     types = {"x": element, "edges": TableType(edge, 1), "last": edge, "bins": Attrib1i}
-    if equal:
-        return annotated(guess, **types, begin=element, each=element, out=Attrib1i)
+    types |= {"begin": element, "each": element} if equal else {}
     return annotated(locate, **types, out=Attrib1i)
