@@ -32,33 +32,21 @@ from shpy.lang.values.value import CLASSES
 _Part = tuple[str | None, Layout]
 
 
-def _parts(layout: Layout) -> list[_Part]:
-    """Return the outputs one by one, with their names where they have any."""
-    if isinstance(layout, Group) and layout.form in ("tuple", "list"):
-        return [(None, part) for part in layout.parts]
-    if isinstance(layout, Group) and layout.form in ("namedtuple", "dict"):
-        return list(zip(layout.names, layout.parts, strict=True))
-    return [(None, layout)]
+def _parts(layout: Layout, *, fields: bool = False) -> list[_Part]:
+    """Return the outputs one by one, with their names where they have any; a struct by its `fields` or whole."""
+    if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
+        return [(None, layout)]
+    names = [None] * len(layout.parts) if layout.form in ("tuple", "list") else layout.names
+    return list(zip(names, layout.parts, strict=True))
 
 
-def _values(layout: Layout, result: Any) -> list[Any]:
-    if isinstance(layout, Group) and layout.form == "dict":
-        return list(result.values())
-    return list(result) if isinstance(layout, Group) and layout.form != "struct" else [result]
-
-
-def _named_parts(layout: Layout) -> list[_Part]:
-    """Return the outputs as `_parts` does, and a struct by its fields."""
-    if isinstance(layout, Group) and layout.form == "struct":
-        return list(zip(layout.names, layout.parts, strict=True))
-    return _parts(layout)
-
-
-def _taken_apart(layout: Layout, result: Any) -> list[Any]:
-    """Return the values of `_named_parts`."""
-    if isinstance(layout, Group) and layout.form == "struct":
+def _values(layout: Layout, result: Any, *, fields: bool = False) -> list[Any]:
+    """Return the values of `_parts`."""
+    if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
+        return [result]
+    if layout.form == "struct":
         return [getattr(result, name) for name in layout.names]
-    return _values(layout, result)
+    return list(result.values() if layout.form == "dict" else result)
 
 
 def _join(parts: list[_Part]) -> Layout:
@@ -121,7 +109,7 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
 
     def body(given: Mapping[str, Any]) -> Any:
         result = _call(f, {n: given[n] for n in f.inputs})
-        results = [result] if whole else _taken_apart(f.output, result)
+        results = [result] if whole else _values(f.output, result, fields=True)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
         to_g |= {name: given[fresh] for name, fresh in extra.items()}
         last = _call(g, to_g)
@@ -137,7 +125,7 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
     """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
     wanted = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
-    parts = _named_parts(f.output)
+    parts = _parts(f.output, fields=True)
     fed = [name if name in wanted else None for name, _ in parts]
     first = next(iter(wanted), None)
     whole = isinstance(f.output, Group) and first is not None and alike(f.output, wanted[first])
@@ -231,8 +219,10 @@ def type_name(type_: InputType) -> str:
 def signature(p: Recorded) -> str:
     """Return the text `f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
     inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
-    outputs = [f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _named_parts(p.output)]
-    named = len(outputs) > 1 or _named_parts(p.output)[0][0] is not None
+    outputs = [
+        f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _parts(p.output, fields=True)
+    ]
+    named = len(outputs) > 1 or _parts(p.output, fields=True)[0][0] is not None
     return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 
 
@@ -259,7 +249,7 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
     """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
-    parts = _named_parts(p.output)
+    parts = _parts(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
     _known(p, names, [*p.inputs, *outputs], "input or output")
     types = {names.get(n, n): t for n, t in p.inputs.items()}
@@ -274,7 +264,7 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
 
     def body(given: Mapping[str, Any]) -> Any:
         result = _call(p, {n: given[names.get(n, n)] for n in p.inputs})
-        return tuple(_taken_apart(p.output, result)) if changed else result
+        return tuple(_values(p.output, result, fields=True)) if changed else result
 
     return _again(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
