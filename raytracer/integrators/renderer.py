@@ -94,7 +94,7 @@ class Renderer:
             self._options["lanes"] = 1  # rays diverge in a cube, so that packets of them take longer than rays alone
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout)
-        self.features = self._tracer.features | ({"layered cube": secondary.resolution} if secondary else {})
+        self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
