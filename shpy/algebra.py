@@ -19,10 +19,9 @@ from shpy.ir.nodes import Module, Port
 from shpy.lang.data.params import Param, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
-from shpy.lang.programs.inline import Constants, call_recorded
-from shpy.lang.programs.record import InputType, Recorded, record_body
+from shpy.lang.programs.inline import call_recorded
+from shpy.lang.programs.record import InputType, Recorded, rerecorded
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.snapshot import Same
@@ -59,29 +58,9 @@ def _join(parts: list[_Part]) -> Layout:
     return Group("tuple", tuple(map(str, range(len(parts)))), tuple(p for _, p in parts))
 
 
-def _again(
-    name: str,
-    like: Recorded,
-    types: dict[str, InputType],
-    layout: Layout | None,
-    body: Any,
-    defaults: Mapping[str, Any],
-) -> Recorded:
-    loc = like.module.entry.loc
-    with recording(name, loc) as made:
-        recorded = record_body(made, types, layout, body)
-    return replace(recorded, defaults={n: d for n, d in defaults.items() if n in types})
-
-
 def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Return the defaults of the inputs that go on under these names."""
     return {names[n]: default for n, default in defaults.items() if n in names}
-
-
-def _call(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
-    frame = current_frame()
-    assert frame is not None
-    return call_recorded(frame, recorded, given, constants or {})
 
 
 def _free(name: str, taken: Mapping[str, Any]) -> str:
@@ -108,18 +87,18 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     layout = g.output if not left_over else _join(_parts(g.output) + left_over)
 
     def body(given: Mapping[str, Any]) -> Any:
-        result = _call(f, {n: given[n] for n in f.inputs})
+        result = call_recorded(f, {n: given[n] for n in f.inputs})
         results = [result] if whole else _values(f.output, result, fields=True)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
         to_g |= {name: given[fresh] for name, fresh in extra.items()}
-        last = _call(g, to_g)
+        last = call_recorded(g, to_g)
         if not left_over:
             return last
         rest = [value for value, name in zip(results, fed, strict=True) if name is None]
         return tuple(_values(g.output, last) + rest)
 
     defaults = f.defaults | _under(g.defaults, extra)
-    return _again(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
+    return rerecorded(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
 
 
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
@@ -239,12 +218,12 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
     layout = _join(_parts(f.output) + _parts(g.output))
 
     def body(given: Mapping[str, Any]) -> Any:
-        first = _values(f.output, _call(f, {n: given[n] for n in f.inputs}))
-        second = _values(g.output, _call(g, {n: given[fresh] for n, fresh in names.items()}))
+        first = _values(f.output, call_recorded(f, {n: given[n] for n in f.inputs}))
+        second = _values(g.output, call_recorded(g, {n: given[fresh] for n, fresh in names.items()}))
         return tuple(first + second)
 
     defaults = _under(g.defaults, names) | f.defaults
-    return _again(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
+    return rerecorded(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
 
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
@@ -263,10 +242,10 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
         layout = Group("namedtuple", fresh, tuple(part for _, part in parts), _tuple_class("Outputs", fresh))
 
     def body(given: Mapping[str, Any]) -> Any:
-        result = _call(p, {n: given[names.get(n, n)] for n in p.inputs})
+        result = call_recorded(p, {n: given[names.get(n, n)] for n in p.inputs})
         return tuple(_values(p.output, result, fields=True)) if changed else result
 
-    return _again(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
+    return rerecorded(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
 
 def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -> None:
@@ -282,7 +261,7 @@ def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     _known(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}
-    return _again(p.module.name, p, types, p.output, lambda given: _call(p, {**given, **fixed}), p.defaults)
+    return rerecorded(p.module.name, p, types, p.output, lambda given: call_recorded(p, {**given, **fixed}), p.defaults)
 
 
 def _uniform(name: str, type_: InputType, value: Any) -> Any:
@@ -310,9 +289,9 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
 
     def body(given: Mapping[str, Any]) -> Any:
         fixed = {n: _constant(p.inputs[n], n, v) for n, v in values.items() if n in p.inputs}
-        return _call(p, {**given, **fixed}, constants)
+        return call_recorded(p, {**given, **fixed}, constants)
 
-    made = _again(p.module.name, p, types, p.output, body, p.defaults)
+    made = rerecorded(p.module.name, p, types, p.output, body, p.defaults)
     from shpy.passes.pipeline import optimise  # here: a program that is only recorded needs no passes
 
     return replace(made, module=optimise(made.module, fixed=False))

@@ -21,7 +21,7 @@ from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.emit import Node, replay
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import Frame, Recording
+from shpy.lang.recording.recorder import Frame, Recording, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.snapshot import Same
@@ -31,9 +31,10 @@ Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
 
 
-def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Constants) -> Any:
+def call_recorded(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
     """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms."""
-    names = _Names(frame.recording, recorded, given, constants)
+    frame = need_frame("a call of a program")
+    names = _Names(frame.recording, recorded, given, constants or {})
     functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
     for function in functions.values():
         if all(function is not known for known in frame.recording.functions):
