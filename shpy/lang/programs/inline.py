@@ -25,7 +25,7 @@ from shpy.lang.recording.recorder import Frame, Recording, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.snapshot import Same
-from shpy.lang.values.structure import build_values, flatten, leaves
+from shpy.lang.values.structure import built, flatten, leaves
 
 Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
@@ -48,9 +48,7 @@ def call_recorded(recorded: Recorded, given: Mapping[str, Any], constants: Const
         for entry_value, (leaf, _, cls) in zip(entries, leaves(type_, name), strict=True):
             args.append(arithmetic.convert(frame, entry_value, cls.type, f"the input {leaf}"))
     results = _splice(frame, entry, args) if _can_splice(frame, entry) else _call(frame, entry, args)
-    classes = [cls for _, _, cls in leaves(recorded.output, "")]
-    wrapped = [arithmetic.made(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
-    return build_values(recorded.output, iter(wrapped))
+    return built(frame, recorded.output, results)
 
 
 @dataclass
@@ -176,12 +174,9 @@ def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     """Call the entry as a function of the caller's module."""
     name = frame.recording.function_name(entry.name)
     pure = is_straight(entry.body) and len(entry.outputs) == 1
-    frame.recording.functions.append(replace(entry, name=name, pure=pure))
-    if pure:
-        return [frame.let("call", tuple(args), entry.outputs[0].type, name)]
-    results = tuple(frame.new_value(o.type, o.name, here()) for o in entry.outputs)
-    frame.append(Call(name, tuple(args), results, here()))
-    return [v.id for v in results]
+    function = replace(entry, name=name, pure=pure)
+    frame.recording.functions.append(function)
+    return frame.call(function, tuple(args), names=True)
 
 
 def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:

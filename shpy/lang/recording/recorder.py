@@ -122,6 +122,14 @@ class Frame:
         self.append(Let(value, op, args, attr))
         return value.id
 
+    def call(self, function: Function, args: tuple[int, ...], names: bool = False) -> list[int]:
+        """Record a call of `function`; return the ids of its results, with the `names` of its outputs if asked for."""
+        if function.pure:
+            return [self.let("call", args, function.outputs[0].type, function.name)]
+        results = tuple(self.new_value(o.type, o.name if names else None, here()) for o in function.outputs)
+        self.append(Call(function.name, args, results, here()))
+        return [v.id for v in results]
+
     def op(self, name: str, args: tuple[tuple[int, Type], ...]) -> tuple[int, Type]:
         """Record an operation of the table; return the result's id and type."""
         type = result_type(name, tuple(t for _, t in args))

@@ -67,7 +67,8 @@ def _difference(x: Any, what: str, axis: int) -> Any:
     places = list(index) if rank > 1 else [index]
     place = places[-axis]
     places[-axis] = place ^ 1
-    other = _called(frame, beside, CLASSES["Attrib", rank, Base.I](*places), own)
+    (result,) = frame.call(beside, (CLASSES["Attrib", rank, Base.I](*places)._read(frame),))
+    other = arithmetic.made(own.kind, own.type, frame, result)
     return cond((place & 1) == 1, own - other, other - own)
 
 
@@ -95,16 +96,6 @@ def _floats(x: Any, what: str) -> Any:
 
 def _no_neighbour(what: str, cure: str = "a value that is computed from sh.grid_index(2)") -> RecordError:
     return RecordError(f"{what}: no element has a neighbour there", loc=here(), cure=cure)
-
-
-def _called(frame: Frame, function: Function, index: Value, like: Value) -> Any:
-    """Record a call of the slice; return a value of `like`'s type."""
-    args = (index._read(frame),)
-    if function.pure:
-        return arithmetic.made(like.kind, like.type, frame, frame.let("call", args, like.type, function.name))
-    result = frame.new_value(like.type, None, here())
-    frame.append(Call(function.name, args, (result,), here()))
-    return arithmetic.made(like.kind, like.type, frame, result.id)
 
 
 class _Slice:
