@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
-from shpy.ir.traverse import defined, is_straight, rewrite, walk
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Value
+from shpy.ir.traverse import Copy, defined, is_straight, regions_of, rewrite, walk
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
@@ -160,12 +160,7 @@ def _depths(region: Region) -> tuple[int, int]:
     depth = loops = 0
     for statement in region:
         if isinstance(statement, If | Loop):
-            inner = (
-                (statement.then + statement.orelse)
-                if isinstance(statement, If)
-                else (statement.body + statement.continuing)
-            )
-            d, n = _depths(inner)
+            d, n = _depths(tuple(chain(*regions_of(statement))))
             depth, loops = max(depth, d + 1), max(loops, n + isinstance(statement, Loop))
     return depth, loops
 
@@ -181,48 +176,14 @@ def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
 
 def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     """Put the entry's statements into the open region, with fresh ids; return the values of its outputs."""
-    slots: dict[int, int] = {}
+    copy = Copy(frame.new_value, {f.name: f for f in frame.recording.functions})
     for v in (*entry.variables, *entry.outputs):
-        slots[v.id] = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
-        frame.names[slots[v.id]] = v.name
+        copy.slots[v.id] = slot = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
+        frame.names[slot] = v.name
         if frame.scope.loops and v.length is None:
             # A slot is zero when its function starts, so in a loop it is set to zero in each iteration.
-            frame.store(slots[v.id], frame.const(v.type, (0,) * v.type.size))
-    values: dict[int, int] = {}
-    for port, arg in zip(entry.inputs, args, strict=True):
-        values[port.id] = arg
-
-    def fresh(value: Value) -> Value:
-        made = frame.new_value(value.type, value.name, value.loc)
-        values[value.id] = made.id
-        return made
-
-    callees = {f.name: f for f in frame.recording.functions}
-    for statement in entry.body:
-        frame.append(_renamed(statement, slots, values, fresh, callees))
-    return [frame.let("load", (), output.type, slots[output.id]) for output in entry.outputs]
-
-
-def _renamed(
-    statement: Stmt, slots: dict[int, int], values: dict[int, int], fresh: Any, callees: dict[str, Function]
-) -> Stmt:
-    def region(statements: Region) -> Region:
-        return tuple(_renamed(s, slots, values, fresh, callees) for s in statements)
-
-    match statement:
-        case Let(value, op, args, attr):
-            renamed = tuple(values[a] for a in args)
-            return Let(fresh(value), op, renamed, slots[attr] if op == "load" else attr)  # type: ignore[index]
-        case Store(variable, value_id, components, index, loc):
-            at = None if index is None else values[index]
-            return Store(slots[variable], values[value_id], components, at, loc)
-        case Call(name, args, results, loc):
-            ports = callees[name].inputs
-            passed = (slots[a] if isinstance(p, Variable) else values[a] for a, p in zip(args, ports, strict=True))
-            return Call(name, tuple(passed), tuple(fresh(r) for r in results), loc)
-        case If(condition, then, orelse, loc):
-            return If(values[condition], region(then), region(orelse), loc)
-        case Loop(body, continuing, until, turns, loc):
-            new_body, new_continuing = region(body), region(continuing)
-            return Loop(new_body, new_continuing, None if until is None else values[until], turns, loc)
-    return statement
+            frame.store(slot, frame.const(v.type, (0,) * v.type.size))
+    copy.values.update({port.id: arg for port, arg in zip(entry.inputs, args, strict=True)})
+    for statement in copy.region(entry.body):
+        frame.append(statement)
+    return [frame.let("load", (), output.type, copy.slots[output.id]) for output in entry.outputs]
