@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.appearance.materials import PLAIN, Material
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.appearance import CLAY
@@ -30,6 +30,7 @@ from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import Camera
+from raytracer.scene.framing import triple
 from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 
 Matrix = NDArray[np.float64]
@@ -171,7 +172,7 @@ class GltfScene:
                 raise SceneError(f"it names light {number}, and there are {len(given)}")
             found += [made for made in [self._light(given[number], node.matrix, middle)] if made]
         most = float(sum((color for _, color in found), np.zeros(3)).max())
-        return [replace(light, color=_triple(color / most)) for light, color in found] if most > 0 else []
+        return [replace(light, color=triple(color / most)) for light, color in found] if most > 0 else []
 
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, Matrix] | None:
         """Return a light, and how bright it is at `middle`."""
@@ -180,14 +181,14 @@ class GltfScene:
         if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
             raise SceneError(f"a light has the colour {shown(str(color))}")
         if kind == "directional":
-            return DirectionalLight(_triple(-matrix[:3, 2])), color
+            return DirectionalLight(triple(-matrix[:3, 2])), color
         if kind not in ("point", "spot"):
             self.notices.ignore(f"lights of the type {kind}")
             return None
         if kind == "spot":
             self.notices.ignore("cones of spot lights, which shine all round")
         distance = float(np.linalg.norm(place - middle))
-        return PointLight(_triple(place)), color / (distance**2 or 1)
+        return PointLight(triple(place)), color / (distance**2 or 1)
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
@@ -315,9 +316,4 @@ def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
     place, ahead = matrix[:3, 3], -matrix[:3, 2]
     ahead = ahead / (np.linalg.norm(ahead) or 1)
     distance = float(np.linalg.norm(middle - place)) or 1.0
-    return Camera(_triple(place), _triple(place + distance * ahead), _triple(matrix[:3, 1]), math.degrees(angle))
-
-
-def _triple(values: Matrix) -> Triple:
-    x, y, z = values.tolist()
-    return x, y, z
+    return Camera(triple(place), triple(place + distance * ahead), triple(matrix[:3, 1]), math.degrees(angle))
