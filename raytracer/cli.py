@@ -34,7 +34,6 @@ from raytracer.meshes.folder import shown
 from raytracer.rendering import render
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.loading import FORMATS
-from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
@@ -252,18 +251,23 @@ def _render(options: argparse.Namespace) -> int:
     wanted = integrator.chosen(options.integrator, said)
     viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path), framed=options.scene not in SCENES)
     scene = viewing.scene_of(options)
+    title, found = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(wanted, integrator.Path):
-        return _render_path(options, wanted, scene, output)
-    if options.resume:
+        title, found = f"{title}, {wanted.samples:,} samples", _begun(options, output)
+        if options.cluster is None:
+            renderer = Renderer(scene, integrator=wanted, backend=options.backend)
+            return _render_passes(options, renderer, output, found, title)
+    elif options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
-    if options.error is not None and options.math is not None:
+    elif options.error is not None and options.math is not None:
         raise SceneError("--error chooses the arithmetic itself: leave out --math")
-    with progress_bar(f"{scene.name}, {scene.triangles:,} triangles") as progress:
+    with progress_bar(title) as progress:
         image = render(
             scene,
             options.size,
             integrator=wanted,
             backend=options.backend,
+            resume=found,
             max_error=options.error,
             progress=progress,
             cluster=options.cluster,
@@ -275,22 +279,13 @@ def _render(options: argparse.Namespace) -> int:
     return 0
 
 
-def _render_path(options: argparse.Namespace, wanted: integrator.Path, scene: Scene, output: Path) -> int:
-    """Render the path traced picture of a scene, or add samples to it."""
+def _begun(options: argparse.Namespace, output: Path) -> Path | None:
+    """Return the path traced picture to which samples are added, if there is one."""
     if options.error is not None:
         raise SceneError("--error is for --integrator whitted")
     if options.resume and output.suffix.lower() not in READING:
         raise SceneError(f"{output}: samples are added to files that hold all numbers: {' or '.join(READING)}")
-    found = output if options.resume and output.exists() else None
-    title = f"{scene.name}, {scene.triangles:,} triangles, {wanted.samples:,} samples"
-    if options.cluster is not None:
-        given: dict[str, Any] = {"integrator": wanted, "backend": options.backend, "resume": found}
-        given["partitions"] = options.partitions
-        with progress_bar(title) as progress:
-            image = render(scene, options.size, cluster=options.cluster, progress=progress, **given)
-        print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
-        return 0
-    return _render_passes(options, Renderer(scene, integrator=wanted, backend=options.backend), output, found, title)
+    return output if options.resume and output.exists() else None
 
 
 def _render_passes(

@@ -24,7 +24,14 @@ from raytracer.errors import SceneError
 
 Array = NDArray[Any]
 
-
+LAYERS: Mapping[str, tuple[Any, tuple[int, ...]]] = {
+    "pixels": (np.float32, (3,)),
+    "depth": (np.float32, ()),
+    "normal": (np.float32, (3,)),
+    "object_id": (np.int32, ()),
+    "rays": (np.int32, ()),
+}
+"""The dtype of each layer of a picture, and the shape of its entry for a pixel."""
 _ENCODED = 1 << 18
 """Pixels that are encoded at once, in binary64: a large picture needs little memory besides its own."""
 
@@ -79,7 +86,7 @@ class Image:
     @property
     def layers(self) -> dict[str, Array]:
         """The arrays by name."""
-        return {name: getattr(self, name) for name in ("pixels", "depth", "normal", "object_id", "rays")}
+        return {name: getattr(self, name) for name in LAYERS}
 
     @property
     def srgb(self) -> NDArray[np.uint8]:
@@ -223,10 +230,8 @@ def _write_exr(image: Image, name: str) -> None:
 
 
 def _write_npy(image: Image, name: str) -> None:
-    layers = image.layers
-    kinds = np.dtype([(key, layer.dtype, layer.shape[2:]) for key, layer in layers.items()])
-    record = np.empty(image.depth.shape, dtype=kinds)
-    for key, layer in layers.items():
+    record = np.empty(image.depth.shape, dtype=[(key, kind, shape) for key, (kind, shape) in LAYERS.items()])
+    for key, layer in image.layers.items():
         record[key] = layer
     state = np.array((image.samples, image.origin), dtype=_STATE)
     with open(name, "wb") as file:
@@ -235,13 +240,12 @@ def _write_npy(image: Image, name: str) -> None:
 
 
 _STATE = [("samples", np.int64), ("origin", "U16")]
-_KINDS = {"pixels": np.float32, "depth": np.float32, "normal": np.float32, "object_id": np.int32, "rays": np.int32}
 
 
 def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:
     with open(path, "rb") as file:
         record, state = np.load(file), np.load(file)
-    return {name: np.ascontiguousarray(record[name], kind) for name, kind in _KINDS.items()}, *state.item()
+    return {name: np.ascontiguousarray(record[name], kind) for name, (kind, _) in LAYERS.items()}, *state.item()
 
 
 def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
@@ -255,7 +259,7 @@ def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
         "object_id": channels["object.id"],
         "rays": channels["rays.count"],
     }
-    layers = {name: np.ascontiguousarray(layer, _KINDS[name]) for name, layer in found.items()}
+    layers = {name: np.ascontiguousarray(layer, LAYERS[name][0]) for name, layer in found.items()}
     return layers, int(header["samples"]), str(header["origin"])
 
 

@@ -19,10 +19,9 @@ from shpy.ir.nodes import Module, Port
 from shpy.lang.data.params import Param, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
-from shpy.lang.programs.inline import Constants, call_recorded
-from shpy.lang.programs.record import InputType, Recorded, record_body
+from shpy.lang.programs.inline import call_recorded
+from shpy.lang.programs.record import InputType, Recorded, rerecorded
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.snapshot import Same
@@ -32,33 +31,21 @@ from shpy.lang.values.value import CLASSES
 _Part = tuple[str | None, Layout]
 
 
-def _parts(layout: Layout) -> list[_Part]:
-    """Return the outputs one by one, with their names where they have any."""
-    if isinstance(layout, Group) and layout.form in ("tuple", "list"):
-        return [(None, part) for part in layout.parts]
-    if isinstance(layout, Group) and layout.form in ("namedtuple", "dict"):
-        return list(zip(layout.names, layout.parts, strict=True))
-    return [(None, layout)]
+def _parts(layout: Layout, *, fields: bool = False) -> list[_Part]:
+    """Return the outputs one by one, with their names where they have any; a struct by its `fields` or whole."""
+    if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
+        return [(None, layout)]
+    names = [None] * len(layout.parts) if layout.form in ("tuple", "list") else layout.names
+    return list(zip(names, layout.parts, strict=True))
 
 
-def _values(layout: Layout, result: Any) -> list[Any]:
-    if isinstance(layout, Group) and layout.form == "dict":
-        return list(result.values())
-    return list(result) if isinstance(layout, Group) and layout.form != "struct" else [result]
-
-
-def _named_parts(layout: Layout) -> list[_Part]:
-    """Return the outputs as `_parts` does, and a struct by its fields."""
-    if isinstance(layout, Group) and layout.form == "struct":
-        return list(zip(layout.names, layout.parts, strict=True))
-    return _parts(layout)
-
-
-def _taken_apart(layout: Layout, result: Any) -> list[Any]:
-    """Return the values of `_named_parts`."""
-    if isinstance(layout, Group) and layout.form == "struct":
+def _values(layout: Layout, result: Any, *, fields: bool = False) -> list[Any]:
+    """Return the values of `_parts`."""
+    if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
+        return [result]
+    if layout.form == "struct":
         return [getattr(result, name) for name in layout.names]
-    return _values(layout, result)
+    return list(result.values() if layout.form == "dict" else result)
 
 
 def _join(parts: list[_Part]) -> Layout:
@@ -71,29 +58,9 @@ def _join(parts: list[_Part]) -> Layout:
     return Group("tuple", tuple(map(str, range(len(parts)))), tuple(p for _, p in parts))
 
 
-def _again(
-    name: str,
-    like: Recorded,
-    types: dict[str, InputType],
-    layout: Layout | None,
-    body: Any,
-    defaults: Mapping[str, Any],
-) -> Recorded:
-    loc = like.module.entry.loc
-    with recording(name, loc) as made:
-        recorded = record_body(made, types, layout, body)
-    return replace(recorded, defaults={n: d for n, d in defaults.items() if n in types})
-
-
 def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Return the defaults of the inputs that go on under these names."""
     return {names[n]: default for n, default in defaults.items() if n in names}
-
-
-def _call(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
-    frame = current_frame()
-    assert frame is not None
-    return call_recorded(frame, recorded, given, constants or {})
 
 
 def _free(name: str, taken: Mapping[str, Any]) -> str:
@@ -120,24 +87,24 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     layout = g.output if not left_over else _join(_parts(g.output) + left_over)
 
     def body(given: Mapping[str, Any]) -> Any:
-        result = _call(f, {n: given[n] for n in f.inputs})
-        results = [result] if whole else _taken_apart(f.output, result)
+        result = call_recorded(f, {n: given[n] for n in f.inputs})
+        results = [result] if whole else _values(f.output, result, fields=True)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
         to_g |= {name: given[fresh] for name, fresh in extra.items()}
-        last = _call(g, to_g)
+        last = call_recorded(g, to_g)
         if not left_over:
             return last
         rest = [value for value, name in zip(results, fed, strict=True) if name is None]
         return tuple(_values(g.output, last) + rest)
 
     defaults = f.defaults | _under(g.defaults, extra)
-    return _again(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
+    return rerecorded(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
 
 
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
     """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
     wanted = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
-    parts = _named_parts(f.output)
+    parts = _parts(f.output, fields=True)
     fed = [name if name in wanted else None for name, _ in parts]
     first = next(iter(wanted), None)
     whole = isinstance(f.output, Group) and first is not None and alike(f.output, wanted[first])
@@ -231,8 +198,10 @@ def type_name(type_: InputType) -> str:
 def signature(p: Recorded) -> str:
     """Return the text `f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
     inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
-    outputs = [f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _named_parts(p.output)]
-    named = len(outputs) > 1 or _named_parts(p.output)[0][0] is not None
+    outputs = [
+        f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _parts(p.output, fields=True)
+    ]
+    named = len(outputs) > 1 or _parts(p.output, fields=True)[0][0] is not None
     return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 
 
@@ -249,17 +218,17 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
     layout = _join(_parts(f.output) + _parts(g.output))
 
     def body(given: Mapping[str, Any]) -> Any:
-        first = _values(f.output, _call(f, {n: given[n] for n in f.inputs}))
-        second = _values(g.output, _call(g, {n: given[fresh] for n, fresh in names.items()}))
+        first = _values(f.output, call_recorded(f, {n: given[n] for n in f.inputs}))
+        second = _values(g.output, call_recorded(g, {n: given[fresh] for n, fresh in names.items()}))
         return tuple(first + second)
 
     defaults = _under(g.defaults, names) | f.defaults
-    return _again(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
+    return rerecorded(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
 
 
 def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
     """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
-    parts = _named_parts(p.output)
+    parts = _parts(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
     _known(p, names, [*p.inputs, *outputs], "input or output")
     types = {names.get(n, n): t for n, t in p.inputs.items()}
@@ -273,10 +242,10 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
         layout = Group("namedtuple", fresh, tuple(part for _, part in parts), _tuple_class("Outputs", fresh))
 
     def body(given: Mapping[str, Any]) -> Any:
-        result = _call(p, {n: given[names.get(n, n)] for n in p.inputs})
-        return tuple(_taken_apart(p.output, result)) if changed else result
+        result = call_recorded(p, {n: given[names.get(n, n)] for n in p.inputs})
+        return tuple(_values(p.output, result, fields=True)) if changed else result
 
-    return _again(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
+    return rerecorded(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
 
 def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -> None:
@@ -292,7 +261,7 @@ def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     _known(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}
-    return _again(p.module.name, p, types, p.output, lambda given: _call(p, {**given, **fixed}), p.defaults)
+    return rerecorded(p.module.name, p, types, p.output, lambda given: call_recorded(p, {**given, **fixed}), p.defaults)
 
 
 def _uniform(name: str, type_: InputType, value: Any) -> Any:
@@ -320,9 +289,9 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
 
     def body(given: Mapping[str, Any]) -> Any:
         fixed = {n: _constant(p.inputs[n], n, v) for n, v in values.items() if n in p.inputs}
-        return _call(p, {**given, **fixed}, constants)
+        return call_recorded(p, {**given, **fixed}, constants)
 
-    made = _again(p.module.name, p, types, p.output, body, p.defaults)
+    made = rerecorded(p.module.name, p, types, p.output, body, p.defaults)
     from shpy.passes.pipeline import optimise  # here: a program that is only recorded needs no passes
 
     return replace(made, module=optimise(made.module, fixed=False))

@@ -134,10 +134,8 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
 
         With a Stream among the inputs, or in a Table, it runs on the device where that lies.
         """
-        frame = current_frame()
-        if frame is not None:
-            given = bind(self.recorded, args, named)
-            return call_recorded(frame, self.recorded, given, {})
+        if current_frame() is not None:
+            return call_recorded(self.recorded, bind(self.recorded, args, named))
         stream = next(streams_in(chain(args, named.values(), self.recorded.tables.values())), None)
         if stream is not None:
             return self.compile_for(stream)(*args, **named)

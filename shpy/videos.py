@@ -51,8 +51,8 @@ def writing(
     """Write `frames` frames of `size` (width, height) to a file or folder; yield how many are done after each.
 
     `resume` keeps the frames of this size that a folder has. `mapping` runs `draw` for all frames that are to be drawn.
-    A file is written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation, and where
-    Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
+    A file is written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation,
+    and where Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
     """
     if not (isinstance(frames, int) and frames > 0):
         raise VideoError(f"an animation has one frame or more, not {frames}")

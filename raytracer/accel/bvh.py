@@ -38,6 +38,8 @@ _NARROW = BINS / np.finfo(np.float32).max
 """Extent up to which a node is not cut into bins, whose number in a unit of length would be infinite."""
 END = -1
 """The link that ends the walk."""
+MANY = 1 << 16
+"""Triangles from which on a backend that compiles the kernels of a builder takes less time than numpy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,3 +276,8 @@ def _depth_first(levels: list[Level]) -> list[Ints]:
         pairs = np.stack([first, first + below[level.child[inner]]], axis=1)
         numbers.append(pairs.reshape(-1))
     return numbers
+
+
+def target_for(triangles: int, backend: str) -> str:
+    """Return the backend that builds a hierarchy, the same on each, over `triangles`: numpy below `MANY`."""
+    return backend if triangles >= MANY else "numpy"

@@ -39,7 +39,7 @@ def partners(sides: Sides, backend: str) -> NDArray[np.int32]:
     Of pairs of the same surface those count that are closer, then those that begin at an even place, then the first.
     All boxes agree on this order, so two find each other at least; and of equal boxes all do.
     """
-    return np.asarray(_compiled("partner", backend)(*_tables(sides), shape=len(sides[0])))
+    return np.asarray(_partner(backend)(*_tables(sides), shape=len(sides[0])))
 
 
 def joined(
@@ -51,7 +51,7 @@ def joined(
     is added where the partner is the lower one.
     """
     given = np.asarray(places, np.int32)
-    *found, axis = _compiled("join", backend)(given, sh.Table(partner, sh.Attrib1i), *_tables(sides))
+    *found, axis = _join(backend)(given, sh.Table(partner, sh.Attrib1i), *_tables(sides))
     return found, axis
 
 
@@ -60,11 +60,7 @@ def _tables(sides: Sides) -> list[Any]:
 
 
 @cache
-def _compiled(name: str, backend: str) -> Any:
-    return {"partner": _partner, "join": _join}[name]().compile(backend)
-
-
-def _partner() -> Any:
+def _partner(backend: str) -> Any:
     @sh.program
     def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side) -> sh.Attrib1i:
         sides = x, y, z, past_x, past_y, past_z
@@ -87,7 +83,7 @@ def _partner() -> Any:
             found = sh.cond(nearer, place + apart, found)
         return found
 
-    return partner
+    return partner.compile(backend)
 
 
 def _surface(one: Sequence[Any], other: Sequence[Any]) -> Any:
@@ -110,7 +106,8 @@ class Join(NamedTuple):
     axis: sh.Attrib1i
 
 
-def _join() -> Any:
+@cache
+def _join(backend: str) -> Any:
     @sh.program
     def join(
         place: sh.Attrib1i,
@@ -137,4 +134,4 @@ def _join() -> Any:
         box = list(map(lower, one, two))
         return Join(box[0], box[1], box[2], box[3], box[4], box[5], farthest + turned)
 
-    return join
+    return join.compile(backend)

@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, Ints, cut_apart, grown
+from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, Bounds, Bvh, Floats, Ints, cut_apart, grown, target_for
 from raytracer.accel.links import links
 from raytracer.accel.pairs import TURNED, Sides, joined, partners
 from raytracer.accel.planes import by_components, copy_columns, parts
-from raytracer.accel.target import target_for
 
 PROGRESS = 8
 """A round in which fewer than one cluster in this many would merge merges all neighbours, which bounds the rounds."""

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, Bvh
+from raytracer.accel.bvh import COUNT_BITS, Bvh, target_for
 from raytracer.accel.families import HALF, WIDTH, Binary, families
 from raytracer.accel.planes import constant, copy_columns, parts
-from raytracer.accel.target import target_for
 
 Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]

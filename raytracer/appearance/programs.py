@@ -128,14 +128,13 @@ UNSHADED = ("transmission", "ior", "emission")
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """The fields of a material's or light's program, by name.
+    """The fields of a material's `surface`, by name.
 
-    `reads`: fields of its hit or surface that the program reads. `gives`: fields of the Surface that a `surface`
-    program returns.
+    `reads`: fields of its hit that it reads. `gives`: fields of the Surface that it returns.
     """
 
     reads: frozenset[str]
-    gives: frozenset[str] = frozenset()
+    gives: frozenset[str]
 
 
 def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
@@ -213,16 +212,14 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
     return Examined(frozenset(hit.read), frozenset(found[-1].given))
 
 
-def examine_shade(program: Callable[..., Any]) -> Examined:
-    """Record a material's `shade` by itself; SceneError or ShpyError for mistakes in it."""
+def examine_shade(program: Callable[..., Any]) -> None:
+    """Record a material's `shade` by itself; raises SceneError or ShpyError for mistakes in it."""
     surface = Surface.known({name: zero for name, zero in _zeros(Surface).items() if name not in UNSHADED})
 
     @sh.program
     def shade() -> sh.Attrib1f:
         ask_shade(program, surface, sh.Vector3f(0, 0, 1))
         return sh.Attrib1f(0)
-
-    return Examined(frozenset(surface.read))
 
 
 def _zeros(cls: type[_Known]) -> Sources:

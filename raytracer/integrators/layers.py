@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.errors import SceneError
+from raytracer.image import LAYERS
 from raytracer.kernels.tracer import Pixel
 from raytracer.memory import check_fits
 
@@ -41,13 +42,7 @@ def whole_size(size: tuple[int, int]) -> tuple[int, int]:
 
 def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:
     """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each."""
-    return {
-        "pixels": new((height, width, 3), np.float32),
-        "depth": new((height, width), np.float32),
-        "normal": new((height, width, 3), np.float32),
-        "object_id": new((height, width), np.int32),
-        "rays": new((height, width), np.int32),
-    }
+    return {name: new((height, width, *shape), kind) for name, (kind, shape) in LAYERS.items()}
 
 
 def clear(layers: dict[str, Any], background: Any) -> None:

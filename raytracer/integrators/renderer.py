@@ -94,7 +94,7 @@ class Renderer:
             self._options["lanes"] = 1  # rays diverge in a cube, so that packets of them take longer than rays alone
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout)
-        self.features = self._tracer.features | ({"layered cube": secondary.resolution} if secondary else {})
+        self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
@@ -256,16 +256,9 @@ class Renderer:
         if resume is not None:
             raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
         samples = self._samples(samples)
-        fine = isqrt(samples)
-        width, height = checked_size(size)
+        _, height = checked_size(size)
         started = time.perf_counter()
-        self._follow_motion()
-        layers = unset(width, height)
-        if self.layout is None:
-            clear(layers, self.scene.background)
-        else:
-            self._aim(camera, width * fine, height * fine)
-            self._bands(layers, 0, fine, progress)
+        layers = self.rows(size, 0, height, camera=camera, samples=samples, progress=progress)
         return Image(**layers, stats=self.stats(layers, started), samples=samples)
 
     def rows(
@@ -276,6 +269,7 @@ class Renderer:
         *,
         camera: Camera | None = None,
         samples: int | None = None,
+        progress: Progress | None = None,
         start: tuple[dict[str, Any], int] | None = None,
     ) -> dict[str, Any]:
         """Render the rows `top` to `top + count - 1` of a picture alone, with the bits that they have in the whole one.
@@ -294,11 +288,11 @@ class Renderer:
             self._aim_paths(camera, width, height)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             begun, first = start or (layers, 0)
-            *_, (layers, _) = (begun, first), *self._passes(begun, first, samples, top=top)
+            *_, (layers, _) = (begun, first), *self._passes(begun, first, samples, progress, top)
             return layers
         fine = isqrt(samples)
         self._aim(camera, width * fine, height * fine)
-        self._bands(layers, top, fine)
+        self._bands(layers, top, fine, progress)
         return layers
 
     def origin(self, camera: Camera | None = None) -> str:

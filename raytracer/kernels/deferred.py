@@ -77,7 +77,7 @@ def surface_tables(layout: Layout, triangles: Triangles, backend: str) -> Surfac
     """Return the surfaces of a layout, with those of the samples of its cube if these are shaded."""
     surfaces = SurfaceTables(layout, triangles)
     cube = layout.secondary
-    if cube is not None and cube.shading == "deferred":
+    if cube is not None and cube.options["shading"] == "deferred":
         surfaces.sampled = SampledSurfaces(surfaces, cube, backend)
     return surfaces
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import far
+from raytracer.kernels.bsdf import largest
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
 from raytracer.kernels.walk import meet
@@ -117,7 +118,7 @@ class GlassTracer(Tracer):
         path.tracing[:] = True
         goes_on = path.r > 0
         path.r -= 1
-        reflects, refracts = (goes_on & (brightest(share) * part > LEAST) for part in (mirror, clear))
+        reflects, refracts = (goes_on & (largest(share) * part > LEAST) for part in (mirror, clear))
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):
@@ -139,11 +140,6 @@ class GlassTracer(Tracer):
                 eye[:] = held.eye
                 share[:] = held.share
                 path.r[:] = held.left
-
-
-def brightest(color: Any) -> Any:
-    """Return the largest channel."""
-    return sh.max(sh.max(color.r, color.g), color.b)
 
 
 def refracted(surface: Interaction) -> tuple[Any, Any]:

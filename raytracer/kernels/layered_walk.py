@@ -71,15 +71,15 @@ class LayeredIntersector(Walk):
         else:
             self.poses = sh.Table(cube.poses, sh.Attrib4f, "poses")
             self.cubes = sh.Param(sh.Attrib1i, len(cube.cubes), name="cubes")
-        self.bound, self.test, self.conservative = bound, cube.hit, cube.conservative
+        self.bound, self.test, self.conservative = bound, cube.options["hit"], cube.options["conservative"]
         self.triangles = Triangles.of(triangles)
-        records = cube.records if cube.samples else np.zeros((1, 4 if cube.hit == "plane" else 2), np.uint32)
+        records = cube.records if cube.samples else np.zeros((1, 4 if self.test == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
         self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")
         self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
         self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside") if len(cube.outside) else None
         self.left_out = sh.Param(sh.Attrib1i, len(cube.outside), name="left_out")
-        self.samples = sh.Table(records, sh.Attrib4u if cube.hit == "plane" else sh.Attrib2u, "samples")
+        self.samples = sh.Table(records, sh.Attrib4u if self.test == "plane" else sh.Attrib2u, "samples")
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Update `hit` with the samples that the ray hits at a distance in [near, hit.l), for texels from `begin` on.

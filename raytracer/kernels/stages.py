@@ -78,7 +78,7 @@ class Light:
 
 @sh.struct
 class Point:
-    """A `Interaction` in a stream."""
+    """An `Interaction` in a stream."""
 
     inter: sh.Point3f
     view: sh.Vector3f
@@ -89,15 +89,9 @@ class Point:
 
 
 @sh.struct
-class ProgrammedPoint:
-    """A `Interaction` of a scene with programs instead of Phong's model."""
+class ProgrammedPoint(Point):
+    """An `Interaction` of a scene with programs instead of Phong's model."""
 
-    inter: sh.Point3f
-    view: sh.Vector3f
-    face: sh.Normal3f
-    normal: sh.Normal3f
-    color: sh.Color3f
-    coefficients: sh.Attrib3f
     reflectivity: sh.Attrib1f
     shade: sh.Attrib1i
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from raytracer.appearance.materials import CUTOFF
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
-from raytracer.scene.layout import Change, Layout, is_programmed
+from raytracer.scene.layout import Change, Layout, is_programmed, kinds_of
 from shpy import SH_ELSE, SH_IF
 
 ROUNDINGS = 7
@@ -87,16 +87,6 @@ class MaterialKinds(NamedTuple):
         )
 
 
-class Sampled(Protocol):
-    """Surfaces that were shaded at the samples of a layered depth cube."""
-
-    def at(self, sample: Any) -> tuple[Any, Any]:
-        """Return the normal on the front of the surface, and the colour."""
-
-    def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
-        """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
-
-
 class SurfaceTables:
     """Normals, colours and materials of a scene's triangles."""
 
@@ -125,7 +115,7 @@ class SurfaceTables:
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
-        self.sampled: Sampled | None = None  # of the samples of a layered depth cube
+        self.sampled: Any = None  # the SampledSurfaces of a layered depth cube (`kernels.deferred`)
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
         """Update the normals, colours and uv coordinates that changed; return whether the colours fit the kernel."""
@@ -404,12 +394,9 @@ class LightList:
     """The lights of a scene: `count` of them; `number` is a uniform of that value if there are several."""
 
     def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
-        self.count = len(rows) // 2
+        self.count, self.points, self.directions, self.fades = kinds_of(rows)
         self.number = sh.Param(sh.Attrib1i, self.count, name="lights_count") if self.count > 1 else self.count
-        self.fades = bool((rows[1::2, 3] > 0).any())
         self.surfaces = surfaces
-        self.points = bool((rows[::2, 3] > 0).any())
-        self.directions = bool((rows[::2, 3] == 0).any())
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
 
     def renew(self, rows: Rows) -> None:

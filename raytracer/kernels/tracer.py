@@ -195,7 +195,8 @@ class Tracer:
                 finished[:] = (path.r == 0) | (path.rn.y == 0)
                 path.r -= 1
                 tracing[:] = True
-                reflect(surface, ray, eye)
+                ray[:] = mirrored(surface)
+                eye[:] = surface.inter
         return finished
 
     def note(self, pixel: Pixel, hit: RayHit, surface: Interaction) -> None:
@@ -211,12 +212,6 @@ def background_pixel(color: Any, rays: Any) -> Pixel:
     normal = sh.Normal3f(0, 0, 0)
     number = sh.Attrib1i(-1)
     return Pixel(color, depth, normal, number, rays)
-
-
-def reflect(surface: Interaction, ray: Any, eye: Any) -> None:
-    """Make the ray the mirrored one."""
-    ray[:] = mirrored(surface)
-    eye[:] = surface.inter
 
 
 def mirrored(surface: Interaction) -> Any:

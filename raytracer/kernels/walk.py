@@ -87,7 +87,7 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
     bound = AheadBound(layout.roundoff)
     if layout.secondary is not None:
-        notes = layout.secondary.shading == "deferred"
+        notes = layout.secondary.options["shading"] == "deferred"
         secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
         secondary.triangles = exact.triangles  # one table for both
         return SplitWalk(exact, secondary)

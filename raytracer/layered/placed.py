@@ -87,21 +87,6 @@ class PlacedCubes:
         return [mesh for (mesh,) in self.parts[len(self.parts) - len(self.moving) :]]
 
     @property
-    def hit(self) -> str:
-        """The hit test."""
-        return self.cubes[0].hit
-
-    @property
-    def conservative(self) -> bool:
-        """True if a triangle has a sample in each texel that it touches."""
-        return self.cubes[0].conservative
-
-    @property
-    def resolution(self) -> int:
-        """The number of texels along a side of an image."""
-        return self.cubes[0].resolution
-
-    @property
     def options(self) -> dict[str, Any]:
         """The options that decide the cubes, besides their triangles."""
         return self.cubes[0].options
@@ -137,11 +122,6 @@ class PlacedCubes:
             found[:, -1] = numbers[cube.images.triangles].view(np.uint32)
             parts.append(found)
         return np.concatenate(parts)
-
-    @property
-    def shading(self) -> str:
-        """The origin of the colour and the normal of a hit: "exact" or "deferred"."""
-        return self.cubes[0].shading
 
     @property
     def weights(self) -> NDArray[np.float32]:

@@ -10,10 +10,11 @@ made of them, so that a small file from a stranger cannot fill the memory; what 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Hashable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ MOST: Final = 1 << 26
 MOST_DECODED: Final = 4 * MOST
 """Pixels of all pictures before they are made smaller: a small file may hold large pictures of one colour."""
 Pixels = NDArray[Any]
+_Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
 class Budget:
@@ -48,6 +50,15 @@ class Budget:
         return factor
 
 
+def _once(method: _Method) -> _Method:
+    """Make a method of Picture one that is computed once for the same arguments."""
+
+    def found(self: Picture, *args: Any) -> Any:
+        return self.made((method.__name__, *args), lambda: method(self, *args))
+
+    return cast(_Method, functools.update_wrapper(found, method))
+
+
 class Picture:
     """The pixels (H, W, 1 or 3) of a picture, uint8 or floats in [0, 1], with how a material reads them.
 
@@ -60,33 +71,25 @@ class Picture:
         self.name, self.wrap, self.filter = name, wrap, filter
         self._made: dict[Hashable, Any] = {}
 
+    @_once
     def color(self, factor: Triple) -> Texture:
         """Return the sRGB colours of the picture times a linear factor; the same Texture for the same factor."""
+        if factor == (1.0, 1.0, 1.0):
+            return self.texture(self.fitting(1), srgb=True)
+        numbers = linear(self.fitting(1), encoded=True)
+        numbers *= np.asarray(factor, np.float32)
+        return self.texture(numbers, srgb=False)
 
-        def texture() -> Texture:
-            if factor == (1.0, 1.0, 1.0):
-                return self.texture(self.fitting(1), srgb=True)
-            numbers = linear(self.fitting(1), encoded=True)
-            numbers *= np.asarray(factor, np.float32)
-            return self.texture(numbers, srgb=False)
-
-        found: Texture = self.made(factor, texture)
-        return found
-
+    @_once
     def cutout(self, factor: float) -> Texture | None:
         """Return the Texture of a material's `cutout`, the mean of the channels as they are times a factor.
 
         None if no point is cut out.
         """
-
-        def texture() -> Texture | None:
-            pixels = self.fitting(1)
-            channels = [channel(pixels, k) for k in range(pixels.shape[2])]
-            numbers = np.asarray(factor * np.mean(channels, axis=0, dtype=np.float64))
-            return None if numbers.min() >= CUTOFF else self.texture(numbers, srgb=False)
-
-        found: Texture | None = self.made(("cutout", factor), texture)
-        return found
+        pixels = self.fitting(1)
+        channels = [channel(pixels, k) for k in range(pixels.shape[2])]
+        numbers = np.asarray(factor * np.mean(channels, axis=0, dtype=np.float64))
+        return None if numbers.min() >= CUTOFF else self.texture(numbers, srgb=False)
 
     def is_partly_clear(self) -> bool:
         """Return whether a pixel is neither 0 nor 1."""
@@ -98,38 +101,26 @@ class Picture:
         numbers = channel(self.pixels[::step, ::step], 0)
         return float(np.mean((low < numbers) & (numbers < high)))
 
+    @_once
     def clear(self, factor: float) -> Texture:
         """Return the Texture of 1 - factor * alpha, where this is a picture of alpha."""
+        return self.texture(1 - np.float32(factor) * channel(self.fitting(1), 0), srgb=False)
 
-        def texture() -> Texture:
-            return self.texture(1 - np.float32(factor) * channel(self.fitting(1), 0), srgb=False)
-
-        found: Texture = self.made(("clear", factor), texture)
-        return found
-
+    @_once
     def normals(self, scale: float) -> Texture:
         """Return the Texture of a material's `normal_map`, whose slopes are multiplied by a factor."""
+        pixels = self.fitting(1)
+        x, y, z = (2 * channel(pixels, k) - 1 for k in range(3))
+        part = max(abs(scale), 1.0)  # the colours of a picture end at 0 and 1
+        slopes = [x * (scale / part), y * (scale / part), z / part]
+        return self.texture((np.stack(slopes, axis=2).astype(np.float32) + 1) / 2, srgb=False)
 
-        def texture() -> Texture:
-            pixels = self.fitting(1)
-            x, y, z = (2 * channel(pixels, k) - 1 for k in range(3))
-            part = max(abs(scale), 1.0)  # the colours of a picture end at 0 and 1
-            slopes = [x * (scale / part), y * (scale / part), z / part]
-            return self.texture((np.stack(slopes, axis=2).astype(np.float32) + 1) / 2, srgb=False)
-
-        found: Texture = self.made(("normals", scale), texture)
-        return found
-
+    @_once
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))
-
-        def mean() -> NDArray[np.float64]:
-            numbers = linear(self.pixels[::step, ::step], encoded=True, channels=self.pixels.shape[2])
-            found: NDArray[np.float64] = numbers.mean(axis=(0, 1), dtype=np.float64)
-            return found
-
-        return np.asarray(np.broadcast_to(self.made("mean", mean), 3))
+        numbers = linear(self.pixels[::step, ::step], encoded=True, channels=self.pixels.shape[2])
+        return np.asarray(np.broadcast_to(numbers.mean(axis=(0, 1), dtype=np.float64), 3))
 
     def fitting(self, count: int) -> Pixels:
         """Return the pixels (h, w, 1 or 3) for `count` textures to be made of, fewer of them where the budget ends."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,21 +25,13 @@ _PERCEIVED: Final = np.array((0.299, 0.587, 0.114))
 """The weights of the squared channels in the brightness that is perceived."""
 
 
-class Converted(NamedTuple):
-    """The factors of a material of metallic-roughness."""
-
-    color: Triple
-    metallic: float
-    roughness: float
-
-
 def converted(
     diffuse: Sequence[float], specular: Sequence[float], glossiness: float, picture: NDArray[np.float64] | None
-) -> Converted:
-    """Return the factors for colours (3,); `picture` (3,) is the mean of the picture that multiplies `diffuse`.
+) -> tuple[Triple, float, float]:
+    """Return the colour, metallic and roughness for colours (3,).
 
-    With a picture, the colour is the factor that multiplies it; for a surface that is more than half a metal, the
-    colour replaces the picture.
+    `picture` (3,) is the mean of the picture that multiplies `diffuse`. With a picture, the colour is the factor that
+    multiplies it; for a surface that is more than half a metal, the colour replaces the picture.
     """
     factor, shine = np.asarray(diffuse, np.float64), np.asarray(specular, np.float64)
     seen = factor if picture is None else factor * picture
@@ -49,7 +41,7 @@ def converted(
     metal = (shine - _DIELECTRIC * (1 - metallic)) / max(metallic, 1e-6)
     share = metallic**2 if picture is None else float(is_metal(metallic))
     r, g, b = np.clip(matt + share * (metal - matt), 0, 1).tolist()
-    return Converted((r, g, b), metallic, min(max(1 - glossiness, 0.0), 1.0))
+    return (r, g, b), metallic, min(max(1 - glossiness, 0.0), 1.0)
 
 
 def is_metal(metallic: float) -> bool:

@@ -74,8 +74,8 @@ def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Li
         raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
     middle = (low + high) / 2
     return (
-        PointLight(_triple(turn @ (middle + radius * np.array((-3, 5, 4)))), (0.85, 0.82, 0.76)),
-        PointLight(_triple(turn @ (middle + radius * np.array((5, 3, 2.5)))), (0.30, 0.34, 0.42)),
+        PointLight(triple(turn @ (middle + radius * np.array((-3, 5, 4)))), (0.85, 0.82, 0.76)),
+        PointLight(triple(turn @ (middle + radius * np.array((5, 3, 2.5)))), (0.30, 0.34, 0.42)),
     )
 
 
@@ -97,7 +97,7 @@ def lights_for(name: str, meshes: Sequence[Mesh], camera: Camera, turn: Matrix) 
     if not np.isfinite(free[:2]).all() or np.isfinite(free[2:]).mean() < _ENCLOSED:
         return key_and_fill(name, low, high, turn)
     above, before = (eye + _PART * free[k] * ways[k] for k in range(2))
-    return PointLight(_triple(above), (0.85, 0.82, 0.76)), PointLight(_triple(before), (0.30, 0.34, 0.42))
+    return PointLight(triple(above), (0.85, 0.82, 0.76)), PointLight(triple(before), (0.30, 0.34, 0.42))
 
 
 def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
@@ -150,7 +150,7 @@ def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
     eye = depth * forward + (a - b) / 2 * sides[0] + (c - d) / 2 * sides[1]
     target = eye - depth * forward
     return Camera(
-        _triple(turn @ (middle + radius * eye)), _triple(turn @ (middle + radius * target)), _triple(turn[:, 1]), FOV
+        triple(turn @ (middle + radius * eye)), triple(turn @ (middle + radius * target)), triple(turn[:, 1]), FOV
     )
 
 
@@ -177,6 +177,7 @@ def outermost(meshes: Sequence[Mesh]) -> Matrix:
     return np.concatenate(found)
 
 
-def _triple(values: Matrix) -> Triple:
+def triple(values: Matrix) -> Triple:
+    """Return an array (3,) as a tuple."""
     x, y, z = values.tolist()
     return x, y, z

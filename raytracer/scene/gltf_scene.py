@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.appearance.materials import PLAIN, Material
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.appearance import CLAY
@@ -30,6 +30,7 @@ from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import Camera
+from raytracer.scene.framing import triple
 from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 
 Matrix = NDArray[np.float64]
@@ -175,7 +176,7 @@ class GltfScene:
         colors = [np.asarray(light.color) for light, _ in found]
         most = float(sum((c * share for c, (_, share) in zip(colors, found, strict=True)), np.zeros(3)).max())
         lights = zip(colors, found, strict=True)
-        return [replace(light, color=_triple(c / most)) for c, (light, _) in lights] if most > 0 else []
+        return [replace(light, color=triple(c / most)) for c, (light, _) in lights] if most > 0 else []
 
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, float] | None:
         """Return a light, and the share of its colour that comes to `middle`."""
@@ -184,14 +185,14 @@ class GltfScene:
         if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
             raise SceneError(f"a light has the colour {shown(str(color))}")
         if kind == "directional":
-            return DirectionalLight(_triple(-matrix[:3, 2]), _triple(color)), 1.0
+            return DirectionalLight(triple(-matrix[:3, 2]), triple(color)), 1.0
         if kind not in ("point", "spot"):
             self.notices.ignore(f"lights of the type {kind}")
             return None
         if kind == "spot":
             self.notices.ignore("cones of spot lights, which shine all round")
         distance = float(np.linalg.norm(place - middle))
-        return PointLight(_triple(place), _triple(color), falloff="square"), 1 / (distance**2 or 1)
+        return PointLight(triple(place), triple(color), falloff="square"), 1 / (distance**2 or 1)
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
@@ -319,9 +320,4 @@ def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
     place, ahead = matrix[:3, 3], -matrix[:3, 2]
     ahead = ahead / (np.linalg.norm(ahead) or 1)
     distance = float(np.linalg.norm(middle - place)) or 1.0
-    return Camera(_triple(place), _triple(place + distance * ahead), _triple(matrix[:3, 1]), math.degrees(angle))
-
-
-def _triple(values: Matrix) -> Triple:
-    x, y, z = values.tolist()
-    return x, y, z
+    return Camera(triple(place), triple(place + distance * ahead), triple(matrix[:3, 1]), math.degrees(angle))

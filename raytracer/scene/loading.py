@@ -34,6 +34,7 @@ from raytracer.meshes.mesh import LOADERS, Mesh, joined
 from raytracer.meshes.obj import Words, picture_words, read_mtl, read_obj
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.scene.camera import Camera
+from raytracer.scene.framing import bounds_of
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
 
@@ -163,9 +164,7 @@ def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Content
     meshes = _placed(scene.instances())
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
-    corners = [mesh.corners.reshape(-1, 3) for mesh in meshes if len(mesh)]
-    low = np.stack([c.min(axis=0) for c in corners]).min(axis=0)
-    high = np.stack([c.max(axis=0) for c in corners]).max(axis=0)
+    low, high = bounds_of(meshes, np.eye(3))
     return Contents(meshes, scene.camera(low, high), scene.lights((low + high) / 2))
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.materials import LARGEST, Material, Triple
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.folder import Notices, named

@@ -39,8 +39,9 @@ class Chain(Unchanging, ABC):
     replaces the stream of the only input of its type. A Table reads what the stream held before the kernel ran.
     """
 
-    def __init__(self, members: tuple[Member | Chain, ...]) -> None:
+    def __init__(self, members: tuple[Member | Chain, ...], *options: Any) -> None:
         self.members = members
+        self._options = options
         self.loc: Loc | None = here()
         self._check_types()
 
@@ -98,13 +99,13 @@ class Chain(Unchanging, ABC):
         """Return the chain with a condition on the elements of each kernel."""
         return self.with_members(_guarded(self.members, condition))
 
+    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
+        """Return this chain with other members."""
+        return type(self)(members, *self._options)
+
     @abstractmethod
     def perform(self, run: Run) -> None:
         """Run the members as often as this chain says."""
-
-    @abstractmethod
-    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """Return this chain with other members."""
 
     def _check_types(self) -> None:
         """Raise ShpyTypeError where two kernels give the stream of one name different types."""
@@ -142,16 +143,12 @@ class Sequence(Chain):
         for member in self.members:
             member.perform(run)
 
-    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """Return this chain with other members."""
-        return Sequence(members)
-
 
 class Repeat(Chain):
     """A chain that runs its members a number of times: see `sh.repeat`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], times: int) -> None:
-        super().__init__(members)
+        super().__init__(members, times)
         self.times = times
 
     @property
@@ -167,10 +164,6 @@ class Repeat(Chain):
                 member.perform(run)
         run.once = outside
 
-    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """Return this chain with other members."""
-        return Repeat(members, self.times)
-
     def __str__(self) -> str:
         return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times})"
 
@@ -179,7 +172,7 @@ class Held(Chain):
     """A member of a loop that runs when a share of the elements is ready: see `sh.share`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], share: Share) -> None:
-        super().__init__(members)
+        super().__init__(members, share)
         self.share = share
 
     @property
@@ -193,10 +186,6 @@ class Held(Chain):
             for member in self.members:
                 member.perform(run)
 
-    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """Return this chain with other members."""
-        return Held(members, self.share)
-
     def __str__(self) -> str:
         return f"{', '.join(_spoken(m) for m in self.members)} when {self.share}"
 
@@ -205,7 +194,7 @@ class Loop(Chain):
     """A chain that runs its members until a round writes nothing: see `sh.loop`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None) -> None:
-        super().__init__(members)
+        super().__init__(members, loop_limit)
         self.loop_limit = loop_limit
         self._round = Sequence(members)
         for kernel in self.kernels:
@@ -237,10 +226,6 @@ class Loop(Chain):
             cure="kernels that discard every element in the end, or loop_limit=N if it needs more (None: no limit)",
             result=run.so_far(),
         )
-
-    def with_members(self, members: tuple[Member | Chain, ...]) -> Chain:
-        """Return this chain with other members."""
-        return Loop(members, self.loop_limit)
 
 
 def sequence(*members: Program | Kernel | Chain, where: str | Program | None = None) -> Chain:

@@ -39,15 +39,11 @@ _AHEAD = 256
 
 
 class Node(Protocol):
-    """A part of a chain."""
+    """A part of a chain, which knows how often and in which order its kernels run."""
 
     @property
     def kernels(self) -> Iterable[Member]:
         """Every kernel, in order."""
-
-
-class Performed(Node, Protocol):
-    """A part of a chain that knows how often and in which order its kernels run."""
 
     @property
     def steps(self) -> Iterable[tuple[Member, bool]]:
@@ -94,7 +90,7 @@ class Run:
 
     def __init__(
         self,
-        node: Performed,
+        node: Node,
         given: Mapping[str, Any],
         shape: Any,
         backend: str | None,
@@ -282,8 +278,7 @@ class Run:
         stream = self.current.get(key)
         if stream is not None:
             return [entry.memory for entry in stream.leaf_entries()]
-        place = self.place
-        zero = Stream.empty(1, _class_of(layout), place.backend, place.device, place.precision)
+        zero = Stream.empty(1, _class_of(layout), *self.place)
         return [entry.memory for entry in zero.leaf_entries()]
 
     def _target(self, key: Any, layout: Layout, shape: Shape, member: Member | None) -> Stream:
@@ -407,7 +402,7 @@ def _labels(members: Iterable[Member]) -> dict[Member, str]:
     return found
 
 
-def _check_names(node: Performed, given: Mapping[str, Any]) -> None:
+def _check_names(node: Node, given: Mapping[str, Any]) -> None:
     """Raise ShpyTypeError for a stream that no kernel has, and for one that is read but neither given nor written."""
     known = dict.fromkeys(n for m in node.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
     for name in given:

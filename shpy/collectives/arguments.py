@@ -65,7 +65,7 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
     # An index beyond the range of int is out of range of the stream, and so is the nearest int.
     bounds = np.iinfo(np.int32)
     held = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
-    made = Stream(held.astype(np.int32), Attrib1i, place.backend, place.device, place.precision)
+    made = Stream(held.astype(np.int32), Attrib1i, *place)
     return made.leaf_entries()[0].memory, array.shape
 
 
@@ -75,7 +75,7 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
         array = np.asarray(mask)
         if array.dtype != np.bool_:
             raise ShpyTypeError(f"mask takes bools, not {array.dtype}", loc=here(), cure="mask != 0")
-        mask = Stream(array, Attrib1b, place.backend, place.device, place.precision)
+        mask = Stream(array, Attrib1b, *place)
     check_place(mask, place, "mask")
     if mask.type.__name__ != "Attrib1b":
         raise ShpyTypeError(f"mask is {mask!r}", loc=here(), cure="a Stream of Attrib1b")

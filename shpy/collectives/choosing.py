@@ -60,7 +60,7 @@ def unique(stream: Stream) -> Unique:
         )
     place, leaves = given.place, Leaves(given.place)
     if not given.size:
-        return Unique(shaped(given, [keys], (0,)).copy(), Stream.empty(0, Attrib1i, *_at(given)))
+        return Unique(shaped(given, [keys], (0,)).copy(), Stream.empty(0, Attrib1i, *given.place))
     ordered = leaves.take(keys, leaves.order(keys, descending=False))
     element = element_class(ordered)
     marks = run_over(place, _starting(element, is_mapped(place, element)), given.size, data=over_leaf(place, ordered))
@@ -85,10 +85,6 @@ def top_k(stream: Stream, k: int, key: Program | None = None) -> TopK:
     index = leaves.take(order, indices_at(place, np.arange(k, dtype=np.int32), "index")[0])
     taken = [leaves.take(entry.memory, index) for entry in given.leaf_entries()]
     return TopK(shaped(given, taken, (int(k),)), over_leaf(place, index))
-
-
-def _at(stream: Stream) -> tuple[Any, ...]:
-    return stream.backend, stream.device, stream.precision
 
 
 @cache

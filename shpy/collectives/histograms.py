@@ -69,22 +69,18 @@ def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
         count = len(edges) - 1
         lower, last = _exact(edges, _entry(given).dtype)
         if not len(lower) or not line.size:
-            return Stream.empty(count, Attrib1i, *_at(given))
+            return Stream.empty(count, Attrib1i, *given.place)
         edge: Any = CLASSES["Attrib", 1, base]
         if is_mapped(given.place, edge):
             keys = mapping().compile("numpy")
             lower, last, edge = keys(lower), keys(last), Attrib1u
-        table = Stream(lower, edge, *_at(given))
+        table = Stream(lower, edge, *given.place)
         inputs = {"x": line, "edges": table, "last": last, "bins": np.array([count], np.int32)}
         equal = isinstance(bins, int | np.integer) and base is Base.F
         if equal:
             inputs |= _spacing(edges)
         numbers = _entry(run_over(given.place, _locating(line.type, edge, equal), line.size, **inputs))
     return Stream.over(Attrib1i, (count,), given.place, [leaves.tally(numbers, count)])
-
-
-def _at(stream: Stream) -> tuple[Any, ...]:
-    return stream.backend, stream.device, stream.precision
 
 
 def _entry(stream: Stream) -> Any:
@@ -160,7 +156,7 @@ def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
 def _locating(element: Any, edge: Any, equal: bool) -> Program:
     """Record the program that returns the bin of an element, or -1; `equal`: all bins have the same width."""
 
-    def among(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
+    def locate(x: Any, edges: Any, last: Any, bins: Any, begin: Any = None, each: Any = None) -> Any:
         key = x if x.base is edge.base else mapped(x)
         count = Attrib1i(edges.shape[0])
         low, high = Attrib1i(0), count.copy()
@@ -184,13 +180,6 @@ def _locating(element: Any, edge: Any, equal: bool) -> Program:
         # NaN <= last is false, so a NaN gets -1.
         return cond(key <= last, least(low, bins) - 1, -1)
 
-    def guess(x: Any, edges: Any, last: Any, bins: Any, begin: Any, each: Any) -> Any:
-        return among(x, edges, last, bins, begin, each)
-
-    def locate(x: Any, edges: Any, last: Any, bins: Any) -> Any:
-        return among(x, edges, last, bins)
-
     types = {"x": element, "edges": TableType(edge, 1), "last": edge, "bins": Attrib1i}
-    if equal:
-        return annotated(guess, **types, begin=element, each=element, out=Attrib1i)
+    types |= {"begin": element, "each": element} if equal else {}
     return annotated(locate, **types, out=Attrib1i)

@@ -52,7 +52,7 @@ class Leaves:
             return self._ints(0)
         # Each element of the result descends from the root of the tree of counts.
         rest = self._run(_numbering(), total)
-        cell = Stream.empty(total, Attrib1i, *self._at())
+        cell = Stream.empty(total, Attrib1i, *self._place)
         for level in reversed(levels[:-1]):
             cell, rest = self._run(_descending(level.type), total, cell=cell, rest=rest, level=level)
         return _memory(cell)
@@ -102,7 +102,7 @@ class Leaves:
     def tally(self, numbers: Memory, bins: int) -> Memory:
         """Count the occurrences of each number from 0 to bins - 1."""
         if not numbers.count:
-            return _memory(Stream.empty(bins, Attrib1i, *self._at()))
+            return _memory(Stream.empty(bins, Attrib1i, *self._place))
         if self._own.tally is not None:
             return self._own.tally(numbers, bins)  # type: ignore[no-any-return]
         keys, _ = self._in_order(numbers, False)
@@ -116,7 +116,7 @@ class Leaves:
         """
         now = self._stream(keys)
         if keys.count < 2:
-            return now.copy(), Stream.empty(keys.count, Attrib1i, *self._at())
+            return now.copy(), Stream.empty(keys.count, Attrib1i, *self._place)
         if is_mapped(self._place, now.type):
             now = self._run(mapping(), keys.count, x=now)
         order = self._run(_numbering(), keys.count)
@@ -135,9 +135,6 @@ class Leaves:
 
     def _ints(self, count: int) -> Memory:
         return self._place.space.allocate(count, Attrib1i.type, np.dtype(np.int32))
-
-    def _at(self) -> tuple[Any, ...]:
-        return self._place.backend, self._place.device, self._place.precision
 
 
 def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs: Any) -> Any:

@@ -106,7 +106,7 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
         array = memory.read().reshape(*shape, size)
         found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, shape[1]))
     kept = (before * after, size) if size > 1 else (before * after,)
-    made = Stream(found.reshape(kept), stream.type, stream.backend, stream.device, stream.precision)
+    made = Stream(found.reshape(kept), stream.type, *stream.place)
     return _result(made, stream, axis, stream.type)
 
 
@@ -121,10 +121,8 @@ def _sums_on_device(rows: Stream) -> NDArray[Any]:
 
 def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
     size, base = _element(stream, name)
-    if base is Base.B:
-        _check_some(stream, axis, name)
-        return _logic(stream, axis, "all" if name == "min" else "any")
-    return _reduced(stream, axis, extremes(size, base, name == "min"), stream.type, None, name)
+    kind = logic(size, name == "min") if base is Base.B else extremes(size, base, name == "min")
+    return _reduced(stream, axis, kind, stream.type, None, name)
 
 
 def _place(stream: Stream, axis: int | None, name: str) -> Any:
@@ -195,12 +193,6 @@ def _left(stream: Stream, axis: int | None) -> tuple[int, ...]:
     return stream.shape[:k] + stream.shape[k + 1 :]
 
 
-def _check_some(stream: Stream, axis: int | None, name: str) -> None:
-    rows = _rows(stream, axis)
-    if not rows.shape[len(rows.shape) // 2]:
-        raise _empty(name, "a stream with elements")
-
-
 def _empty(name: str, cure: str) -> ShpyTypeError:
     return ShpyTypeError(f"{name} of no elements has no result", loc=here(), cure=cure)
 
@@ -236,7 +228,7 @@ def _finished(program: Program, found: Stream, *others: Any) -> Stream:
 def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
     shape = _left(stream, axis) + ((made.size,) if made.size > 1 else ())
     array = np.full(shape, value, dtypes_at(stream.precision)[made.base])
-    return array[()] if axis is None else Stream(array, made, stream.backend, stream.device, stream.precision)
+    return array[()] if axis is None else Stream(array, made, *stream.place)
 
 
 def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:

@@ -64,7 +64,7 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
     if stream.size < 2:
         if not exclusive or not stream.size:
             return stream.copy()
-        return Stream.empty(stream.shape, stream.type, stream.backend, stream.device, stream.precision)
+        return Stream.empty(stream.shape, stream.type, *stream.place)
     own = own_tree(stream.place, program, element, element, None)
     if own is not None:
         found = _by(own, flat, exclusive)

@@ -17,7 +17,7 @@ from shpy.backends.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.chunk_places import scatter_chunks
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
-from shpy.collectives.programs import annotated
+from shpy.collectives.programs import annotated, store
 from shpy.collectives.scanning import scan
 from shpy.collectives.trees import check_combination, retyped
 from shpy.errors import ShpyTypeError
@@ -27,7 +27,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import cond
-from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves, leaves_of
+from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.elements import given_shape
@@ -96,7 +96,7 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
     if out is None:
         if shape is None:
             raise ShpyTypeError("scatter needs a shape", loc=here(), cure="sh.scatter(values, index, shape), or out=")
-        return Stream.empty(given_shape(shape), values.type, values.backend, values.device, values.precision)
+        return Stream.empty(given_shape(shape), values.type, *values.place)
     check_place(check_stream(out, "out"), values.place, "out")
     if out.type is not values.type or (shape is not None and given_shape(shape) != out.shape):
         wanted = out.shape if shape is None else given_shape(shape)
@@ -160,17 +160,12 @@ def _folding(combine: Program, element: Any) -> Program:
         SH_DISCARD(first >= number)
         begin = end - number + first
         with SH_IF(first == 0):
-            _store(before, [table[begin] for table in given.values()])
+            store(before, build_values(layout, (table[begin] for table in given.values())))
             begin += 1
         with SH_FOR(0, _AT_ONCE) as k:
             SH_BREAK(begin + k >= end)
             value = build_values(layout, (table[begin + k] for table in given.values()))
-            _store(before, leaves_of(combine(before, value)))
+            store(before, combine(before, value))
         return before
 
     return annotated(fold, **inputs, **given, out=element)
-
-
-def _store(value: Any, parts: list[Any]) -> None:
-    for old, new in zip(leaves_of(value), parts, strict=True):
-        old[:] = new

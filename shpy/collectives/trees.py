@@ -110,7 +110,7 @@ def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None =
     axis = len(stream.shape) // 2
     before, after = stream.shape[:axis], stream.shape[axis + 1 :]
     if not stream.size:
-        return Stream.empty((*before, 1, *after), made, stream.backend, stream.device, stream.precision)
+        return Stream.empty((*before, 1, *after), made, *stream.place)
     if stream.shape[axis] == 1 and lift is None:
         return stream
     if stream.place.space.on_host:

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 
 from shpy.ir.ops import OPS, Op, Tolerance
 
-__all__ = ["table_of_functions", "table_of_operations"]
-
 
 def table_of_operations() -> str:
     """Return one row an operation, in the order of the table."""

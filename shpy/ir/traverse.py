@@ -12,9 +12,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 
-from shpy.ir.nodes import Break, Call, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store, Value, Variable
+from shpy.ir.nodes import (
+    Break,
+    Call,
+    Continue,
+    Function,
+    If,
+    Let,
+    Loc,
+    Loop,
+    Module,
+    Region,
+    Stmt,
+    Store,
+    Value,
+    Variable,
+)
 from shpy.ir.ops import LANE_OPS
-from shpy.ir.types import Base
+from shpy.ir.types import Base, Type
 
 _LEAVES = (Let, Store)
 """The statements without regions that are most frequent."""
@@ -186,3 +201,59 @@ def bases_of(module: Module) -> set[Base]:
     for function in module.functions:
         held += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
     return {type.base for type in held}
+
+
+class Copy:
+    """Copies statements; `values` maps ids of values to those of the copies, `slots` does so for variables.
+
+    `fresh` makes values, `functions` are those that the statements call. Names of copies begin with `prefix`.
+    """
+
+    def __init__(
+        self,
+        fresh: Callable[[Type, str | None, Loc | None], Value],
+        functions: Mapping[str, Function],
+        prefix: str = "",
+    ) -> None:
+        self.fresh = fresh
+        self.functions = functions
+        self.prefix = prefix
+        self.values: dict[int, int] = {}
+        self.slots: dict[int, int] = {}
+
+    def renamed(self, name: str | None) -> str | None:
+        """Return the name of a copy; copies of what has no name have none."""
+        return name and self.prefix + name
+
+    def region(self, region: Region) -> Region:
+        """Return the region's copy."""
+        return tuple([self._statement(s) for s in region])
+
+    def _statement(self, s: Stmt) -> Stmt:
+        match s:
+            case Let(value, op, args, attr):
+                made = self.fresh(value.type, self.renamed(value.name), value.loc)
+                new_args = tuple([self.values[a] for a in args])
+                self.values[value.id] = made.id
+                return Let(made, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
+            case Store(variable, value, components, index, loc):
+                at = None if index is None else self.values[index]
+                return Store(self.slots[variable], self.values[value], components, at, loc)
+            case If(condition, then, orelse, loc):
+                return If(self.values[condition], self.region(then), self.region(orelse), loc)
+            case Loop(body, continuing, until, turns, loc):
+                body, continuing = self.region(body), self.region(continuing)
+                return Loop(body, continuing, None if until is None else self.values[until], turns, loc)
+            case Call():
+                return self._call(s)
+        return s
+
+    def _call(self, call: Call) -> Call:
+        ports = self.functions[call.function].inputs
+        args = tuple(
+            (self.values if isinstance(port, Value) else self.slots)[a]
+            for port, a in zip(ports, call.args, strict=True)
+        )
+        made = tuple(self.fresh(r.type, self.renamed(r.name), r.loc) for r in call.results)
+        self.values.update({r.id: new.id for r, new in zip(call.results, made, strict=True)})
+        return Call(call.function, args, made, call.loc)

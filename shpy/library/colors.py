@@ -16,20 +16,6 @@ from shpy.lang.values.builtins import abs, clamp, cond, dot, max, min, pow, sign
 from shpy.lang.values.value import CLASSES, Value
 from shpy.library.operands import vector
 
-__all__ = [
-    "hsl_from_rgb",
-    "hsv_from_rgb",
-    "lab_from_xyz",
-    "linear_from_srgb",
-    "linear_from_xyz",
-    "luminance",
-    "rgb_from_hsl",
-    "rgb_from_hsv",
-    "srgb_from_linear",
-    "xyz_from_lab",
-    "xyz_from_linear",
-]
-
 _XYZ: Final = (
     (0.4123907992659593, 0.357584339383878, 0.1804807884018343),
     (0.2126390058715102, 0.715168678767756, 0.0721923153607337),

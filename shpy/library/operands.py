@@ -16,8 +16,6 @@ from shpy.lang.recording.location import here
 from shpy.lang.values import arithmetic
 from shpy.lang.values.value import CLASSES, Value
 
-__all__ = ["float_base", "vector"]
-
 
 def float_base(operands: Sequence[Any], what: str) -> Base:
     """Return the base in which operands meet; ints widen to f."""

@@ -23,8 +23,6 @@ from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f
 from shpy.lang.values.value import CLASSES
 from shpy.library.operands import vector
 
-__all__ = ["cellnoise", "fbm", "turbulence", "worley"]
-
 _POINTS: Final = {1: Attrib1f, 2: Attrib2f, 3: Attrib3f}
 _SHIFT: Final = 0.37
 """Moves the octaves apart: all of them are zero at the origin otherwise."""

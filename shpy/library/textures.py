@@ -27,8 +27,6 @@ from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f, Attri
 from shpy.lang.values.value import CLASSES
 from shpy.library.operands import vector
 
-__all__ = ["Mipmap", "Texture3D", "TextureCube", "cubemap"]
-
 
 class Texture3D(Texture):
     """`Texture3D(array, filter="linear", wrap="clamp")`: numbers in space (d, h, w[, c]), read by `texture(uvw)`.

@@ -16,8 +16,6 @@ from shpy.lang.values.types import Attrib1f, Attrib3f
 from shpy.library.mathematics import outer
 from shpy.library.operands import vector
 
-__all__ = ["look_at", "perspective", "rotate", "scale", "translate"]
-
 
 def translate(offset: Any) -> Any:
     """Return the map that moves points by `offset`: a Matrix3f for two components, a Matrix4f for three."""

@@ -25,7 +25,7 @@ from functools import reduce
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Return, Stmt, Store, Value, Variable
 from shpy.ir.ops import COMPOSITES, OPS
-from shpy.ir.traverse import rewrite, walk
+from shpy.ir.traverse import Copy, rewrite, walk
 
 COMPONENTS = "xyzw"
 SCALED = frozenset({"length", "distance", "normalize"})
@@ -95,16 +95,9 @@ def _with_scalar_ports(function: Function) -> Function:
 
 def _fresh(b: Builder, statements: Sequence[Stmt]) -> tuple[Stmt, ...]:
     """Return a copy of Lets and Stores with new values."""
-    same: dict[int, int] = {}
-    made: list[Stmt] = []
-    for s in statements:
-        if isinstance(s, Let):
-            value = b.value(s.value.type, s.value.name, s.value.loc)
-            made.append(replace(s, value=value, args=tuple(same[a] for a in s.args)))
-            same[s.value.id] = value.id
-        elif isinstance(s, Store):
-            made.append(replace(s, value=same[s.value]))
-    return tuple(made)
+    copy = Copy(b.value, {})
+    copy.slots = {v.id: v.id for v in (*b.variables, *b.outputs)}
+    return copy.region(tuple(statements))
 
 
 def _named(name: str | None, size: int, component: int) -> str | None:

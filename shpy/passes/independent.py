@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Let, Module, Stmt, Store
-from shpy.ir.traverse import rewrite, walk
+from shpy.ir.traverse import Copy, rewrite, walk
 
 
 def inline_independent(module: Module) -> Module:
@@ -57,14 +57,10 @@ def _inlined(function: Function, found: dict[str, tuple[Let, ...]]) -> Function:
     def change(s: Stmt) -> Stmt | tuple[Stmt, ...]:
         if not (isinstance(s, Let) and s.op == "call" and s.attr in found):
             return s
-        fresh: dict[int, int] = {}
-        made: list[Stmt] = []
+        copy = Copy(lambda type, name, _: b.value(type, name, s.value.loc), {})
         *before, last = found[str(s.attr)]
-        for let in before:
-            value = b.value(let.value.type, let.value.name, s.value.loc)
-            fresh[let.value.id] = value.id
-            made.append(replace(let, value=value, args=tuple(fresh[a] for a in let.args)))
-        return (*made, replace(last, value=s.value, args=tuple(fresh[a] for a in last.args)))
+        made = copy.region(tuple(before))
+        return (*made, replace(last, value=s.value, args=tuple(copy.values[a] for a in last.args)))
 
     body = rewrite(function.body, change)
     return function if body is function.body else replace(function, body=body)

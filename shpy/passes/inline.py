@@ -13,7 +13,7 @@ they are set to zero first, as at each start of a function.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from shpy.errors import CompileError
@@ -34,11 +34,10 @@ from shpy.ir.nodes import (
     Region,
     Return,
     Stmt,
-    Store,
     Value,
     Variable,
 )
-from shpy.ir.traverse import regions_of, walk
+from shpy.ir.traverse import Copy, regions_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.returns import returns_outside_loops
@@ -115,7 +114,7 @@ class _Inliner:
 
     def _inline(self, call: Call, in_loop: bool) -> None:
         callee = returns_outside_loops(self.inlined[call.function])
-        copy = Copy(self.b, self.inlined)
+        copy = Copy(self.b.value, self.inlined)
         for port, argument in zip(callee.inputs, call.args, strict=True):
             (copy.values if isinstance(port, Value) else copy.slots)[port.id] = argument
         for slot in (*callee.outputs, *callee.variables):
@@ -144,57 +143,6 @@ class _Inliner:
             b.store(slot, zero, index=at)
             b.store(k, b.let("add", at, b.const(index, [1])))
             loop.until(b.let("ge", b.load(k), b.const(index, [slot.length])))
-
-
-class Copy:
-    """Copies statements; `values` maps ids of values to those of the copies, `slots` does so for variables.
-
-    `functions` are those that the statements call. Names of copies begin with `prefix`.
-    """
-
-    def __init__(self, b: Builder, functions: Mapping[str, Function], prefix: str = "") -> None:
-        self.b = b
-        self.functions = functions
-        self.prefix = prefix
-        self.values: dict[int, int] = {}
-        self.slots: dict[int, int] = {}
-
-    def renamed(self, name: str | None) -> str | None:
-        """Return the name of a copy; copies of what has no name have none."""
-        return name and self.prefix + name
-
-    def region(self, region: Region) -> Region:
-        """Return the region's copy."""
-        return tuple([self._statement(s) for s in region])
-
-    def _statement(self, s: Stmt) -> Stmt:
-        match s:
-            case Let(value, op, args, attr):
-                made = self.b.value(value.type, self.renamed(value.name), value.loc)
-                new_args = tuple([self.values[a] for a in args])
-                self.values[value.id] = made.id
-                return Let(made, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
-            case Store(variable, value, components, index, loc):
-                at = None if index is None else self.values[index]
-                return Store(self.slots[variable], self.values[value], components, at, loc)
-            case If(condition, then, orelse, loc):
-                return If(self.values[condition], self.region(then), self.region(orelse), loc)
-            case Loop(body, continuing, until, turns, loc):
-                body, continuing = self.region(body), self.region(continuing)
-                return Loop(body, continuing, None if until is None else self.values[until], turns, loc)
-            case Call():
-                return self._call(s)
-        return s
-
-    def _call(self, call: Call) -> Call:
-        ports = self.functions[call.function].inputs
-        args = tuple(
-            (self.values if isinstance(port, Value) else self.slots)[a]
-            for port, a in zip(ports, call.args, strict=True)
-        )
-        made = tuple(self.b.value(r.type, self.renamed(r.name), r.loc) for r in call.results)
-        self.values.update({r.id: new.id for r, new in zip(call.results, made, strict=True)})
-        return Call(call.function, args, made, call.loc)
 
 
 def _returns(region: Region) -> bool:

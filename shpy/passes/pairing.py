@@ -25,9 +25,9 @@ from typing import Final
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Break, Call, Discard, Function, If, Loop, Region, Return, Value, Variable
-from shpy.ir.traverse import continues, walk
+from shpy.ir.traverse import Copy, continues, walk
 from shpy.ir.types import Base, vec
-from shpy.passes.inline import Copy, without_returns
+from shpy.passes.inline import without_returns
 from shpy.passes.rewriter import falls_through
 
 OTHER: Final = "other_"
@@ -46,10 +46,10 @@ def pair(function: Function) -> Function | None:
     if parts is None:
         return None
     b = Builder(function.name, loc=function.loc)
-    one, other = Copy(b, {}), Copy(b, {}, OTHER)
-    _add_inputs(one, function)
+    one, other = Copy(b.value, {}), Copy(b.value, {}, OTHER)
+    _add_inputs(b, one, function)
     there = b.input(_BOOL, "there")
-    _add_inputs(other, function)
+    _add_inputs(b, other, function)
     for copy in (one, other):
         for o in function.outputs:
             copy.slots[o.id] = b.output(o.type, copy.renamed(o.name), o.loc).id
@@ -70,10 +70,10 @@ def pair(function: Function) -> Function | None:
     return b.finish()
 
 
-def _add_inputs(copy: Copy, function: Function) -> None:
+def _add_inputs(b: Builder, copy: Copy, function: Function) -> None:
     for i in function.inputs:
         assert isinstance(i, Value)  # a function that lanes run alone takes no arrays
-        copy.values[i.id] = copy.b.input(i.type, copy.renamed(i.name), i.loc).id
+        copy.values[i.id] = b.input(i.type, copy.renamed(i.name), i.loc).id
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from shpy.backends.registry import backend
 from shpy.ir.collector import uncollected
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded, record_body
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.recorder import need_frame, recording
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent, record_expression
@@ -57,7 +56,7 @@ def _recorded(uniform: Dependent) -> Recorded:
 
     def body(given: Any) -> Any:
         frame = need_frame("a uniform")
-        return arithmetic.made(cls.kind, cls.type, FrameEmitter(frame), record_expression(frame, uniform.root))
+        return arithmetic.made(cls.kind, cls.type, frame, record_expression(frame, uniform.root))
 
     with uncollected(), recording(uniform.name or "uniform", value._loc) as made:
         return record_body(made, {}, Leaf(cls), body)

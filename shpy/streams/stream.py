@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """A device of a backend, and the working precision of the floats that lie there."""
 
     backend: str
@@ -465,7 +464,7 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
 
 def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
     """Return a stream that was pickled in another process, on the device of this process with the same index."""
-    made = Stream.fresh(shape, type_of(layout), _place(place.backend, place.device, place.precision))
+    made = Stream.fresh(shape, type_of(layout), _place(*place))
     for memory, array in zip(made._memories, arrays, strict=True):
         memory.write(array)
     return made

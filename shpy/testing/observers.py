@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -111,30 +111,6 @@ class Setting:
         return tuple(int(i) for i in np.unravel_index(n, self.element_shape)) if self.element_shape else ()
 
 
-class Observer(Protocol):
-    """One side of a comparison, for one element."""
-
-    @property
-    def flushes(self) -> bool:
-        """Return whether the device says that it turns denormals into zeros."""
-
-    @property
-    def count(self) -> int:
-        """Count the events of the element."""
-
-    def trail(self, event: int) -> int:
-        """Return the hash of every event up to this one."""
-
-    def site(self, event: int) -> int:
-        """Return the number of the statement that the event is; 0 if the element had ended."""
-
-    def look(self, sites: frozenset[int]) -> Observer:
-        """Return an observer that sees these sites in full."""
-
-    def seen(self, event: int) -> Seen:
-        """Return the event in full, if its site is looked at."""
-
-
 def observer(setting: Setting, target: str, element: int) -> Observer:
     """Return an observer of this element on this target."""
     return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
@@ -178,9 +154,11 @@ class _Backend:
         return int(self._run(_LAST)["count"])
 
     def trail(self, event: int) -> int:
+        """Return the hash of every event up to this one."""
         return int(self._run(event)["trail"])
 
     def site(self, event: int) -> int:
+        """Return the number of the statement that the event is; 0 if the element had ended."""
         return int(self._run(event)["site"])
 
     def look(self, sites: frozenset[int]) -> _Backend:
@@ -243,6 +221,10 @@ class _Interpreter:
         outputs, _ = self.interpreter.run_element(given, *s.data(), index, s.element_shape, trace=trace)
         added = self.watched.outputs
         return {n: a for (n, _), a in zip(added, outputs[-len(added) :], strict=True)}
+
+
+Observer = _Backend | _Interpreter
+"""One side of a comparison, for one element: each event of it can be asked for, and some sites be looked at in full."""
 
 
 def _runnable(program: Program, watched: Watched) -> Program:

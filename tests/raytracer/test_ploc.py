@@ -6,7 +6,7 @@ from effort import calls
 from test_bvh import cost, random_triangles
 from test_wide import widened
 
-import raytracer.accel.target as target
+import raytracer.accel.bvh as bvh
 from raytracer import Intersector, Mesh, Scene, render
 from raytracer.accel import choice
 from raytracer.accel.bvh import build_bvh
@@ -85,7 +85,7 @@ ON_BACKENDS = {
 @pytest.mark.parametrize("corners", ON_BACKENDS.values(), ids=ON_BACKENDS)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_trees_are_the_same_on_every_backend(backend, corners, monkeypatch):
-    monkeypatch.setattr(target, "MANY", 0)
+    monkeypatch.setattr(bvh, "MANY", 0)
     wanted, found = (build_ploc(corners, backend=name) for name in ("numpy", backend))
     for table in ("low", "high", "links", "items"):
         np.testing.assert_array_equal(getattr(wanted, table), getattr(found, table))

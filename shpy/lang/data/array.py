@@ -15,7 +15,6 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
 from shpy.lang.programs.blocks import Counted
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic
@@ -68,9 +67,9 @@ class Array(Symbolic):
     def _clear(self) -> None:
         """Store zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
         with Counted(0, self._length, 1) as i:
-            index = int(i._read(FrameEmitter(self._frame)))
+            index = int(i._read(self._frame))
             for variable, cls in zip(self._variables, self._classes, strict=True):
-                zero = FrameEmitter(self._frame).const(cls.type, (0,) * cls.size)
+                zero = self._frame.const(cls.type, (0,) * cls.size)
                 self._frame.store(variable, zero, None, index)
 
     def copy(self) -> Array:
@@ -103,17 +102,17 @@ class Array(Symbolic):
                 raise ShpyIndexError(
                     f"element {k} of an Array of {self._length}", loc=here(), cure=f"0 to {self._length - 1}"
                 )
-            return int(FrameEmitter(frame).const(vec(Base.I), (k % self._length,)))
+            return int(frame.const(vec(Base.I), (k % self._length,)))
         if operand.size != 1 or not operand.type.is_int:
             raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
-        return int(arithmetic.index(FrameEmitter(frame), operand))
+        return int(arithmetic.index(frame, operand))
 
     def __getitem__(self, i: Any) -> Any:
         index = self._index(i)
-        emitter = FrameEmitter(self._frame)
+        frame = self._frame
         parts = []
         for variable, cls in zip(self._variables, self._classes, strict=True):
-            part = arithmetic.made(cls.kind, cls.type, emitter, emitter.let("load", (index,), cls.type, variable))
+            part = arithmetic.made(cls.kind, cls.type, frame, frame.let("load", (index,), cls.type, variable))
             object.__setattr__(part, "_part", f"{self._name()}[i]")
             parts.append(part)
         return build_values(self._layout, iter(parts))

@@ -24,7 +24,7 @@ from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import as_base, working
-from shpy.lang.recording.emit import DEFERRED, HOST, FrameEmitter
+from shpy.lang.recording.emit import DEFERRED, HOST
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, need_frame
@@ -309,10 +309,10 @@ class TableArgument(Table):
     @property
     def shape(self) -> tuple[Any, ...]:
         """The number of elements on each axis: an Attrib1i for one axis, else a tuple."""
-        emitter = FrameEmitter(need_frame("a table's shape"))
+        frame = need_frame("a table's shape")
         size = vec(Base.I, self.rank)
-        handle = emitter.let("table_size", (), size, self._declared(emitter.frame))
-        whole = arithmetic.made("Attrib", size, emitter, handle)
+        handle = frame.let("table_size", (), size, self._declared(frame))
+        whole = arithmetic.made("Attrib", size, frame, handle)
         return (whole,) if self.rank == 1 else tuple(whole)
 
     def _extent(self, axis: int) -> int | None:

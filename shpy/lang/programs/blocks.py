@@ -14,7 +14,6 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Break, If, Loc, Loop, Region, Stmt
 from shpy.ir.types import Base, vec
 from shpy.lang.mistakes import bytecode
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import for_name
 from shpy.lang.recording.recorder import Frame, Scope, need_frame
@@ -165,7 +164,6 @@ class Counted(LoopBlock):
         known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
         if known[2] == 0:
             raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
-        emitter = FrameEmitter(self.frame)
         name = for_name(self.loc.file, self.loc.line) if self.loc else None
         self.name = name or "i"
         first, _, by = known
@@ -173,42 +171,43 @@ class Counted(LoopBlock):
             self.turns = len(range(first, known[1], by))
         # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
         simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
-        self.first = arithmetic.read(emitter, bounds[0], _INT)
-        self.last = arithmetic.read(emitter, bounds[1], _INT)
-        self.step = arithmetic.read(emitter, bounds[2], _INT)
+        self.first = arithmetic.read(self.frame, bounds[0], _INT)
+        self.last = arithmetic.read(self.frame, bounds[1], _INT)
+        self.step = arithmetic.read(self.frame, bounds[2], _INT)
         self.down = known[2] is not None and known[2] < 0
-        self.trips = None if simple else self._trips(emitter)
+        self.trips = None if simple else self._trips()
 
-    def _trips(self, emitter: FrameEmitter) -> int:
+    def _trips(self) -> int:
         """Record the number of iterations as a u, where counting by `step` could wrap."""
         raise AssertionError("a range that the language itself counts is known")
 
     def __enter__(self) -> Any:
         frame, loc = self.frame, self.loc
-        emitter = FrameEmitter(frame)
         unsigned = vec(Base.U)
-        kind, begin = (_INT, self.first) if self.trips is None else (unsigned, emitter.const(unsigned, (0,)))
+        kind, begin = (_INT, self.first) if self.trips is None else (unsigned, frame.const(unsigned, (0,)))
         counter = frame.variable(kind, name=self.name, loc=loc)
         frame.store(counter, begin)
         self.open()
-        now = emitter.let("load", (), kind, counter)
+        now = frame.let("load", (), kind, counter)
         compare = "lt" if self.trips is not None else "gt" if self.down else "lt"
-        more = emitter.let(compare, (now, self.last if self.trips is None else self.trips), _BOOL)
+        more = frame.let(compare, (now, self.last if self.trips is None else self.trips), _BOOL)
         leave(frame, negated(frame, more), Break(loc), loc)
-        index = emitter.let("load", (), kind, counter)
+        index = frame.let("load", (), kind, counter)
         if self.trips is not None:
-            signed = emitter.let("convert", (index,), _INT)
-            index = emitter.let("add", (self.first, emitter.let("mul", (signed, self.step), _INT)), _INT)
-        i = arithmetic.made("Attrib", _INT, emitter, index)
+            signed = frame.let("convert", (index,), _INT)
+            index = frame.let("add", (self.first, frame.let("mul", (signed, self.step), _INT)), _INT)
+        i = arithmetic.made("Attrib", _INT, frame, index)
         frame.names[i._variable] = self.name
-        self._advance(emitter, counter, kind)
+        self._advance(counter, kind)
         return i
 
-    def _advance(self, emitter: FrameEmitter, counter: int, kind: Any) -> None:
+    def _advance(self, counter: int, kind: Any) -> None:
+        frame = self.frame
+
         def record() -> int:
-            now = emitter.let("load", (), kind, counter)
-            by = self.step if self.trips is None else emitter.const(kind, (1,))
-            self.frame.store(counter, emitter.let("add", (now, by), kind))
+            now = frame.let("load", (), kind, counter)
+            by = self.step if self.trips is None else frame.const(kind, (1,))
+            frame.store(counter, frame.let("add", (now, by), kind))
             return -1
 
         self.at_test(record)

@@ -20,7 +20,6 @@ from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.library import trip_count
 from shpy.lang.programs.blocks import Block, Counted, LoopBlock, leave, negated
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, Scope, need_frame
 from shpy.lang.values import arithmetic
@@ -260,10 +259,10 @@ class SH_FOR(Counted):
         first, last = (0, start) if stop is None else (start, stop)
         super().__init__(first, last, step)
 
-    def _trips(self, emitter: FrameEmitter) -> int:
+    def _trips(self) -> int:
         """Record ceil((last - first) / step), 0 if that is not positive."""
-        bounds = (arithmetic.made("Attrib", vec(Base.I), emitter, h) for h in (self.first, self.last, self.step))
-        return int(trip_count(*bounds)._read(emitter))
+        bounds = (arithmetic.made("Attrib", vec(Base.I), self.frame, h) for h in (self.first, self.last, self.step))
+        return int(trip_count(*bounds)._read(self.frame))
 
 
 def _exit(what: str, exit: Stmt, c: Any) -> None:

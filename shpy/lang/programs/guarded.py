@@ -9,14 +9,12 @@ Stage: record, from recordings to a recording.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from shpy.ir.types import Base
 from shpy.lang.programs.control import SH_DISCARD
 from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.record import InputType, Recorded, record_body
-from shpy.lang.recording.recorder import current_frame, recording
+from shpy.lang.programs.record import InputType, Recorded, rerecorded
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 
@@ -33,15 +31,12 @@ def guarded(recorded: Recorded, condition: Recorded | None, mask: str) -> Record
     types = {**recorded.inputs, **{name: type_ for name, type_ in added.items() if name not in recorded.inputs}}
 
     def body(given: Mapping[str, Any]) -> Any:
-        frame = current_frame()
-        assert frame is not None
         if condition is None:
             holds = given[mask]
         else:
-            holds = call_recorded(frame, condition, {name: given[name] for name in condition.inputs}, {})
+            holds = call_recorded(condition, {name: given[name] for name in condition.inputs})
         SH_DISCARD(~holds)
-        return call_recorded(frame, recorded, {name: given[name] for name in recorded.inputs}, {})
+        return call_recorded(recorded, {name: given[name] for name in recorded.inputs})
 
-    with recording(recorded.module.name, recorded.module.entry.loc) as made:
-        result = record_body(made, types, recorded.output, body)
-    return replace(result, defaults={**(condition.defaults if condition is not None else {}), **recorded.defaults})
+    defaults = {**(condition.defaults if condition is not None else {}), **recorded.defaults}
+    return rerecorded(recorded.module.name, recorded, types, recorded.output, body, defaults)

@@ -8,38 +8,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value, Variable
-from shpy.ir.traverse import defined, is_straight, rewrite, walk
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Value
+from shpy.ir.traverse import Copy, defined, is_straight, regions_of, rewrite, walk
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import Recorded
-from shpy.lang.recording.emit import FrameEmitter, Node, replay
+from shpy.lang.recording.emit import Node, replay
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import Frame, Recording
+from shpy.lang.recording.recorder import Frame, Recording, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.snapshot import Same
-from shpy.lang.values.structure import build_values, flatten, leaves
+from shpy.lang.values.structure import built, flatten, leaves
 
 Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
 
 
-def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], constants: Constants) -> Any:
+def call_recorded(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
     """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms."""
-    names = _Names(frame.recording, recorded, given, constants)
+    frame = need_frame("a call of a program")
+    names = _Names(frame.recording, recorded, given, constants or {})
     functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
     for function in functions.values():
         if all(function is not known for known in frame.recording.functions):
             frame.recording.functions.append(function)
     entry = names.body(recorded.module.entry)
-    emitter = FrameEmitter(frame)
     args: list[int] = []
     for name, type_ in recorded.inputs.items():
         if isinstance(type_, TableType | TextureType):
@@ -48,9 +48,7 @@ def call_recorded(frame: Frame, recorded: Recorded, given: Mapping[str, Any], co
         for entry_value, (leaf, _, cls) in zip(entries, leaves(type_, name), strict=True):
             args.append(arithmetic.convert(frame, entry_value, cls.type, f"the input {leaf}"))
     results = _splice(frame, entry, args) if _can_splice(frame, entry) else _call(frame, entry, args)
-    classes = [cls for _, _, cls in leaves(recorded.output, "")]
-    wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
-    return build_values(recorded.output, iter(wrapped))
+    return built(frame, recorded.output, results)
 
 
 @dataclass
@@ -162,12 +160,7 @@ def _depths(region: Region) -> tuple[int, int]:
     depth = loops = 0
     for statement in region:
         if isinstance(statement, If | Loop):
-            inner = (
-                (statement.then + statement.orelse)
-                if isinstance(statement, If)
-                else (statement.body + statement.continuing)
-            )
-            d, n = _depths(inner)
+            d, n = _depths(tuple(chain(*regions_of(statement))))
             depth, loops = max(depth, d + 1), max(loops, n + isinstance(statement, Loop))
     return depth, loops
 
@@ -176,59 +169,21 @@ def _call(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     """Call the entry as a function of the caller's module."""
     name = frame.recording.function_name(entry.name)
     pure = is_straight(entry.body) and len(entry.outputs) == 1
-    frame.recording.functions.append(replace(entry, name=name, pure=pure))
-    if pure:
-        return [frame.let("call", tuple(args), entry.outputs[0].type, name)]
-    results = tuple(frame.new_value(o.type, o.name, here()) for o in entry.outputs)
-    frame.append(Call(name, tuple(args), results, here()))
-    return [v.id for v in results]
+    function = replace(entry, name=name, pure=pure)
+    frame.recording.functions.append(function)
+    return frame.call(function, tuple(args), names=True)
 
 
 def _splice(frame: Frame, entry: Function, args: list[int]) -> list[int]:
     """Put the entry's statements into the open region, with fresh ids; return the values of its outputs."""
-    emitter = FrameEmitter(frame)
-    slots: dict[int, int] = {}
+    copy = Copy(frame.new_value, {f.name: f for f in frame.recording.functions})
     for v in (*entry.variables, *entry.outputs):
-        slots[v.id] = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
-        frame.names[slots[v.id]] = v.name
+        copy.slots[v.id] = slot = frame.variable(v.type, v.length, name=v.name or "", loc=v.loc)
+        frame.names[slot] = v.name
         if frame.scope.loops and v.length is None:
             # A slot is zero when its function starts, so in a loop it is set to zero in each iteration.
-            frame.store(slots[v.id], emitter.const(v.type, (0,) * v.type.size))
-    values: dict[int, int] = {}
-    for port, arg in zip(entry.inputs, args, strict=True):
-        values[port.id] = arg
-
-    def fresh(value: Value) -> Value:
-        made = frame.new_value(value.type, value.name, value.loc)
-        values[value.id] = made.id
-        return made
-
-    callees = {f.name: f for f in frame.recording.functions}
-    for statement in entry.body:
-        frame.append(_renamed(statement, slots, values, fresh, callees))
-    return [emitter.let("load", (), output.type, slots[output.id]) for output in entry.outputs]
-
-
-def _renamed(
-    statement: Stmt, slots: dict[int, int], values: dict[int, int], fresh: Any, callees: dict[str, Function]
-) -> Stmt:
-    def region(statements: Region) -> Region:
-        return tuple(_renamed(s, slots, values, fresh, callees) for s in statements)
-
-    match statement:
-        case Let(value, op, args, attr):
-            renamed = tuple(values[a] for a in args)
-            return Let(fresh(value), op, renamed, slots[attr] if op == "load" else attr)  # type: ignore[index]
-        case Store(variable, value_id, components, index, loc):
-            at = None if index is None else values[index]
-            return Store(slots[variable], values[value_id], components, at, loc)
-        case Call(name, args, results, loc):
-            ports = callees[name].inputs
-            passed = (slots[a] if isinstance(p, Variable) else values[a] for a, p in zip(args, ports, strict=True))
-            return Call(name, tuple(passed), tuple(fresh(r) for r in results), loc)
-        case If(condition, then, orelse, loc):
-            return If(values[condition], region(then), region(orelse), loc)
-        case Loop(body, continuing, until, turns, loc):
-            new_body, new_continuing = region(body), region(continuing)
-            return Loop(new_body, new_continuing, None if until is None else values[until], turns, loc)
-    return statement
+            frame.store(slot, frame.const(v.type, (0,) * v.type.size))
+    copy.values.update({port.id: arg for port, arg in zip(entry.inputs, args, strict=True)})
+    for statement in copy.region(entry.body):
+        frame.append(statement)
+    return [frame.let("load", (), output.type, copy.slots[output.id]) for output in entry.outputs]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
@@ -186,8 +186,21 @@ def record_body(
         (*made.functions, entry),
     )
     verify(module)
-    params = {n: p for n, p in made.params.items()}
-    return Recorded(module, dict(types), returns.layout, params, dict(made.tables))
+    return Recorded(module, dict(types), returns.layout, dict(made.params), dict(made.tables))
+
+
+def rerecorded(
+    name: str,
+    like: Recorded,
+    types: dict[str, InputType],
+    layout: Layout | None,
+    body: Callable[[dict[str, Any]], Any],
+    defaults: Mapping[str, Any],
+) -> Recorded:
+    """Record `body`, which calls `like`, at the line of that; keep the defaults of the inputs that are left."""
+    with recording(name, like.module.entry.loc) as made:
+        recorded = record_body(made, types, layout, body)
+    return replace(recorded, defaults={n: d for n, d in defaults.items() if n in types})
 
 
 def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:

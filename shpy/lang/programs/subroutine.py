@@ -22,7 +22,6 @@ from shpy.ir.nodes import Call, Function, Loc, Store, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, walk
 from shpy.lang.data.array import Array
 from shpy.lang.programs.returns import Returns
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import at, here, in_library, is_library
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
@@ -31,7 +30,7 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.snapshot import snapshot
-from shpy.lang.values.structure import Layout, Leaf, build_values, flatten, is_value, layout_from, layout_of, leaves
+from shpy.lang.values.structure import Layout, build_values, built, is_value, layout_from, layout_of, leaves, leaves_of
 from shpy.lang.values.value import Value
 
 
@@ -108,7 +107,7 @@ class Subroutine:
         if value.type is hint.type:
             return _of_kind(hint, value)
         handle = arithmetic.convert(frame, value, hint.type, f"{name} of {self.name}")
-        return arithmetic.made(hint.kind, hint.type, FrameEmitter(frame), handle)
+        return arithmetic.made(hint.kind, hint.type, frame, handle)
 
     @staticmethod
     def _is_converted(value: Any, given: Any) -> bool:
@@ -186,15 +185,6 @@ def _of_kind(cls: type[Value], value: Value) -> Value:
     return other
 
 
-def _slots(value: Any) -> list[int]:
-    """Return the slots of an argument's leaves, in order; none for host objects."""
-    if isinstance(value, Array):
-        return list(value._variables)
-    if not is_value(value):
-        return []
-    return [leaf._variable for leaf in flatten(layout_from(value, ""), value, "")]
-
-
 class Recorded:
     """A subroutine recorded for one program: its function, and how each argument is passed."""
 
@@ -213,7 +203,7 @@ class Recorded:
                 raise RecordError(
                     f"{frame.name} is run by each element alone and takes no arrays", loc=here(), cure=cure
                 )
-            for slot in _slots(value):
+            for slot in map(_slot, _leaves(value)):
                 variable = frame.named(frame.variables[slot])
                 reference = slot in written or variable.length is not None
                 self.by_reference.append(reference)
@@ -234,24 +224,10 @@ class Recorded:
 
     def call(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> Any:
         """Record a call from `frame`; return the function's result. Arguments in `converted` cannot be stored into."""
-        args = self._arguments(frame, given, converted)
-        loc = here()
-        outputs = self.function.outputs
-        if self.function.pure:
-            results = [frame.let("call", tuple(args), outputs[0].type, self.function.name)]
-        else:
-            made = tuple(frame.new_value(o.type, None, loc) for o in outputs)
-            frame.append(Call(self.function.name, tuple(args), made, loc))
-            results = [v.id for v in made]
-        if self.layout is None:
-            return None
-        emitter = FrameEmitter(frame)
-        classes = [cls for _, _, cls in leaves(self.layout, "")]
-        wrapped = [arithmetic.made(c.kind, c.type, emitter, r) for c, r in zip(classes, results, strict=True)]
-        return wrapped[0] if isinstance(self.layout, Leaf) else build_values(self.layout, iter(wrapped))
+        results = frame.call(self.function, tuple(self._arguments(frame, given, converted)))
+        return None if self.layout is None else built(frame, self.layout, results)
 
     def _arguments(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> list[int]:
-        emitter = FrameEmitter(frame)
         passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
         for (name, leaf), stored in zip(passed, self.stored, strict=True):
             if stored and name in converted:
@@ -262,7 +238,7 @@ class Recorded:
                     cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
                 )
         args = [
-            self._reference(frame, leaf, name, given[name]) if reference else int(leaf._read(emitter))
+            self._reference(frame, leaf, name, given[name]) if reference else int(leaf._read(frame))
             for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
         ]
         self._check_apart(passed)
@@ -273,7 +249,7 @@ class Recorded:
 
         A parameter that is only read is passed by value, so it would not see what is stored through the other one.
         """
-        slots = [leaf if isinstance(leaf, int) else leaf._variable for _, leaf in passed]
+        slots = [_slot(leaf) for _, leaf in passed]
         shared = ((k, j) for k, slot in enumerate(slots) for j in range(k) if slots[j] == slot)
         for k, j in shared:
             if not (self.by_reference[k] or self.by_reference[j]):
@@ -321,9 +297,14 @@ def _is_temporary(given: Any, leaf: Value) -> bool:
 
 
 def _leaves(value: Any) -> list[Any]:
+    """Return the leaves of an argument: values, or the slots of an array; none for host objects."""
     if isinstance(value, Array):
         return list(value._variables)
-    return flatten(layout_from(value, ""), value, "") if is_value(value) else []
+    return leaves_of(value) if is_value(value) else []
+
+
+def _slot(leaf: Any) -> int:
+    return int(leaf if isinstance(leaf, int) else leaf._variable)
 
 
 def _written(frame: Frame) -> set[int]:

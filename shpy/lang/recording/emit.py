@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,19 +21,6 @@ from shpy.ir.types import Type
 from shpy.lang.recording.recorder import Frame
 
 Handle = Any
-
-
-class Emitter(Protocol):
-    """Emits operations and returns handles of their results."""
-
-    def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """Apply a row of the op table to typed handles."""
-
-    def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
-        """Apply a structural operation of a given type."""
-
-    def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """Return the handle of a constant."""
 
 
 class HostEmitter:
@@ -66,26 +53,6 @@ class HostEmitter:
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
         """Return the constant as an array."""
         return to_array(type, attr)
-
-
-class FrameEmitter:
-    """Records into the function that is open."""
-
-    def __init__(self, frame: Frame) -> None:
-        self.frame = frame
-
-    def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """Record a Let."""
-        type = result_type(name, tuple(t for _, t in args))
-        return self.frame.let(name, tuple(h for h, _ in args), type), type
-
-    def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
-        """Record a Let."""
-        return self.frame.let(op, args, type, attr)
-
-    def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """Record a Let of a constant."""
-        return self.frame.let("const", (), type, attr)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,3 +109,5 @@ def replay(root: Node, let: Callable[[Node, tuple[Handle, ...]], Handle]) -> Han
 
 HOST: Final = HostEmitter()
 DEFERRED: Final = DeferredEmitter()
+Emitter = HostEmitter | DeferredEmitter | Frame
+"""Applies operations of the table (`op`), structural operations (`let`) and constants (`const`) to handles."""

@@ -30,6 +30,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
+from shpy.ir.ops import result_type
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type
 from shpy.lang.recording.location import here, user_frame
@@ -120,6 +121,23 @@ class Frame:
         value = self.new_value(type, None, loc if loc is not None else here())
         self.append(Let(value, op, args, attr))
         return value.id
+
+    def call(self, function: Function, args: tuple[int, ...], names: bool = False) -> list[int]:
+        """Record a call of `function`; return the ids of its results, with the `names` of its outputs if asked for."""
+        if function.pure:
+            return [self.let("call", args, function.outputs[0].type, function.name)]
+        results = tuple(self.new_value(o.type, o.name if names else None, here()) for o in function.outputs)
+        self.append(Call(function.name, args, results, here()))
+        return [v.id for v in results]
+
+    def op(self, name: str, args: tuple[tuple[int, Type], ...]) -> tuple[int, Type]:
+        """Record an operation of the table; return the result's id and type."""
+        type = result_type(name, tuple(t for _, t in args))
+        return self.let(name, tuple(value for value, _ in args), type), type
+
+    def const(self, type: Type, attr: tuple[int, ...]) -> int:
+        """Record a constant; return its id."""
+        return self.let("const", (), type, attr)
 
     def variable(
         self, type: Type, length: int | None = None, *, name: str | None = None, loc: Loc | None = None

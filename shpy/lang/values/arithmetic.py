@@ -16,7 +16,7 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.types import FLOATS, Base, Type, vec
-from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, FrameEmitter, Handle
+from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame, need_frame
 from shpy.lang.values.abstract import CLASSES, AbstractValue
@@ -41,7 +41,7 @@ def emitter_of(*operands: Any) -> Emitter:
     """Return the emitter: the recording under way, else the host, or an expression if an operand is a uniform."""
     frame = current_frame()
     if frame is not None:
-        return FrameEmitter(frame)
+        return frame
     emitter: Emitter = HOST
     for x in operands:
         if isinstance(x, AbstractValue):
@@ -252,7 +252,7 @@ def condition(c: Any, what: str) -> int:
         raise ShpyTypeError(
             f"{what} takes one bool, not {holds.size}", loc=here(), cure=f"{what}(sh.any(c)) or {what}(sh.all(c))"
         )
-    return int(read(FrameEmitter(frame), holds, vec(Base.B)))
+    return int(read(frame, holds, vec(Base.B)))
 
 
 def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
@@ -275,7 +275,7 @@ def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
             loc=here(),
             cure="pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)",
         )
-    return read(FrameEmitter(frame), value, type)
+    return read(frame, value, type)
 
 
 # What constructors do

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Final
 from shpy.errors import ShpyTypeError
 from shpy.ir.ops import COMPOSITES, OPS, Op
 from shpy.ir.types import FLOATS, INTS, Base, vec
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import need_frame
 from shpy.lang.values import arithmetic
@@ -159,8 +158,7 @@ def degrees(radians: Any) -> Any:
 def _lanes(op: str, c: Any) -> Any:
     frame = need_frame(f"sh.{op}")
     value = arithmetic.condition(c, f"sh.{op}")
-    emitter = FrameEmitter(frame)
-    return made("Attrib", vec(Base.B), emitter, emitter.let(op, (value,), vec(Base.B)))
+    return made("Attrib", vec(Base.B), frame, frame.let(op, (value,), vec(Base.B)))
 
 
 def any_lane(c: Any) -> Any:
@@ -178,8 +176,7 @@ def _grid(op: str, n: int) -> Any:
         raise ShpyTypeError(f"sh.{op} takes the rank of the elements' shape, 1 to 4", loc=here(), cure=f"sh.{op}(2)")
     frame = need_frame(f"sh.{op}")
     frame.recording.ranks[n] = here()
-    emitter = FrameEmitter(frame)
-    return made("Attrib", vec(Base.I, n), emitter, emitter.let(op, (), vec(Base.I, n)))
+    return made("Attrib", vec(Base.I, n), frame, frame.let(op, (), vec(Base.I, n)))
 
 
 def grid_index(n: int) -> Any:

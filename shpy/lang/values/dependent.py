@@ -9,27 +9,22 @@ computed before each run from the current values of the Params.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import RecordError
 from shpy.ir.types import Type
-from shpy.lang.recording.emit import DEFERRED, Emitter, FrameEmitter, Handle, Node, nodes_of, replay
+from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, Node, nodes_of, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
 
-
-class Evaluator(Protocol):
-    """Computes a dependent uniform from its sources' current values, at a kernel's precision and in its mode."""
-
-    def __call__(self, uniform: Dependent, precision: str, math: str) -> NDArray[Any]:
-        """Return the value, of shape () or (size,)."""
-
-
+Evaluator = Callable[["Dependent", str, str], NDArray[Any]]
+"""Computes a uniform, () or (size,), from its sources' current values, at a kernel's precision and in its mode."""
 _evaluators: list[Evaluator] = []
 
 
@@ -158,11 +153,10 @@ def name_parts(parts: dict[str, Any]) -> None:
 
 def record_expression(frame: Frame, root: Node) -> int:
     """Record what an expression computes into a program."""
-    emitter = FrameEmitter(frame)
 
     def let(node: Node, args: tuple[int, ...]) -> int:
         if node.op == "param":
-            return int(node.source._read(emitter))
+            return int(node.source._read(frame))
         return frame.let(node.op, args, node.type, node.source._declared(frame) if node.op == "table" else node.attr)
 
     return int(replay(root, let))

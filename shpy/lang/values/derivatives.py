@@ -22,7 +22,6 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Call, Discard, Function, Let, Region, Return, Stmt, Store, Variable
 from shpy.ir.traverse import is_straight, results, rewrite, uses, walk
 from shpy.ir.types import INTS, Base, Type, vec
-from shpy.lang.recording.emit import FrameEmitter
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic
@@ -57,7 +56,7 @@ def _difference(x: Any, what: str, axis: int) -> Any:
     frame = need_frame(what)
     _check_place(frame, what)
     own = _floats(x, what)
-    beside, rank = _Slice(frame, what).of(own._read(FrameEmitter(frame)), own.type)
+    beside, rank = _Slice(frame, what).of(own._read(frame), own.type)
     if rank < axis:
         raise RecordError(
             f"{what} takes rows, and the elements have one axis: no element has a neighbour above or below",
@@ -68,7 +67,8 @@ def _difference(x: Any, what: str, axis: int) -> Any:
     places = list(index) if rank > 1 else [index]
     place = places[-axis]
     places[-axis] = place ^ 1
-    other = _called(frame, beside, CLASSES["Attrib", rank, Base.I](*places), own)
+    (result,) = frame.call(beside, (CLASSES["Attrib", rank, Base.I](*places)._read(frame),))
+    other = arithmetic.made(own.kind, own.type, frame, result)
     return cond((place & 1) == 1, own - other, other - own)
 
 
@@ -96,17 +96,6 @@ def _floats(x: Any, what: str) -> Any:
 
 def _no_neighbour(what: str, cure: str = "a value that is computed from sh.grid_index(2)") -> RecordError:
     return RecordError(f"{what}: no element has a neighbour there", loc=here(), cure=cure)
-
-
-def _called(frame: Frame, function: Function, index: Value, like: Value) -> Any:
-    """Record a call of the slice; return a value of `like`'s type."""
-    emitter = FrameEmitter(frame)
-    args = (index._read(emitter),)
-    if function.pure:
-        return arithmetic.made(like.kind, like.type, emitter, frame.let("call", args, like.type, function.name))
-    result = frame.new_value(like.type, None, here())
-    frame.append(Call(function.name, args, (result,), here()))
-    return arithmetic.made(like.kind, like.type, emitter, result.id)
 
 
 class _Slice:

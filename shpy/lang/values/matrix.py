@@ -69,7 +69,7 @@ class Matrix(Symbolic):
             name_parts({f"[{r}]": row for r, row in enumerate(made)})
 
     def __reduce__(self) -> Any:
-        return _of_rows, (self._plain(), self.rows)
+        return self._plain().of_rows, (self.rows,)
 
     @classmethod
     def _plain(cls) -> type[Matrix]:
@@ -310,10 +310,6 @@ class Matrix4f(Matrix):
 
 
 MATRICES: dict[str, type[Matrix]] = {c.__name__: c for c in (Matrix2f, Matrix3f, Matrix4f)}
-
-
-def _of_rows(cls: type[Matrix], rows: Sequence[Value]) -> Any:
-    return cls.of_rows(rows)
 
 
 def _combine(v: Value, rows: Sequence[Value]) -> Any:

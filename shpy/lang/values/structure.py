@@ -27,7 +27,8 @@ import numpy as np
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import current_frame
+from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
@@ -177,6 +178,13 @@ def build(layout: Layout, values: Iterator[Any], rows: Callable[[Any, list[Any]]
 def build_values(layout: Layout, values: Iterator[Value]) -> Any:
     """Put values together while recording: the values themselves, not copies."""
     return build(layout, values, lambda cls, rows: cls.of_rows(rows))
+
+
+def built(frame: Frame, layout: Layout, results: Sequence[int]) -> Any:
+    """Put values that `frame` has recorded, by their ids, together."""
+    classes = [cls for _, _, cls in leaves(layout, "")]
+    made = [arithmetic.made(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
+    return build_values(layout, iter(made))
 
 
 def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:

@@ -29,9 +29,6 @@ from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logari
 from shpy.passes.rounding import with_exceptions
 from shpy.passes.terms import Term
 
-__all__ = ["EXCEPTIONS", "FUNCTIONS", "rounded"]
-
-
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (exponential.exp, exponential.exp2)},

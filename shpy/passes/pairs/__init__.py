@@ -15,8 +15,6 @@ from shpy.passes.pairs import circular, exponential
 from shpy.passes.rounding import with_exceptions
 from shpy.passes.terms import Term
 
-__all__ = ["EXCEPTIONS", "FUNCTIONS"]
-
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
     "sin": (
         (9830.398, -0.34761325),

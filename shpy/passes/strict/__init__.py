@@ -13,8 +13,6 @@ from typing import Final
 from shpy.passes.strict import circular, exponential, logarithm, root
 from shpy.passes.terms import Term
 
-__all__ = ["FUNCTIONS"]
-
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
     **{f.__name__: f for f in (circular.asin, circular.acos, circular.atan, circular.atan2)},

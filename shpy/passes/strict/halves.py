@@ -13,8 +13,6 @@ from shpy.passes.rounding import to_odd, with_exceptions
 from shpy.passes.strict.parts import two_product, two_sum
 from shpy.passes.terms import Term
 
-__all__ = ["CORRECTED", "EXCEPTIONS", "correction"]
-
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
     "acos": (
         (-4.470348358154297e-06, 1.5712890625),

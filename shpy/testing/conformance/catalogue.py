@@ -9,8 +9,6 @@ from __future__ import annotations
 from shpy.testing.conformance import control, data, edges, operations, zeros
 from shpy.testing.conformance.cases import Case
 
-__all__ = ["all_cases"]
-
 
 def all_cases() -> list[Case]:
     """Return the list: operations, edges, control flow, data."""
