@@ -115,7 +115,7 @@ def _into_folder(folder: Path, frames: int, kept: tuple[int, int] | None, drawn:
 
 
 def _size_of(pillow: Any, path: Path) -> tuple[int, int] | None:
-    """Return the size of a picture, None for a file that is none or not there."""
+    """Return the size of a picture, None if there is no file, or no picture in it."""
     try:
         with pillow.open(path) as picture:
             found: tuple[int, int] = picture.size

@@ -18,7 +18,7 @@ from shpy.ir.nodes import Call, Function, Let, Module, Return, Store
 from shpy.ir.traverse import walk
 
 Need = tuple[str, str]
-"""What a function needs: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
+"""A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
 Needs = frozenset[Need]
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 
 from shpy.ir.types import Base
 from shpy.lang.mistakes.objects import named
-from shpy.lang.values.value import Value
+from shpy.lang.values.abstract import AbstractValue
 from shpy.parsing import parse
 
 _LONGEST = 96
@@ -145,9 +145,9 @@ class _Rewriter(ast.NodeTransformer):
             case ast.Call(func=function):
                 made = named(function, self.frame)
                 return _of_class(made) if isinstance(made, type) else None
-            case ast.Attribute(value=value, attr=picked) if isinstance(held := named(value, self.frame), Value):
+            case ast.Attribute(value=value, attr=picked) if isinstance(held := named(value, self.frame), AbstractValue):
                 return _Form(held.base is Base.B, len(picked))
-            case ast.Subscript(value=value) if isinstance(held := named(value, self.frame), Value):
+            case ast.Subscript(value=value) if isinstance(held := named(value, self.frame), AbstractValue):
                 return _Form(held.base is Base.B, 1)
         held = named(node, self.frame)
         if isinstance(held, bool):
@@ -161,7 +161,7 @@ class _Rewriter(ast.NodeTransformer):
 
 def _of_class(cls: type) -> _Form | None:
     """Return the form of the values of a class of the language."""
-    return _Form(cls.base is Base.B, cls.size) if issubclass(cls, Value) else None
+    return _Form(cls.base is Base.B, cls.size) if issubclass(cls, AbstractValue) else None
 
 
 def _joined(node: ast.Compare) -> ast.expr | None:

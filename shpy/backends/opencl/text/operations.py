@@ -66,10 +66,13 @@ PoCL compiles them to fewer instructions than OpenCL's own functions, whose resu
 compiler derives, as in `floor(NAN - x)`.
 """
 
-UNARY: Final = (
-    "floor ceil trunc rint sqrt rsqrt fabs sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh "
-    "asinh acosh atanh".split()
-)
+UNARY: Final = [
+    *"floor ceil trunc".split(),
+    "rint",
+    *"sqrt rsqrt".split(),
+    "fabs",
+    *"sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh".split(),
+]
 """OpenCL C's functions of one float that give a float."""
 
 NATIVE: Final[Mapping[str, str]] = {
