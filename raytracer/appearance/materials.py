@@ -24,8 +24,6 @@ NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmiss
 """The coefficients that are one number."""
 PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
-LARGEST: Final = float(np.finfo(np.float32).max)
-"""The largest number of a material or a light: kernels compute in binary32."""
 CUTOFF: Final = 0.5
 """The threshold of a `cutout`: below it there is no surface."""
 
@@ -97,20 +95,18 @@ class Material:
             numbers += self.color
         if not all(math.isfinite(x) and x >= 0 for x in numbers):
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
-        if not all(x <= LARGEST for x in numbers):
-            raise SceneError(f"a material's numbers are at most {LARGEST:.3g}, as 32-bit floats are: {self}")
         for name in ("reflectivity", "transmission"):
             share = getattr(self, name)
             if not isinstance(share, Texture) and share > 1:
                 raise SceneError(f"a {name} lies in [0, 1], not {share}")
-        if not (isinstance(self.ior, float | int | np.number) and 0 < self.ior <= LARGEST):
+        if not (isinstance(self.ior, float | int | np.number) and 0 < self.ior < math.inf):
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
         for name, what in (("absorption", "per unit of length"), ("emission", "of linear radiance")):
             triple = getattr(self, name)
             if name == "emission" and isinstance(triple, Texture):
                 continue
             known = np.shape(triple) == (3,) and all(isinstance(x, float | int | np.number) for x in triple)
-            if not known or not all(0 <= x <= LARGEST for x in triple):
+            if not known or not all(0 <= x < math.inf for x in triple):
                 raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
             object.__setattr__(self, name, tuple(map(float, triple)))
         for name in ("surface", "shade"):

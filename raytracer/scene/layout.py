@@ -25,6 +25,7 @@ from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, placed, rounded, to_kernel, triangle_rows
 from raytracer.appearance.materials import Material
+from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
@@ -106,6 +107,7 @@ class Layout:
         object_of = np.repeat(places, sizes).astype(np.int32)
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
+        check_range(scene, materials, dtype)
         forest = Forest(corners, ranges, dtype, accel, backend) if moving else None
         found = cls(
             origin=origin,
@@ -179,10 +181,7 @@ class Layout:
         """
         found = self._rounded(rows)
         if found is None:
-            raise SceneError(
-                f"a colour, a normal or a uv coordinate of the scene is {np.abs(rows).max():.3g}, out of the range of "
-                'binary32: choose smaller numbers, or precision="f64"'
-            )
+            raise _out_of_range("a colour, a normal or a uv coordinate of the scene", np.abs(rows).max())
         return found
 
     def _rounded(self, rows: Rows) -> NDArray[Any] | None:
@@ -214,6 +213,7 @@ class Layout:
         before = self.material_of[[first for first, _ in ranges]]
         if not np.array_equal(index, before) or not all(map(_differ_in_numbers, materials, self.materials)):
             return None
+        check_range(scene, materials, self.dtype)
         lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
         if kinds_of(lights) != kinds_of(self.lights):
             return None
@@ -239,6 +239,29 @@ class Layout:
             for material in self.materials
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def check_range(scene: Scene, materials: Sequence[Material], dtype: np.dtype[Any]) -> None:
+    """Raise SceneError for a number of a material, a light or the background that `dtype` does not hold."""
+    given: list[tuple[str, Any]] = [
+        ("the background", scene.background),
+        *(("a light's color", light.color) for light in scene.lights),
+    ]
+    for material in materials:
+        numbers = (*material.numbers.values(), material.ior, *material.absorption)
+        given += [("a number of a material", numbers), ("a colour of a material", material.tint)]
+        given.append(("the emission of a material", material.emission))
+    for what, held in given:
+        plain = held is not None and not isinstance(held, Texture)
+        largest = float(np.abs(held).max()) if plain else 0.0
+        if largest > float(np.finfo(dtype).max):
+            raise _out_of_range(what, largest)
+
+
+def _out_of_range(what: str, number: float) -> SceneError:
+    return SceneError(
+        f'{what} is {number:.3g}, out of the range of binary32: choose smaller numbers, or precision="f64"'
+    )
 
 
 def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float, dtype: np.dtype[Any]) -> Rows:

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from raytracer.appearance.materials import LARGEST, Triple
+from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 
@@ -28,8 +28,6 @@ Falloff = Literal["none", "square"]
 def _finite(what: str, values: Triple) -> None:
     if len(values) != 3 or not all(math.isfinite(x) for x in values):
         raise SceneError(f"a light's {what} is three finite numbers, not {values!r}")
-    if what == "color" and max(map(abs, values)) > LARGEST:
-        raise SceneError(f"a light's color is at most {LARGEST:.3g}, as 32-bit floats are, not {values!r}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import LARGEST, Material, Triple
+from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.folder import Notices, named
@@ -62,8 +62,6 @@ class Scene:
         object.__setattr__(self, "lights", tuple(self.lights))
         if len(self.background) != 3 or not np.all(np.isfinite(self.background)):
             raise SceneError(f"a background is three finite numbers, not {self.background!r}")
-        if max(map(abs, self.background)) > LARGEST:
-            raise SceneError(f"a background is at most {LARGEST:.3g}, as 32-bit floats are, not {self.background!r}")
         if not 0 <= self.ambient <= 1:
             raise SceneError(f"ambient lies in [0, 1], not {self.ambient}")
         if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:

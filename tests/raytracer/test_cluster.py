@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from patience import HANGING
+from PIL import Image
 from scene_pictures import same
 
 import shpy as sh
@@ -106,10 +107,11 @@ def test_the_commands_write_what_they_write_without_a_cluster(client, tmp_path, 
     made = {path.name: path.read_bytes() for path in (tmp_path / "one").iterdir()}
     assert {path.name: path.read_bytes() for path in (tmp_path / "several").iterdir()} == made
     (tmp_path / "several/0001.png").unlink()
-    (tmp_path / "several/0002.png").write_bytes(b"kept")
+    Image.new("RGB", (12, 9), "red").save(tmp_path / "several/0002.png")
+    kept = (tmp_path / "several/0002.png").read_bytes()
     assert cli.main([*frames, "several", "--frames", "3", "--resume", *here]) == 0
     assert (tmp_path / "several/0001.png").read_bytes() == made["0001.png"]
-    assert (tmp_path / "several/0002.png").read_bytes() == b"kept"
+    assert (tmp_path / "several/0002.png").read_bytes() == kept
     capsys.readouterr()
     assert cli.main([*frames, "more", "--frames", "6", *here]) == 1
     assert capsys.readouterr().err == "raytracer: moves.py:7: NameError: name 'missing' is not defined\n"

@@ -88,7 +88,8 @@ def test_the_camera_and_lights_of_a_file_take_the_place_of_the_floor(tmp_path):
     np.testing.assert_allclose(sun.direction, [0, 0, -1])
     low, high = scene.bounds
     there = 30 / np.sum((np.array([0, 3, 4]) - (low + high) / 2) ** 2)
-    np.testing.assert_allclose(point.color, np.ones(3) * there / (1 + there))
+    assert point.falloff == "square"
+    np.testing.assert_allclose(point.color, np.ones(3) * 30 / (1 + there))
     np.testing.assert_allclose(sun.color, np.array([1, 0.5, 0.5]) / (1 + there))
 
 
@@ -132,7 +133,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
         "cones of spot lights, which shine all round (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")
-    assert scene.lights == (PointLight((0, 0, 0), (1, 1, 1)),)
+    assert scene.lights == (PointLight((0, 0, 0), (1, 1, 1), falloff="square"),)
     assert scene.meshes[0].material.textures == {}
 
 

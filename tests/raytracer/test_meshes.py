@@ -185,7 +185,7 @@ def test_formats_give_the_same_shape_back(tmp_path, suffix):
         ("cut.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 120, "declares 9 triangles and ends within number 3"),
         ("short.stl", b"\0" * 30, "ends within the header"),
         ("many.ply", PLY.replace("face 1", "face 1000000000").encode(), "at least 1,000,000,003 lines, not 4"),
-        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: a vertex has a coordinate that is not finite"),
     ],
 )
 def test_bad_files_are_named(tmp_path, name, content, words):

@@ -1,0 +1,71 @@
+"""Scenes that are rarely made: mirrors that shine, mirrored meshes, numbers at the ends of their range."""
+
+import numpy as np
+import pytest
+
+from raytracer import Camera, DirectionalLight, Material, Path, PointLight, Scene, SceneError, Staged, Texture, render
+from raytracer.meshes.shapes import floor, sphere
+
+AHEAD = Camera((0, 0, 3))
+
+
+@pytest.mark.parametrize("kind", [{}, {"reflectivity": 0.5}, {"reflectivity": 1.0}, {"transmission": 0.5, "ior": 1.0}])
+def test_every_surface_sends_out_all_of_its_emission(kind):
+    lamp = floor(50, Material((0, 0, 0), diffuse=0, specular=0, emission=(1, 0.5, 0.25), **kind)).moved(tilt=90)
+    scene = Scene(lamp, [], AHEAD, background=(0, 0, 0), ambient=0)
+    integrators = [None, Path(samples=4)] + ([Staged()] if "ior" not in kind else [])
+    for integrator in integrators:
+        options = {} if integrator is None else {"integrator": integrator}
+        assert render(scene, (8, 8), **options).pixels[4, 4].tolist() == [1, 0.5, 0.25]
+
+
+def test_a_mirror_shows_the_emission_of_another_one():
+    wall = floor(50, Material((0, 0, 0), diffuse=0, specular=0, reflectivity=0.5)).moved(tilt=90)
+    behind = floor(50, Material((0, 0, 0), diffuse=0, specular=0, reflectivity=1.0, emission=(1, 1, 1)))
+    scene = Scene([wall, behind.moved((0, 0, 6), tilt=-90)], [], AHEAD, background=(0, 0, 0), ambient=0)
+    np.testing.assert_allclose(render(scene, (8, 8), bounces=1).pixels[4, 4], 0.5)
+
+
+def test_a_negative_scale_mirrors_a_mesh_as_a_matrix_does():
+    glass = sphere(1, Material((0, 0, 0), diffuse=0, specular=0, transmission=1, ior=1.5)).moved((0.2, 0, 0))
+    moved, mirrored = glass.moved(scale=-1), glass.transformed(np.diag([-1.0, -1, -1, 1]))
+    np.testing.assert_array_equal(moved.faces, mirrored.faces)
+    np.testing.assert_allclose(moved.vertices, mirrored.vertices)
+    np.testing.assert_allclose(moved.normals, mirrored.normals, atol=1e-12)
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-310, 1e200])
+def test_the_length_of_a_directional_light_does_not_matter(length):
+    picture, unit = (
+        render(Scene(floor(4), [DirectionalLight((0, -x, x))], Camera((0, 3, 3))), (8, 8)).pixels for x in (length, 1)
+    )
+    np.testing.assert_allclose(picture, unit, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda x: Scene(floor(4, Material(shininess=x)), [PointLight((0, 3, 0))]),
+        lambda x: Scene(floor(4, Material((x, 0, 0))), [PointLight((0, 3, 0))]),
+        lambda x: Scene(floor(4, Material(emission=(x, 0, 0)))),
+        lambda x: Scene(floor(4, Material(absorption=(x, 0, 0), transmission=0.5))),
+        lambda x: Scene(floor(4), [PointLight((0, 3, 0), (0, x, 0))]),
+        lambda x: Scene(floor(4), background=(x, 0, 0)),
+    ],
+)
+def test_numbers_beyond_the_range_of_a_kernel_are_told(made):
+    with pytest.raises(SceneError, match=r'is 1e\+39, out of the range of binary32: .* precision="f64"'):
+        render(made(1e39), (8, 8))
+    assert np.isfinite(render(made(2.0), (8, 8)).pixels).all()
+
+
+def test_a_texture_that_is_filtered_otherwise_is_another_scene():
+    pictures = np.random.default_rng(0).random((4, 4, 3))
+
+    def scene(**options):
+        return Scene(floor(4, Material(Texture(pictures, srgb=False, **options), specular=0)), [], Camera((0, 2, 3)))
+
+    first = render(scene(filter="nearest"), (8, 6), integrator=Path(samples=2))
+    for options in ({"filter": "linear"}, {"filter": "nearest", "wrap": "mirror"}):
+        with pytest.raises(SceneError, match="was not path traced from this scene"):
+            render(scene(**options), (8, 6), integrator=Path(samples=4), resume=first)
