@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import cloudpickle
@@ -84,7 +85,7 @@ def elsewhere(tmp_path, work, dumps=pickle.dumps):
     """Run each (callable, args, named) in a new process that cannot import this module; return its arrays."""
     given, got = tmp_path / "work", tmp_path / "found"
     given.write_bytes(dumps(work))
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    environment = os.environ | {"PYTHONPATH": str(Path(sh.__file__).parents[1])}
     ran = subprocess.run(
         [sys.executable, "-c", CHILD, given, got], cwd=tmp_path, env=environment, capture_output=True, text=True
     )
