@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
 _WORD, _LINE = 80, 1000
+_HOUSE = os.path.dirname(os.path.abspath(__file__)) + os.sep
 
 
 def shorten(text: str) -> str:
@@ -50,6 +54,14 @@ class ShpyError(Exception):
 
 class ShpyWarning(UserWarning):
     """A way is slower or less exact than the way that was asked for; the text names the cause."""
+
+
+def warn(message: str) -> None:
+    """Give a ShpyWarning at the line outside of shpy that is running."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_HOUSE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, ShpyWarning, stacklevel=level)
 
 
 class RecordError(ShpyError):

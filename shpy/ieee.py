@@ -15,14 +15,13 @@ import ctypes
 import functools
 import sys
 import threading
-import warnings
 from collections.abc import Callable
 from functools import cache
 from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 
-from shpy.errors import ShpyWarning
+from shpy.errors import warn
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -111,9 +110,7 @@ def _set_default() -> Any:
 
 @cache
 def _warn() -> None:
-    warnings.warn(
+    warn(
         "another library makes this thread's arithmetic take denormal numbers for zero, which shpy cannot undo here: "
-        "strict results may differ below 1.18e-38. Import that library after shpy, or use it in another process",
-        ShpyWarning,
-        stacklevel=4,
+        "strict results may differ below 1.18e-38. Import that library after shpy, or use it in another process"
     )

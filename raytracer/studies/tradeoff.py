@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
-from raytracer.errors import SceneError
+from raytracer.errors import SceneError, warn
 from raytracer.image import Image, encoded
 from raytracer.integrators.integrator import Whitted
 from raytracer.integrators.renderer import Renderer
@@ -323,11 +322,7 @@ def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
     try:
         return Renderer(scene, integrator=exact, backend=backend)
     except sh.CompileError as error:
-        warnings.warn(
-            f"the reference is rendered on numpy, which is slower: {backend} has no f64 ({error.message})",
-            sh.ShpyWarning,
-            stacklevel=2,
-        )
+        warn(f"the reference is rendered on numpy, which is slower: {backend} has no f64 ({error.message})")
         return Renderer(scene, integrator=exact, backend="numpy")
 
 

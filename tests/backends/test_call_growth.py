@@ -123,8 +123,9 @@ def unrolled(calls: int) -> sh.Program:
 
 def test_unrolled_calls_share_code_on_opengl_and_give_the_same_bits():
     program = unrolled(40)
-    with pytest.warns(sh.ShpyWarning, match="its calls stand in loops"):
+    with pytest.warns(sh.ShpyWarning, match="its calls stand in loops") as told:
         kernel = program.compile("glsl")
+    assert [warning.filename for warning in told] == [__file__]
     assert "stand in loops" in kernel.notes[-1]
     assert 2 <= kernel.source.count("= noise3_(") <= 12
     x = np.random.default_rng(4).uniform(-9, 9, (50, 3)).astype(np.float32)

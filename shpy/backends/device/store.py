@@ -22,14 +22,13 @@ import os
 import re
 import stat
 import time
-import warnings
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from shpy.errors import ShpyWarning
+from shpy.errors import warn
 
 _MAGIC: Final = b"shpy kernel 2\n"
 _HEAD: Final = len(_MAGIC) + hashlib.sha256().digest_size
@@ -170,11 +169,9 @@ def tell(reason: str) -> None:
     """Warn, once for each reason, that kernels are not kept for other processes: each compiles them anew."""
     if reason not in _told:
         _told.add(reason)
-        warnings.warn(
+        warn(
             f"compiled kernels are not kept for the next process: {reason}; set SHPY_CACHE_DIR to a folder "
-            "that only you can write, or to nothing if none are to be kept",
-            ShpyWarning,
-            stacklevel=2,
+            "that only you can write, or to nothing if none are to be kept"
         )
 
 

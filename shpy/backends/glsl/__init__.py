@@ -12,7 +12,6 @@ that may take as many gets flags that tell (`passes/exits.py`), and its status i
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -30,7 +29,7 @@ from shpy.backends.glsl.text.interface import Limits, Shader
 from shpy.backends.glsl.text.nesting import MAX_NESTING
 from shpy.backends.glsl.text.operations import FAST, NATIVE
 from shpy.backends.glsl.text.shader import print_shader
-from shpy.errors import BackendUnavailable, CompileError, ShpyWarning
+from shpy.errors import BackendUnavailable, CompileError, warn
 from shpy.ir.builder import Builder
 from shpy.ir.exact import hard_cases
 from shpy.ir.nodes import Loc, Module, Port, Value, Variable
@@ -143,7 +142,7 @@ class GlslBackend:
         text, notes = "\n".join(sources), _notes(limits)
         if prepared.shared:
             notes = (*notes, _SHARED)
-            warnings.warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}", ShpyWarning, stacklevel=4)
+            warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}")
         return GlslExecutable(
             text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups, cache(rejection)
         )

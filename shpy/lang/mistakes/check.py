@@ -15,11 +15,10 @@ certain mistakes are reported, nothing that is legitimate in some program; the r
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from types import CodeType
 
-from shpy.errors import ShpyWarning
+from shpy.errors import warn
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.flow import Flow
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
@@ -51,11 +50,9 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
             flow.check()
         except RecursionError:
             loc = Loc(plain.__code__.co_filename, plain.__code__.co_firstlineno)
-            warnings.warn(
+            warn(
                 f"{loc}: {plain.__name__} holds an expression that is nested too deep for shpy's check of names that "
-                "Python binds anew in a block; write it in several lines",
-                ShpyWarning,
-                stacklevel=2,
+                "Python binds anew in a block; write it in several lines"
             )
             continue
         waiting.extend(flow.called)

@@ -19,12 +19,11 @@ from __future__ import annotations
 import functools
 import inspect
 import threading
-import warnings
 import weakref
 from collections.abc import Callable
 from typing import Any
 
-from shpy.errors import RecordError, ShpyWarning
+from shpy.errors import RecordError, warn
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.signature import loc_of
@@ -122,10 +121,8 @@ class PerInstance:
 
     def _warn(self, cls: type) -> None:
         name = self.function.__name__
-        warnings.warn(
+        warn(
             f"{loc_of(self.function)}: {name} is recorded anew each time that it is asked for, since a {cls.__name__} "
             "cannot be referred to weakly\n  write instead: '__weakref__' in its __slots__, or "
-            f"{name} = instance.{name} once",
-            ShpyWarning,
-            stacklevel=5,
+            f"{name} = instance.{name} once"
         )

@@ -38,7 +38,7 @@ from shpy.backends.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
-from shpy.errors import BackendUnavailable, ShpyTypeError, ShpyWarning
+from shpy.errors import BackendUnavailable, ShpyTypeError, warn
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
 from shpy.packages import install
 from shpy.passes.library import CORRECTABLE
@@ -447,11 +447,9 @@ class Machine:
         try:
             return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
         except Unfinished as error:  # which is not kept: the next process tries again
-            warnings.warn(
+            warn(
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
-                f"not found out ({error})",
-                ShpyWarning,
-                stacklevel=2,
+                f"not found out ({error})"
             )
             return error.found
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 import re
 import time
-import warnings
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,7 +38,7 @@ from shpy.backends.opencl.packets.kernel import print_packets
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backends.opencl.text.kernel import Kernel, print_kernel
 from shpy.backends.opencl.text.operations import ELEMENTWISE
-from shpy.errors import CompileError, ShpyTypeError, ShpyWarning
+from shpy.errors import CompileError, ShpyTypeError, warn
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Table
 from shpy.ir.tabledata import TableData
@@ -93,7 +92,7 @@ class OpenCLBackend:
                 raise
             single = _built(machine, module, options, 1)
             remark = f"one element at a time, not {lanes}: {e.message}"
-            warnings.warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}", ShpyWarning, stacklevel=4)
+            warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}")
             return replace(single, remarks=(*single.remarks, remark))
 
     def space(self, device: int | None) -> OpenCLSpace:
