@@ -283,6 +283,10 @@ def program(function: Any) -> Any:
     recorded for each instance when it is first asked for (`Method`), a class method for each class.
     Raises RecordError and ShpyTypeError at the user's line.
     """
+    if isinstance(function, Program) or hasattr(function, "_is_subroutine"):
+        kind = "program" if isinstance(function, Program) else "subroutine"
+        cure = f"@sh.program or @sh.subroutine above the def of {function.name}, and the name in other programs"
+        raise ShpyTypeError(f"{function.name} is a {kind} already", loc=here(), cure=cure)
     if isinstance(function, classmethod):
         return ClassMethod(function.__func__)
     if isinstance(function, staticmethod):

@@ -33,6 +33,12 @@ class Array(Symbolic):
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __eq__(self, other: object) -> Any:
+        cure = "same &= a[i] == b[i] in a loop, with SH_FOR(0, len(a)) as i"
+        raise ShpyTypeError("== compares the elements of no Array", loc=here(), cure=cure)
+
+    __ne__ = __eq__
+
     def __init__(self, type_: Any, length: int | Sequence[Any]) -> None:
         frame = need_frame("sh.Array")
         values = None if isinstance(length, int) else list(length)

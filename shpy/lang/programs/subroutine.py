@@ -61,7 +61,11 @@ class Subroutine:
         recording = current()
         if recording is None:
             return self.function(*args, **named)
-        bound = self.signature.bind(*args, **named)
+        try:
+            bound = self.signature.bind(*args, **named)
+        except TypeError as error:
+            called = f"{self.name}({', '.join(self.signature.parameters)})"
+            raise ShpyTypeError(f"{self.name}: {error}", loc=here(), cure=called) from None
         bound.apply_defaults()
         if self._hints is None:
             self._hints = hints_of(self.function)

@@ -14,7 +14,7 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Loc
-from shpy.lang.recording.location import loc_in
+from shpy.lang.recording.location import loc_in, user_frame
 from shpy.lang.recording.tree import definition
 
 
@@ -81,6 +81,9 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
                 namespace[name] = cell.cell_contents
             except ValueError:
                 continue  # a variable that is not set yet
+        frame = user_frame()  # a name that only annotations use is no free variable of the function
+        if frame is not None and code in frame.f_code.co_consts:
+            namespace = {**frame.f_locals, **namespace}
         for name, hint in hints.items():
             if isinstance(hint, str):
                 hints[name] = _resolve(hint, namespace, name, loc_of(plain))

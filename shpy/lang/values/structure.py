@@ -21,11 +21,11 @@ import typing
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from shpy.errors import RecordError, ShpyTypeError
+from shpy.errors import RecordError, ShpyAttributeError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
@@ -318,12 +318,29 @@ class Struct(Symbolic):
             object.__setattr__(made, name, part)
         return made
 
+    __hash__ = object.__hash__
+
+    def __eq__(self, other: object) -> Any:
+        return self._compared("==", " & ") if current_frame() is not None else self is other
+
+    def __ne__(self, other: object) -> Any:
+        return self._compared("!=", " | ") if current_frame() is not None else self is not other
+
+    def _compared(self, sign: str, join: str) -> NoReturn:
+        """Refuse to compare structs while a program is recorded: Python would compare the objects, not the values."""
+        fields = join.join(f"(a.{name} {sign} b.{name})" for name in self._shpy_fields)
+        raise ShpyTypeError(f"{sign} cannot take {type(self).__name__}, a struct", loc=here(), cure=fields)
+
     def __reduce__(self) -> Any:
         return _struct_of, (layout_of(type(self), "struct"), {n: getattr(self, n) for n in self._shpy_fields})
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self._shpy_fields:
-            raise AttributeError(f"{type(self).__name__!r} has no field {name!r}")
+            raise ShpyAttributeError(
+                f"{type(self).__name__!r} has no field {name!r}",
+                loc=here(),
+                cure=f"one of {', '.join(self._shpy_fields)}",
+            )
         field = getattr(self, name)
         if field is not value:  # `ray.o += d` stored already
             field[:] = value
@@ -362,7 +379,7 @@ def struct(cls: type) -> Any:
     namespace = {**frame.f_globals, **frame.f_locals}
     fields = {name: hint for base in reversed(cls.__mro__) for name, hint in vars(base).get("_shpy_fields", {}).items()}
     fields |= {
-        name: eval(hint, namespace) if isinstance(hint, str) else hint
+        name: _resolved(hint, namespace, f"{cls.__name__}.{name}") if isinstance(hint, str) else hint
         for name, hint in inspect.get_annotations(cls).items()
     }
     if not fields:
@@ -374,6 +391,18 @@ def struct(cls: type) -> Any:
     made = _struct_class(cls, fields)
     layout_of(made, cls.__name__)
     return made
+
+
+def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
+    """Return what a field's annotation that is a string means; ShpyTypeError if it means nothing."""
+    try:
+        return eval(hint, namespace)
+    except Exception as error:
+        cure = getattr(error, "cure", None) or "a type of the language, such as sh.Attrib1f, or another struct"
+        text = getattr(error, "message", error)
+        raise ShpyTypeError(
+            f"{name} is annotated {hint!r}, which cannot be resolved: {text}", loc=here(), cure=cure
+        ) from error
 
 
 def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:

@@ -203,7 +203,7 @@ class Value(Operators, AbstractValue):
 
     def _binary(self, op: str, other: Any, what: str, reflected: bool = False) -> Any:
         if not arithmetic.is_operand(other):
-            if op not in ("eq", "ne"):
+            if op not in ("eq", "ne") or isinstance(other, complex):
                 arithmetic.refuse_operand(other, what)
             return NotImplemented
         return arithmetic.binary(op, other, self, what) if reflected else arithmetic.binary(op, self, other, what)

@@ -1,0 +1,112 @@
+"""Mistakes that Python would pass in silence, or whose own errors name no line of the user's."""
+
+from __future__ import annotations
+
+import pytest
+
+import shpy as sh
+
+
+@sh.struct
+class Pair:
+    a: sh.Attrib1f
+    b: sh.Attrib1f
+
+
+@sh.subroutine
+def half(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x / 2
+
+
+def structs(x: Pair, y: Pair) -> sh.Attrib1b:
+    return x == y
+
+
+def structs_differ(x: Pair, y: Pair) -> sh.Attrib1b:
+    return x != y
+
+
+def a_value_and_a_struct(x: sh.Attrib1f, y: Pair) -> sh.Attrib1b:
+    return x == y
+
+
+def arrays(x: sh.Attrib1f) -> sh.Attrib1b:
+    a = sh.Array(sh.Attrib1f, [x, x])
+    return a == a
+
+
+def a_complex(x: sh.Attrib1f) -> sh.Attrib1b:
+    return x == 1j
+
+
+def two_for_one(x: sh.Attrib1f) -> sh.Attrib1f:
+    return half(x, x)
+
+
+def another_field(x: Pair) -> Pair:
+    x.c = 3
+    return x
+
+
+ARRAYS = "same &= a[i] == b[i] in a loop, with SH_FOR(0, len(a)) as i"
+OPERANDS = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
+MESSAGES = {
+    structs: "== cannot take Pair, a struct\n  write instead: (a.a == b.a) & (a.b == b.b)",
+    structs_differ: "!= cannot take Pair, a struct\n  write instead: (a.a != b.a) | (a.b != b.b)",
+    a_value_and_a_struct: "== cannot take Pair, a struct\n  write instead: (a.a == b.a) & (a.b == b.b)",
+    arrays: f"== compares the elements of no Array\n  write instead: {ARRAYS}",
+    a_complex: f"== cannot take complex\n  write instead: {OPERANDS}",
+    two_for_one: "half: too many positional arguments\n  write instead: half(x)",
+    another_field: "'Pair' has no field 'c'\n  write instead: one of a, b",
+}
+
+
+@pytest.mark.parametrize("function", MESSAGES)
+def test_a_mistake_is_told_at_its_line(function):
+    with pytest.raises(sh.ShpyError) as caught:
+        sh.program(function)
+    lines = range(function.__code__.co_firstlineno + 1, function.__code__.co_firstlineno + 3)
+    assert caught.value.loc.file == __file__
+    assert caught.value.loc.line in lines
+    assert str(caught.value).partition(": ")[2] == MESSAGES[function]
+
+
+def test_a_subroutine_and_a_program_are_no_function_to_record():
+    with pytest.raises(sh.ShpyTypeError, match="half is a subroutine already"):
+        sh.program(half)
+    doubled = sh.program(lambda: sh.Attrib1f(2))
+    with pytest.raises(sh.ShpyTypeError, match="is a program already"):
+        sh.program(doubled)
+
+
+def test_structs_outside_of_a_program_are_objects():
+    pair = Pair(1, 2)
+    assert pair == pair
+    assert pair != Pair(1, 2)
+    assert {pair: 3}[pair] == 3
+
+
+def test_annotations_that_are_strings_know_the_enclosing_function():
+    @sh.struct
+    class Ray:
+        origin: sh.Attrib1f
+
+    @sh.program
+    def moved(ray: Ray) -> Ray:
+        return Ray(ray.origin + 1)
+
+    assert moved((3,)).origin == 4
+
+
+def test_an_annotation_of_a_field_that_means_nothing_is_told_at_its_class():
+    with pytest.raises(sh.ShpyTypeError) as caught:
+
+        @sh.struct
+        class Ray:
+            origin: sh.Piont3f
+
+    assert caught.value.loc.file == __file__
+    assert (
+        caught.value.message == "Ray.origin is annotated 'sh.Piont3f', which cannot be resolved: shpy has no 'Piont3f'"
+    )
+    assert caught.value.cure == "sh.Point3f"
