@@ -20,7 +20,7 @@ from shpy.lang.data.params import Param, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.record import InputType, Recorded, rerecorded
+from shpy.lang.programs.record import RESERVED, InputType, Recorded, rerecorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
@@ -231,6 +231,11 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
     parts = _parts(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
     _known(p, names, [*p.inputs, *outputs], "input or output")
+    for name in names.values():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise ShpyTypeError(f"{name!r} is no name", loc=here(), cure='rename(old="new")')
+        if name in RESERVED:
+            raise ShpyTypeError(f"{name} is a reserved name for an input", loc=here(), cure=f"{name}_")
     types = {names.get(n, n): t for n, t in p.inputs.items()}
     fresh = tuple(names.get(n, n) for n in outputs)
     for what, count, made in (("inputs", len(p.inputs), types), ("outputs", len(outputs), set(fresh))):

@@ -175,7 +175,7 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
         parts = spoken.split(":")
         try:
             low, high = float(parts[0]), float(parts[1])
-            if not math.isfinite(high - low) or parts[2:] not in ([], ["log"]):
+            if not math.isfinite(high - low) or low > high or parts[2:] not in ([], ["log"]):
                 raise ValueError("a range has two ends")
         except (ValueError, IndexError):
             raise ShpyError(f"--domain {words!r} is no range", cure="--domain x=1e-3:1e3:log") from None

@@ -136,7 +136,13 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
     if not isinstance(said, tuple):
         given = np.asarray(said).astype(dtype).reshape(-1, *shape[1:])
         return given if count == len(given) else given[rng.integers(0, len(given), count)]
+    if len(said) not in (2, 3) or not all(isinstance(end, float | int | np.number) for end in said[:2]):
+        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure="(-1, 1)")
     low, high, *scale = said
+    if not low <= high:
+        raise ShpyTypeError(
+            f"{said!r} is no range: its ends are in the wrong order", loc=here(), cure=f"({high}, {low})"
+        )
     if type.is_bool:
         return rng.integers(0, 2, shape).astype(np.bool_)
     if type.is_int:

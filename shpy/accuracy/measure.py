@@ -22,6 +22,7 @@ from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.backends.registry import backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
+from shpy.lang.recording.location import here
 from shpy.passes.modes import MODES, PRECISIONS
 from shpy.program import Program
 from shpy.testing.denormals import meets_denormals
@@ -55,13 +56,18 @@ def variants(
 ) -> list[Variant]:
     """Return every combination; None means all available backends, all modes, or f32.
 
-    Raises ShpyTypeError for an unknown precision.
+    Raises ShpyTypeError for an unknown backend, mode or precision.
     """
     for unknown in set(_several(precision, ())) - set(PRECISIONS):
         raise ShpyTypeError(f"precision={unknown!r} is unknown", cure=" or ".join(map(repr, PRECISIONS)))
     modes: list[str | None] = list(_several(math, MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]
+    for unknown in set(_several(math, ())) - set(MODES):
+        raise ShpyTypeError(f"math={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, MODES)))
+    known = [b.name for b in listed()]
+    for unknown in set(_several(backends, ())) - set(known):
+        raise ShpyTypeError(f"there is no backend {unknown!r}", loc=here(), cure=" or ".join(map(repr, known)))
     names = _several(backends, [b.name for b in listed() if b.available])
     return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"])]
 

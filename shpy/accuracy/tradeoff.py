@@ -23,7 +23,7 @@ from shpy.accuracy.pareto import Comparison, Point, frontier, names_of, rivals, 
 from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
 from shpy.choice import Choice, combinations
-from shpy.errors import BackendUnavailable, CompileError, ShpyError
+from shpy.errors import BackendUnavailable, CompileError, ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.outputs import new_figure, save_figure
 from shpy.program import Program
@@ -95,7 +95,7 @@ class Tradeoff:
         raise ShpyError(
             f"no variant of {self.program} keeps {self.budget}: the closest, {nearest}, is {nearest.error:.3g} off",
             loc=here(),
-            cure=f"a budget of {nearest.error:.3g}, a smaller domain, or precision=['f64']",
+            cure=f"a budget of {_rounded_up(nearest.error)}, a smaller domain, or precision=['f64']",
         )
 
     @property
@@ -207,6 +207,12 @@ def tradeoff(
     target cannot do is skipped, and said so. `progress` is called with how many variants and rounds of timing are done,
     and how many there are.
     """
+    if not isinstance(budget, Budget):
+        raise ShpyTypeError(
+            f"a budget is a number of units, not {budget!r}",
+            loc=here(),
+            cure=f"sh.accuracy.ulp({budget!r}), or sh.accuracy.relative(1e-3)",
+        )
     made = list(combinations(program))
     tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
     tell = progress or (lambda done, total: None)
@@ -231,6 +237,14 @@ def tradeoff(
     found.sort(key=lambda c: c.ns)
     _hold([c for c in found if c.error <= budget.limit], search)
     return Tradeoff(first.name, budget, tuple(found), tuple(skipped))
+
+
+def _rounded_up(number: float) -> str:
+    """Return the text of a number of three digits that is not below `number`."""
+    text = f"{number:.3g}"
+    if float(text) < number and np.isfinite(number):
+        text = f"{number * (1 + 5e-3):.3g}"
+    return text
 
 
 def _hold(close: list[Candidate], search: _Search) -> None:

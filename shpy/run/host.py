@@ -158,7 +158,7 @@ def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
         common = _broadcast(shapes)
         whole = common if wanted is None else _broadcast([common, wanted])
     except ValueError as error:
-        listed = ", ".join(f"{s.name} {s.shape}" for s in inputs)
+        listed = ", ".join([*(f"{s.name} {s.shape}" for s in inputs), *([f"shape={wanted}"] if wanted else [])])
         raise ShpyTypeError(
             f"the element shapes do not broadcast: {listed}", loc=here(), cure="shapes as numpy's rules join them"
         ) from error

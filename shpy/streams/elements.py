@@ -78,6 +78,8 @@ def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Sh
 
 def _trailing(name: str, shape: Shape, size: int) -> str:
     """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
+    if len(shape) == 2 and shape[0] == size and shape[1] > 4:
+        return f"{name}.T"
     if len(shape) > 1 and shape[-1] > size:
         dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
         return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import ipaddress
 import itertools
 import signal
@@ -279,5 +280,7 @@ def _listen(address: str, port: int) -> socket.socket:
         made.listen()
     except OSError as error:
         made.close()
-        raise ShpyError(f"{address}:{port}: {error.strerror or error}", cure=f"--port {port + 1}") from error
+        others = f"--port {port + 1}" if port < 65535 else f"--port {port - 1}"
+        cure = others if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--listen 127.0.0.1"
+        raise ShpyError(f"{address}:{port}: {error.strerror or error}", cure=cure) from error
     return made

@@ -110,3 +110,55 @@ def test_an_annotation_of_a_field_that_means_nothing_is_told_at_its_class():
         caught.value.message == "Ray.origin is annotated 'sh.Piont3f', which cannot be resolved: shpy has no 'Piont3f'"
     )
     assert caught.value.cure == "sh.Point3f"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"x": "shape"}, "shape is a reserved name for an input"),
+        ({"x": "a b"}, "'a b' is no name"),
+        ({"x": ""}, "'' is no name"),
+        ({"x": 3}, "3 is no name"),
+    ],
+)
+def test_a_program_is_renamed_to_names(names, message):
+    @sh.program
+    def same(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x
+
+    with pytest.raises(sh.ShpyTypeError, match=message):
+        same.rename(**names)
+
+
+def test_returns_of_several_counts_name_the_first_one():
+    def both(x: sh.Attrib1f):
+        sh.SH_RETURN((x, x), x > 1)
+        return x
+
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.program(both)
+    assert (
+        caught.value.message == "both returns one Attrib1f, and its first return gives tuple[sh.Attrib1f, sh.Attrib1f]"
+    )
+
+
+def test_cures_of_shapes_work():
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.Table([1.0, 2, 3], sh.Attrib3f)
+    assert caught.value.cure == "array.reshape(-1, 3)"
+
+    @sh.program
+    def moved(p: sh.Point3f) -> sh.Point3f:
+        return p
+
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        moved([[0.0] * 9] * 3)
+    assert caught.value.cure == "p.T"
+    with pytest.raises(sh.ShpyTypeError, match=r"do not broadcast: p \(3,\), shape=\(4,\)"):
+        moved([[0.0] * 3] * 3, shape=(4,))
+
+    def four(v: sh.Vector4f) -> sh.Attrib3f:
+        return sh.Matrix3f() @ v
+
+    with pytest.raises(sh.ShpyTypeError, match=r"Matrix3f @ Vector4f has no meaning: it takes 3 components"):
+        sh.program(four)

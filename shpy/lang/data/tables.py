@@ -116,7 +116,7 @@ class Table:
             raise ShpyTypeError(
                 f"{what} has 1 to 3 axes, and this array, {data.shape}, has {rank}",
                 loc=here(),
-                cure="array.reshape(-1)",
+                cure=f"array.reshape(-1, {n})" if n > 1 else "array.reshape(-1)",
             )
         if data.size == 0:
             raise ShpyTypeError(f"{what} cannot be empty", loc=here(), cure="one element that stands for none")

@@ -29,6 +29,7 @@ class Returns:
     ) -> None:
         self.frame = frame
         self.layout = layout
+        self.source = "is annotated with ->" if layout is not None else "its first return gives"
         self.what = what
         self.bodies = bodies
         self._wrapped_at = 0
@@ -93,7 +94,7 @@ class Returns:
             return
         if self.layout is None:
             self.layout = layout_from(value, self.what)
-        _check_count(self.what, self.layout, value)
+        _check_count(self.what, self.layout, value, self.source)
         entries = flatten(self.layout, value, f"what {self.what} gives back")
         classes = [cls for _, _, cls in leaves(self.layout, "")]
         # All values are read before the first is stored.
@@ -130,8 +131,8 @@ class Returns:
             )
 
 
-def _check_count(what: str, layout: Layout, value: Any) -> None:
-    """Raise ShpyTypeError if the number of values differs from that of the annotation."""
+def _check_count(what: str, layout: Layout, value: Any, source: str) -> None:
+    """Raise ShpyTypeError if the number of values differs from that of the annotation, or of the first return."""
     several = isinstance(value, tuple | list)
     match layout:
         case Leaf(cls):
@@ -145,9 +146,11 @@ def _check_count(what: str, layout: Layout, value: Any) -> None:
     if not fits:
         given = f"a {type(value).__name__} of {len(value)}" if several else f"one {type(value).__name__}"
         raise ShpyTypeError(
-            f"{what} returns {given}, and is annotated with -> {annotation_of(layout)}",
+            f"{what} returns {given}, and {source} {annotation_of(layout)}",
             loc=here(),
-            cure=f"-> {annotation_of(layout_from(value, what))}, or a value of the type that the annotation names",
+            cure=f"-> {annotation_of(layout_from(value, what))}, or a value of the type that the annotation names"
+            if "->" in source
+            else "values of one type at every return",
         )
 
 

@@ -201,10 +201,14 @@ class Matrix(Symbolic):
                 entries = [e + r[v.size] for e, r in zip(entries, self.rows, strict=False)]
             return CLASSES[v.kind, v.size, v.base](*entries)
         if v.size != self.size:
+            one_less = v.size == self.size - 1 and v.size > 1
             raise ShpyTypeError(
-                f"{type(self).__name__} @ {type(v).__name__} has no meaning: is it a place or a direction?",
+                f"{type(self).__name__} @ {type(v).__name__} has no meaning"
+                + (": is it a place or a direction?" if one_less else f": it takes {self.size} components"),
                 loc=here(),
-                cure=f"sh.Point{v.size}f(v) (w = 1) or sh.Vector{v.size}f(v) (w = 0)",
+                cure=f"sh.Point{v.size}f(v) (w = 1) or sh.Vector{v.size}f(v) (w = 0)"
+                if one_less
+                else f"a vector of {self.size} components, or a Point or Vector of {self.size - 1}",
             )
         result = CLASSES["Attrib", self.size, v.base](*(builtins.dot(r, v) for r in self.rows))
         return CLASSES[v.kind, v.size, v.base](result) if v.kind != "Attrib" else result

@@ -1,0 +1,46 @@
+"""Requests that make no sense are errors before anything runs, and cures that work."""
+
+import re
+
+import pytest
+
+import shpy as sh
+from shpy.accuracy import measure, tradeoff, ulp
+
+
+@sh.program
+def grown(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.exp(x)
+
+
+@pytest.mark.parametrize("backends", ["opnecl", ["numpy", "cuda"]])
+def test_an_unknown_backend_is_an_error(backends):
+    for work in (measure, lambda *given, **options: tradeoff(*given, budget=ulp(4), **options)):
+        with pytest.raises(sh.ShpyTypeError, match=r"there is no backend '(opnecl|cuda)'"):
+            work(grown, {"x": (0, 1)}, backends=backends)
+
+
+def test_an_unknown_mode_is_an_error():
+    with pytest.raises(sh.ShpyTypeError, match="math='exact' is unknown"):
+        measure(grown, {"x": (0, 1)}, math="exact")
+
+
+@pytest.mark.parametrize("domain", [(1, 0), (1,), ("0", "1"), (0, 1, "log")])
+def test_a_domain_that_is_no_range_is_an_error(domain):
+    with pytest.raises(sh.ShpyTypeError, match=r"is no range|its ends are in the wrong order"):
+        measure(grown, {"x": domain}, backends="numpy", samples=10)
+
+
+def test_a_budget_has_a_unit():
+    with pytest.raises(sh.ShpyTypeError, match="a budget is a number of units, not 4") as caught:
+        tradeoff(grown, {"x": (0, 1)}, budget=4)
+    assert caught.value.cure.startswith("sh.accuracy.ulp(4)")
+
+
+def test_the_budget_that_a_refusal_names_is_one_that_is_kept():
+    options = {"backends": "numpy", "math": "fast", "precision": "f32", "samples": 50, "elements": 100, "rounds": 1}
+    with pytest.raises(sh.ShpyError) as caught:
+        _ = tradeoff(grown, {"x": (-10, 10)}, budget=ulp(0.1), **options).pick
+    named = float(re.match(r"a budget of ([\d.]+),", caught.value.cure)[1])
+    found = tradeoff(grown, {"x": (-10, 10)}, budget=ulp(named), **options)
+    assert found.candidates[0].error <= named
