@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.collectives.chunk_sorting import TYPES, place_type
+from shpy.collectives.chunks import flattened
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
@@ -37,8 +38,8 @@ def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
     import dask.array as da
 
     array, mask, cls, shape = _beside(array, mask, "mask", "b", "compact")
-    flat = array.reshape((mask.size, *array.shape[len(shape) :])).astype(dtypes_at("f32")[cls.base])
-    marks = mask.reshape(mask.size).rechunk({0: flat.chunks[0]})
+    flat = flattened(array, len(shape)).astype(dtypes_at("f32")[cls.base])
+    marks = flattened(mask, mask.ndim).rechunk({0: flat.chunks[0]})
     indices = da.arange(mask.size, chunks=(flat.chunks[0],), dtype=place_type(mask.size))
     return flat[marks], indices[marks]
 
@@ -58,8 +59,8 @@ def scatter_chunks(
     tail, wanted, dtype = values.shape[len(inner) :], given_shape(shape), dtypes_at("f32")[cls.base]
     if combine is not None:
         check_combination(combine, Stream(np.zeros((1, *tail), dtype), cls, "numpy"), "scatter")
-    flat = values.reshape((index.size, *tail)).rechunk({1: -1} if tail else {})
-    places = index.reshape(index.size).rechunk({0: flat.chunks[0]})
+    flat = flattened(values, len(inner)).rechunk({1: -1} if tail else {})
+    places = flattened(index, index.ndim).rechunk({0: flat.chunks[0]})
     length, size = math.prod(wanted), max(1, *flat.chunks[0])
     if not length:
         return da.zeros((*wanted, *tail), dtype)

@@ -7,7 +7,6 @@ index, so the order does not depend on the network. Source: Batcher, Sorting net
 
 from __future__ import annotations
 
-import math
 import pickle
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.collectives.arguments import element_of
+from shpy.collectives.chunks import flattened
 from shpy.collectives.leaves import mapping
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
@@ -71,7 +71,7 @@ def _ordered(
     shape = shape_before_data("the array", cls, array, dtype)
     tail = array.shape[len(shape) :]
     keys_of(Stream(np.zeros((1, *tail), dtype), cls, "numpy"))
-    flat = array.reshape((math.prod(shape), *tail))
+    flat = flattened(array, len(shape))
     flat = flat.rechunk({0: max(1, *flat.chunks[0]), **({1: -1} if tail else {})})
     starts = np.cumsum((0, *flat.chunks[0])).tolist()
     packed = pickle.dumps((cls, keys_of))

@@ -30,13 +30,22 @@ _FEWEST, _MOST = 1 << 12, 1 << 20
 Reduce = Callable[..., Any]
 
 
+def flattened(array: Any, axes: int) -> Any:
+    """Return a Dask array with its first axes as one. Empty chunks go: Dask's reshape does not take them."""
+    shape = array.shape
+    kept = [
+        (n,) if 0 in shape else tuple(c for c in chunks if c) for n, chunks in zip(shape, array.chunks, strict=True)
+    ]
+    return array.rechunk(tuple(kept)).reshape((math.prod(shape[:axes]), *shape[axes:]))
+
+
 def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None) -> Any:
     """Return the Dask array of the reduced elements; `reduce` reduces the stream of a block."""
     cls, shape, tail = _checked(program, array, "reduce")
     if not math.prod(shape):
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
     if axis is None:
-        array, axis = array.reshape((math.prod(shape), *array.shape[len(shape) :])), 0
+        array, axis = flattened(array, len(shape)), 0
     elif not isinstance(axis, int) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
         raise ShpyTypeError(
@@ -57,7 +66,7 @@ def scan_chunks(reduce: Reduce, scan: Callable[..., Any], program: Program, arra
     dtype = dtypes_at("f32")[cls.base]
     if not math.prod(shape):
         return array.astype(dtype)
-    flat = array.reshape((math.prod(shape), *array.shape[len(shape) :]))
+    flat = flattened(array, len(shape))
     size, packed = _size(flat, 0), pickle.dumps((program, cls))
     blocks = _in_blocks(flat, 0, size, tail)
     labels = tuple(range(flat.ndim))

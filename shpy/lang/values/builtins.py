@@ -175,7 +175,15 @@ def _grid(op: str, n: int) -> Any:
     if n not in (1, 2, 3, 4):
         raise ShpyTypeError(f"sh.{op} takes the rank of the elements' shape, 1 to 4", loc=here(), cure=f"sh.{op}(2)")
     frame = need_frame(f"sh.{op}")
-    frame.recording.ranks[n] = here()
+    ranks = frame.recording.ranks
+    ranks[n] = here()
+    for other, loc in ranks.items():
+        if other != n:
+            raise ShpyTypeError(
+                f"sh.{op}({n}) takes elements of {n} axes, and {loc} takes {other}",
+                loc=here(),
+                cure=f"sh.{op}({other})",
+            )
     return made("Attrib", vec(Base.I, n), frame, frame.let(op, (), vec(Base.I, n)))
 
 
