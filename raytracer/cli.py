@@ -153,7 +153,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--samples", type=_positive, help="as of render")
     _add_math(command)
     _add_cluster(command)
-    command.add_argument("--resume", action="store_true", help="keep the frames that the folder has")
+    command.add_argument("--resume", action="store_true", help="keep the frames of this size that the folder has")
     viewing.add_arguments(command)
     command.set_defaults(run=_animate)
 

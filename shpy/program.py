@@ -126,10 +126,10 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         return listed_tables(self.recorded.tables)
 
     @overload
-    def __call__(self, *args: _P.args, **named: _P.kwargs) -> _R: ...
+    def __call__(self, /, *args: _P.args, **named: _P.kwargs) -> _R: ...
     @overload
-    def __call__(self, *args: Any, shape: Any = None, **named: Any) -> Any: ...
-    def __call__(self, *args: Any, **named: Any) -> Any:
+    def __call__(self, /, *args: Any, shape: Any = None, **named: Any) -> Any: ...
+    def __call__(self, /, *args: Any, **named: Any) -> Any:
         """Run on arrays on the default backend, or, while a program is recorded, be inlined into it.
 
         With a Stream among the inputs, or in a Table, it runs on the device where that lies.

@@ -207,12 +207,7 @@ def tradeoff(
     target cannot do is skipped, and said so. `progress` is called with how many variants and rounds of timing are done,
     and how many there are.
     """
-    if not isinstance(budget, Budget):
-        raise ShpyTypeError(
-            f"a budget is a number of units, not {budget!r}",
-            loc=here(),
-            cure=f"sh.accuracy.ulp({budget!r}), or sh.accuracy.relative(1e-3)",
-        )
+    _check_budget(budget)
     made = list(combinations(program))
     tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
     tell = progress or (lambda done, total: None)
@@ -237,6 +232,12 @@ def tradeoff(
     found.sort(key=lambda c: c.ns)
     _hold([c for c in found if c.error <= budget.limit], search)
     return Tradeoff(first.name, budget, tuple(found), tuple(skipped))
+
+
+def _check_budget(budget: object) -> None:
+    if not isinstance(budget, Budget):
+        cure = f"sh.accuracy.ulp({budget!r}), or a relative error, sh.accuracy.relative(1e-3)"
+        raise ShpyTypeError(f"a budget is a number of units, not {budget!r}", loc=here(), cure=cure)
 
 
 def _rounded_up(number: float) -> str:

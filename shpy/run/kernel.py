@@ -105,7 +105,7 @@ class Kernel(Unchanging):
         return self._executable.notes
 
     @in_ieee_arithmetic
-    def __call__(self, *arrays: Any, shape: Any = None, **named: Any) -> Any:
+    def __call__(self, /, *arrays: Any, shape: Any = None, **named: Any) -> Any:
         """Run on arrays; return the outputs, zeros where elements were discarded.
 
         With a Stream among the inputs, or in a Table, the outputs are Streams on the same device.
@@ -115,7 +115,7 @@ class Kernel(Unchanging):
         return ran[0] if ran[2] is None else self._checked(Result(*ran)).outputs
 
     @in_ieee_arithmetic
-    def run(self, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
+    def run(self, /, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
         """Run on arrays; return a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
         Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among

@@ -162,3 +162,20 @@ def test_cures_of_shapes_work():
 
     with pytest.raises(sh.ShpyTypeError, match=r"Matrix3f @ Vector4f has no meaning: it takes 3 components"):
         sh.program(four)
+
+
+def test_inputs_may_have_any_name_that_calls_leave_free():
+    @sh.program
+    def f(self: sh.Attrib1f, arrays: sh.Attrib1f) -> sh.Attrib1f:
+        return self - arrays
+
+    kernel = f.compile("numpy")
+    assert f(self=3, arrays=1) == kernel(self=3, arrays=1) == kernel.run(self=3, arrays=1).outputs == 2
+
+
+def test_a_field_that_no_result_can_have_is_refused():
+    with pytest.raises(sh.ShpyTypeError, match="the field _a of Hidden begins with an underscore"):
+
+        @sh.struct
+        class Hidden:
+            _a: sh.Attrib1f

@@ -384,6 +384,11 @@ def struct(cls: type) -> Any:
     }
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
+    for name in fields:
+        if name.startswith("_"):  # results are named tuples, which have no such fields
+            raise ShpyTypeError(
+                f"the field {name} of {cls.__name__} begins with an underscore", loc=here(), cure=name.strip("_") or "a"
+            )
     of_structs = {part for base in cls.__mro__[1:] if _is_struct(base) for part in base.__mro__}
     for base in cls.__mro__[1:]:
         if base not in of_structs and base is not object:
