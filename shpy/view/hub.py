@@ -141,7 +141,7 @@ class Hub:
             self._broadcast(wire.pack({"kind": "busy", "seconds": 0}))
         if silent > _SLOW:
             self._said_busy = True
-            stage = "recording" if worker is self._recording else "running"
+            stage = "recording" if worker is self._recording and self._described is None else "running"
             self._broadcast(wire.pack({"kind": "busy", "stage": stage, "seconds": round(silent)}))
             self._go_on(self._drawing)
 

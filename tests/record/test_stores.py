@@ -239,3 +239,25 @@ def test_methods_and_partials():
 
     assert sh.program(Gain().apply)(2) == 6
     assert sh.program(functools.partial(scaled, by=5))(2) == 10
+
+
+def test_an_array_is_stored_whole():
+    @sh.program
+    def f(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
+        a, b = sh.Array(sh.Attrib1f, 3), sh.Array(sh.Attrib1f, [x, 2 * x, 3 * x])
+        a[:] = b
+        b[:] = (b[2], b[0], b[1])
+        a[1] += b[0]
+        return a[0], a[1], b[2]
+
+    assert f(1) == (1, 5, 2)
+
+
+def test_an_array_takes_as_many_elements_as_it_has():
+    def f(x: sh.Attrib1f) -> sh.Attrib1f:
+        a = sh.Array(sh.Attrib1f, 3)
+        a[:] = [x, x]
+        return a[0]
+
+    with pytest.raises(sh.ShpyTypeError, match=r"a\[:\] of an Array of 3 takes as many elements, not 2 elements"):
+        sh.program(f)

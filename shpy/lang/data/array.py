@@ -27,7 +27,7 @@ from shpy.lang.values.value import Value
 class Array(Symbolic):
     """`Array(type, n)`: n elements, zero at first; `Array(type, values)`: these elements.
 
-    Elements are values, matrices or structs. `a[i]` reads a copy, `a[i] = v` stores, `len(a)` is n.
+    Elements are values, matrices or structs. `a[i]` reads a copy, `a[i] = v` stores one, `a[:] = b` all, `len(a)` is n.
     Raises RecordError outside of a program, ShpyTypeError for a length below 1 or an index that is not an int.
     """
 
@@ -123,12 +123,27 @@ class Array(Symbolic):
             parts.append(part)
         return build_values(self._layout, iter(parts))
 
+    def _take(self, values: Any) -> None:
+        """Store the elements of another Array, tuple or list, of as many."""
+        if not isinstance(values, Array | tuple | list) or len(values) != self._length:
+            given = f"{len(values)} elements" if isinstance(values, Array | tuple | list) else type(values).__name__
+            raise ShpyTypeError(
+                f"a[:] of an Array of {self._length} takes as many elements, not {given}",
+                loc=here(),
+                cure="an Array, tuple or list of this length",
+            )
+        for k, value in enumerate(list(values)):  # read before the first store: they may be this Array's own
+            self[k] = value
+
     def _name(self) -> str:
         """Return the name of the whole array; its variables are named after the leaves, too."""
         path = next(iter(leaves(self._layout, "")))[0]
         return (self._frame.names[self._variables[0]] or "").removesuffix(f"_{path}") or "a"
 
     def __setitem__(self, i: Any, value: Any) -> None:
+        if isinstance(i, slice) and i == slice(None):
+            self._take(value)
+            return
         index = self._index(i)
         entries = flatten(self._layout, value, "an element")
         for variable, cls, entry in zip(self._variables, self._classes, entries, strict=True):
