@@ -264,7 +264,7 @@ MODULES = [
     ("x = 1\n1 / 0\n", "a.py:2: ZeroDivisionError: division by zero"),
     ("\n\nraise SystemExit(7)\n", "a.py:3: SystemExit: 7"),
     ("import shpy as sh\n@sh.program\ndef f(x):\n    return x\n", "a.py:2: the input x is not annotated"),
-    ("import nowhere\n", "a.py cannot be imported: No module named 'nowhere'"),
+    ("import nowhere\n", "a.py:1: ModuleNotFoundError: No module named 'nowhere'"),
     (None, "there is no file "),
 ]
 

@@ -155,10 +155,17 @@ def _run_module(where: str) -> dict[str, Any]:
     except SyntaxError as error:
         raise ShpyError(f"{error.filename}:{error.lineno}: {type(error).__name__}: {error.msg}") from error
     except ImportError as error:
-        raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
+        if not where.endswith(".py") and error.name in (None, where, where.partition(".")[0]):
+            raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
+        raise _at_its_line(error) from error
     except (Exception, SystemExit) as error:  # whatever the user's own lines raise
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        raise ShpyError(f"{last.filename}:{last.lineno}: {type(error).__name__}: {error}") from error
+        raise _at_its_line(error) from error
+
+
+def _at_its_line(error: BaseException) -> ShpyError:
+    """Return an error that names the last line outside of Python's import."""
+    lines = [s for s in traceback.extract_tb(error.__traceback__) if not s.filename.startswith("<frozen")]
+    return ShpyError(f"{lines[-1].filename}:{lines[-1].lineno}: {type(error).__name__}: {error}")
 
 
 def parse_domain(said: list[str], program: Program) -> dict[str, Any]:

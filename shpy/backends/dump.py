@@ -9,9 +9,23 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from functools import cache
+
+from shpy.errors import warn
+
+STAGES = ("ir", "vector", "tree", "source")
 
 
 def dump(stage: str, title: str, text: Callable[[], str]) -> None:
     """Print the text of a stage if SHPY_DUMP names it."""
-    if stage in os.environ.get("SHPY_DUMP", "").replace(" ", "").split(","):
+    if stage in _wanted(os.environ.get("SHPY_DUMP", "")):
         print(f"--- {stage}: {title}\n{text()}", file=sys.stderr)
+
+
+@cache
+def _wanted(text: str) -> frozenset[str]:
+    """Return the stages that a value of SHPY_DUMP names; warn of others."""
+    names = frozenset(text.replace(" ", "").split(",")) - {""}
+    if others := sorted(names.difference(STAGES)):
+        warn(f"SHPY_DUMP names {', '.join(others)}, and the stages are {', '.join(STAGES)}")
+    return names

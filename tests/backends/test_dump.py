@@ -3,6 +3,7 @@
 import pytest
 
 import shpy as sh
+from shpy.backends import dump
 
 SUM = "value=(operator + (operator * x 8.5):f 1.0):f"
 TREES = {
@@ -25,3 +26,10 @@ def test_the_output_tree_is_printed_for_each_function(backend, monkeypatch, caps
     functions, statement = TREES[backend]
     assert [text for text in printed if text.startswith("---")] == [f"--- tree: {name}" for name in functions]
     assert statement in printed
+
+
+def test_a_stage_that_does_not_exist_is_a_warning(monkeypatch):
+    monkeypatch.setenv("SHPY_DUMP", "source, sauce")
+    dump._wanted.cache_clear()
+    with pytest.warns(sh.ShpyWarning, match="SHPY_DUMP names sauce, and the stages are ir, vector, tree, source"):
+        sh.program(lambda: sh.Attrib1f(3)).compile("numpy")

@@ -75,3 +75,27 @@ def test_first_runs_of_kernels_and_chains(backend):
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {}
+
+
+IMPORTING = """
+import sys, threading
+seen = []
+
+
+class Watch:
+    def find_spec(self, name, *rest):
+        if name == "pyopencl":
+            seen.append(threading.current_thread() is threading.main_thread())
+
+
+sys.meta_path.insert(0, Watch())
+import shpy as sh
+
+print(sh.program(lambda: sh.Attrib1f(2)).compile("opencl")(), seen)
+"""
+
+
+def test_the_first_use_of_opencl_starts_its_library_on_another_thread():
+    """There Ctrl-C cannot interrupt the start of an extension in C, which would end the process."""
+    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, text=True, timeout=HANGING)
+    assert (done.stdout, done.stderr) == ("2.0 [False]\n", "")

@@ -10,6 +10,7 @@ Stage: run. Everything of pyopencl that the runtime touches is here; it is impor
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import threading
@@ -25,10 +26,11 @@ import numpy as np
 
 from shpy.backends.base import Array, Device
 from shpy.backends.device import store
+from shpy.backends.device.answer import Answer
 from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
-from shpy.backends.device.processes import Driver
+from shpy.backends.device.processes import HEARD, Driver
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
@@ -63,10 +65,27 @@ def _pyopencl() -> Any:
     os.environ.setdefault("PYOPENCL_COMPILER_OUTPUT", "0")
     _keep_threads_apart()
     try:
-        import pyopencl
+        return _imported("pyopencl")
     except ImportError as e:
         raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
-    return pyopencl
+
+
+def _imported(name: str) -> Any:
+    """Import a module on another thread: Ctrl-C while an extension in C starts would end the process by SIGABRT."""
+    if name in sys.modules or sys.is_finalizing():
+        return importlib.import_module(name)
+    answer: Answer[Any] = Answer()
+
+    def work() -> None:
+        try:
+            answer.give(importlib.import_module(name))
+        except BaseException as error:
+            answer.refuse(error)
+
+    threading.Thread(target=work, name="shpy-import", daemon=True).start()
+    while not answer.wait(HEARD):
+        pass
+    return answer.result()
 
 
 def _keep_threads_apart() -> None:
