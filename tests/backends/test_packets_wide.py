@@ -12,7 +12,7 @@ import shpy as sh
 from shpy.backends.opencl.device import driver as device
 from shpy.backends.opencl.device.driver import machine_of
 from shpy.backends.opencl.device.trial import Trial, works
-from shpy.backends.opencl.packets.prologue_wide import declare_wide, try_wide
+from shpy.backends.opencl.packets.prologue_wide import Words, declare_wide, try_wide
 from shpy.backends.opencl.packets.widen import WIDER
 from shpy.backends.opencl.text.operations import FUNCTIONS, NATIVE
 
@@ -126,9 +126,10 @@ def test_a_wide_vector_that_computes_wrong_is_not_taken() -> None:
 
 
 def test_only_what_a_text_uses_is_declared() -> None:
-    used = "int64 i = convert_int64_sat(x); float64 x;"
-    assert declare_wide(used, 16) == ""
-    text = declare_wide(used, 64)
+    words = Words()
+    words.add_text("int64 i = convert_int64_sat(x); float64 x;")
+    assert declare_wide(words, 16) == ""
+    text = declare_wide(words, 64)
     assert text.count("typedef") == 4
     assert text.index("typedef float float32 ") < text.index("typedef float float64 ")
     assert text.index("int32 convert_int32_sat(") < text.index("int64 convert_int64_sat(")
@@ -138,4 +139,6 @@ def test_only_what_a_text_uses_is_declared() -> None:
 
 @pytest.mark.parametrize("name", sorted({*FUNCTIONS.values(), *NATIVE.values()} - {"any", "all"}))
 def test_every_function_of_opencl_has_a_form_for_longer_vectors(name: str) -> None:
-    assert f" {name}(" in declare_wide(f"float32 x = {name}(y); int32 i = {name}(j);", 32)
+    words = Words()
+    words.add_text(f"float32 x = {name}(y); int32 i = {name}(j);")
+    assert f" {name}(" in declare_wide(words, 32)

@@ -44,7 +44,7 @@ from shpy.backends.opencl.packets.alone import LaneCalls
 from shpy.backends.opencl.packets.operations import PacketBody
 from shpy.backends.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backends.opencl.packets.prologue_memory import QUAD, spelled_wide
-from shpy.backends.opencl.packets.prologue_wide import declare_wide
+from shpy.backends.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backends.opencl.packets.spell_packets import PacketSpeller
 from shpy.backends.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
 from shpy.backends.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
@@ -147,6 +147,8 @@ class PacketMaker(KernelMaker):
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
+        self.words = Words()
+        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
 
     def kernels_around(self, text: Callable[[str], str]) -> Kernel:
         """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
@@ -156,7 +158,9 @@ class PacketMaker(KernelMaker):
         self.prologue.packet()
         inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
         self.add(entry, inner)
-        self.speller.paragraph(text(inner))
+        around = text(inner)
+        self.words.add_text(around)
+        self.speller.paragraph(around)
         return self.finished(())
 
     def finished(self, inputs: tuple[int, ...]) -> Kernel:
@@ -167,10 +171,12 @@ class PacketMaker(KernelMaker):
         """Return whether a double occurs."""
         return super().needs_doubles() or self.prologue.doubles
 
-    def declared(self, text: str) -> Sequence[str]:
+    def declared(self) -> Sequence[str]:
         """Return declarations of vectors longer than OpenCL C's."""
-        found = declare_wide(text, self.lanes)
-        return ["", *found.splitlines()] if found else ()
+        if self.lanes <= LONGEST:
+            return ()
+        self.words.add_text(self.prologue.text())
+        return ["", *declare_wide(self.words, self.lanes).splitlines()]
 
     # The extra arguments of functions
 
@@ -209,6 +215,12 @@ class PacketMaker(KernelMaker):
         """Return whether the compiler must not inline the function."""
         return super().stands_apart(function) or _is_large(function)
 
+    def spelled(self, made: tree.Function) -> None:
+        """Add a function to the text."""
+        if self.lanes > LONGEST:
+            self.words.add_function(made, self.speller)
+        super().spelled(made)
+
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
 
@@ -236,7 +248,7 @@ class PacketMaker(KernelMaker):
         result = lanes_of(outputs[0].type.base, self.lanes) if single else None
         calls = LaneCalls(active, inputs, outputs, handed, self.lanes, names.take)
         block = calls.one_by_one(inner) if two is None else calls.two_by_two(inner)
-        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
+        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function.

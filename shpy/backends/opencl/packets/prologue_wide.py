@@ -4,7 +4,9 @@ Stage: emit. OpenCL C ends at vectors of 16 numbers. clang has vectors of any le
 comparisons and parts (`.lo`, `.hi`), so a packet's kernel reads the same at every width. Only the names of types and
 functions are missing: this prologue declares those that the kernel uses.
 
->>> print(declare_wide("float32 y = floor(x);", 32))
+>>> words = Words()
+>>> words.add_text("float32 y = floor(x);")
+>>> print(declare_wide(words, 32))
 // OpenCL C has vectors of up to 16 numbers. Longer ones are clang's; functions take them by halves.
 typedef float float32 __attribute__((ext_vector_type(32)));
 <BLANKLINE>
@@ -19,6 +21,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from shpy.backends.emit import tree
+from shpy.backends.emit.spell_c import Speller
 from shpy.backends.opencl.text.operations import NATIVE, UNARY
 
 LONGEST: Final = 16
@@ -54,34 +58,51 @@ def try_wide(n: int) -> str:
     a[0] = x{".hi" * (n // LONGEST // 2)};"""
 
 
-class _Words:
-    """The words of a text, and those among them that are called."""
+class Words:
+    """The types and functions that a kernel names."""
 
     def __init__(self) -> None:
-        self.all: set[str] = set()
+        self.types: set[str] = set()
+        """Names of types, and names of functions, which may contain the name of a type."""
         self.functions: set[str] = set()
 
-    def add(self, text: str) -> None:
-        """Add the words of a text."""
+    def add_function(self, made: tree.Function, speller: Speller) -> None:
+        """Add the names that a function of the output tree uses.
+
+        Spelling a type may declare it, so types keep their order: a set's is another one in each process.
+        """
+        types = dict.fromkeys([*(p.type for p in made.parameters), *([made.result] if made.result else [])])
+        for s in tree.statements_of(made.body):
+            if isinstance(s, tree.Declare):
+                types[s.type] = None
+            for whole in tree.expressions_of(s):
+                for e in tree.walk(whole):
+                    if isinstance(e, tree.Call):
+                        self.functions.add(e.function)
+                    elif isinstance(e, tree.Cast | tree.Construct):
+                        types[e.type] = None
+        self.types |= {speller.type_name(t.to if isinstance(t, tree.Pointer) else t) for t in types}
+        self.types |= self.functions
+
+    def add_text(self, text: str) -> None:
+        """Add the names that a text of the prologue uses."""
         self.functions |= set(re.findall(r"\b(\w+)\(", text))
-        self.all |= set(re.findall(r"\w+", text))
+        self.types |= set(re.findall(r"\w+", text))
 
     def has_type(self, scalar: str, n: int) -> bool:
         """Return whether the text uses the vector of n such scalars, a struct of it, or a conversion to it."""
         type = f"{scalar}{n}"
         structs = {f"{type}x{size}" for size in (2, 3, 4)}
-        return not self.all.isdisjoint({type, f"as_{type}", f"convert_{type}", f"convert_{type}_sat", *structs})
+        return not self.types.isdisjoint({type, f"as_{type}", f"convert_{type}", f"convert_{type}_sat", *structs})
 
 
-def declare_wide(text: str, lanes: int) -> str:
-    """Return declarations of the types and functions that a kernel's text uses of vectors of `lanes`; '' up to LONGEST.
+def declare_wide(words: Words, lanes: int) -> str:
+    """Return declarations of the types and functions that a kernel uses of vectors of `lanes`; '' up to LONGEST.
 
     Functions of 64 numbers call those of 32.
     """
     if lanes <= LONGEST:
         return ""
-    words = _Words()
-    words.add(text)
     scalars = [t for t in _SCALARS if words.has_type(t, lanes)]
     declared: list[str] = []
     functions: list[str] = []
@@ -89,20 +110,20 @@ def declare_wide(text: str, lanes: int) -> str:
     while width > LONGEST:
         made = _functions(words, width, scalars)
         functions = [*made, *functions]
-        words.add("\n".join(made))
+        words.add_text("\n".join(made))
         macros = list(_macros(words, width))
         declared = [*macros, *declared]
-        words.add("\n".join(macros))
+        words.add_text("\n".join(macros))
         declared = [*_types(words, width), *declared]
         width //= 2
     return "\n\n".join(["\n".join([_HEAD, *declared]), *functions])
 
 
-def _types(words: _Words, n: int) -> list[str]:
+def _types(words: Words, n: int) -> list[str]:
     return [f"typedef {t} {t}{n} __attribute__((ext_vector_type({n})));" for t in _SCALARS if words.has_type(t, n)]
 
 
-def _macros(words: _Words, n: int) -> Iterator[str]:
+def _macros(words: Words, n: int) -> Iterator[str]:
     """Yield conversions and stores of n numbers that a kernel uses."""
     for scalar in _SCALARS:
         if f"as_{scalar}{n}" in words.functions:
@@ -114,7 +135,7 @@ def _macros(words: _Words, n: int) -> Iterator[str]:
         yield f"#define vstore{n}(a, at, to) ({half}((a).lo, 2 * (at), to), {half}((a).hi, 2 * (at) + 1, to))"
 
 
-def _functions(words: _Words, n: int, scalars: list[str]) -> list[str]:
+def _functions(words: Words, n: int, scalars: list[str]) -> list[str]:
     """Return the functions of n numbers that a kernel uses, each for the types of these scalars."""
     floats, ints = ([t for t in types if t in scalars] for types in (_FLOATS, _INTS))
     used = words.functions

@@ -99,8 +99,8 @@ class KernelMaker(ClUnit):
 
     # Methods that a kernel of packets overrides
 
-    def declared(self, text: str) -> Sequence[str]:
-        """Return the lines that declare the types that a text uses and OpenCL C lacks."""
+    def declared(self) -> Sequence[str]:
+        """Return the lines that declare the types that the text uses and OpenCL C lacks."""
         return ()
 
     def stands_apart(self, function: Function) -> bool:
@@ -124,10 +124,9 @@ class KernelMaker(ClUnit):
         """Return the kernel with all text that was added; `inputs` are the positions of the inputs that it reads."""
         entry = self.module.entry
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
-        declared = self.declared("\n".join([prologue, *(line for line, _ in self.speller.lines)]))
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math in REPRODUCIBLE else 'ON'}"]
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
-        lines: list[Line] = [(text, None) for text in [*head, *declared, "", *prologue.splitlines()]]
+        lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
         lines += self.speller.lines if prologue else self.speller.lines[1:]
         return Kernel(
             text_of(lines),
@@ -169,11 +168,15 @@ class KernelMaker(ClUnit):
         result = function.outputs[0].type if single else None
         qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
         block = tuple(body.out)
-        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
+        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function."""
         return ()
+
+    def spelled(self, made: tree.Function) -> None:
+        """Add a function that has been made."""
+        self.speller.function(made)
 
     def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
         """Name the parameters of a function and return them; variables are passed by pointer."""
@@ -217,7 +220,7 @@ class KernelMaker(ClUnit):
         else:
             body.statements()
         self.write_outputs(body)
-        self.speller.function(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
+        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
         return tuple(at for at, _ in read)
 
     def call_entry(self, body: ClBody, inner: str) -> None:
