@@ -173,9 +173,16 @@ def test_inputs_may_have_any_name_that_calls_leave_free():
     assert f(self=3, arrays=1) == kernel(self=3, arrays=1) == kernel.run(self=3, arrays=1).outputs == 2
 
 
-def test_a_field_that_no_result_can_have_is_refused():
-    with pytest.raises(sh.ShpyTypeError, match="the field _a of Hidden begins with an underscore"):
+def test_a_field_may_begin_with_an_underscore():
+    @sh.struct
+    class Hidden:
+        _a: sh.Attrib1f
+        b: sh.Attrib1f
 
-        @sh.struct
-        class Hidden:
-            _a: sh.Attrib1f
+    @sh.program
+    def f(x: sh.Attrib1f) -> Hidden:
+        return Hidden(x, 2 * x)
+
+    found = f([1, 2])
+    assert (found._a.tolist(), found.b.tolist()) == ([1, 2], [2, 4])
+    sh.testing.assert_equivalent(f, [1, 2])

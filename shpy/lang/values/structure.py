@@ -21,6 +21,7 @@ import typing
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -188,9 +189,14 @@ def built(frame: Frame, layout: Layout, results: Sequence[int]) -> Any:
 
 
 def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:
-    """Put the arrays of a run together: structs become named tuples, matrices (*S, N, N)."""
+    """Put the arrays of a run together: structs become named tuples, matrices (*S, N, N).
+
+    A struct with a field that begins with an underscore, which no named tuple has, becomes a namespace.
+    """
     if isinstance(layout, Group) and layout.form == "struct":
         made = [build_arrays(part, arrays) for part in layout.parts]
+        if any(name.startswith("_") for name in layout.names):
+            return SimpleNamespace(**dict(zip(layout.names, made, strict=True)))
         return namedtuple(layout.cls.__name__, layout.names)(*made)
     if isinstance(layout, Group):
         return build_group(layout, [build_arrays(part, arrays) for part in layout.parts])
@@ -384,11 +390,6 @@ def struct(cls: type) -> Any:
     }
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
-    for name in fields:
-        if name.startswith("_"):  # results are named tuples, which have no such fields
-            raise ShpyTypeError(
-                f"the field {name} of {cls.__name__} begins with an underscore", loc=here(), cure=name.strip("_") or "a"
-            )
     of_structs = {part for base in cls.__mro__[1:] if _is_struct(base) for part in base.__mro__}
     for base in cls.__mro__[1:]:
         if base not in of_structs and base is not object:
