@@ -161,7 +161,7 @@ def _within(said: Any, values: Array) -> Array:
         return np.zeros(len(values), np.bool_)
     if values.dtype == np.bool_:
         return np.ones(len(values), np.bool_)
-    low, high = min(said[:2]), max(said[:2])
+    low, high = said[:2]
     with np.errstate(invalid="ignore"):
         return np.asarray((values >= low) & (values <= high))
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
-from shpy.backends.registry import backends as listed
+from shpy.backends.registry import backend, backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.passes.modes import MODES, PRECISIONS
@@ -56,18 +56,16 @@ def variants(
 ) -> list[Variant]:
     """Return every combination; None means all available backends, all modes, or f32.
 
-    Raises ShpyTypeError for an unknown backend, mode or precision.
+    Raises ShpyTypeError for an unknown mode or precision, BackendUnavailable for an unknown backend.
     """
-    for unknown in set(_several(precision, ())) - set(PRECISIONS):
-        raise ShpyTypeError(f"precision={unknown!r} is unknown", cure=" or ".join(map(repr, PRECISIONS)))
+    for what, given, known in (("precision", precision, PRECISIONS), ("math", math, MODES)):
+        for unknown in set(_several(given, ())) - set(known):
+            raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, known)))
+    for name in _several(backends, ()):
+        backend(name)
     modes: list[str | None] = list(_several(math, MODES))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]
-    for unknown in set(_several(math, ())) - set(MODES):
-        raise ShpyTypeError(f"math={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, MODES)))
-    known = [b.name for b in listed()]
-    for unknown in set(_several(backends, ())) - set(known):
-        raise ShpyTypeError(f"there is no backend {unknown!r}", loc=here(), cure=" or ".join(map(repr, known)))
     names = _several(backends, [b.name for b in listed() if b.available])
     return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"])]
 

@@ -10,7 +10,7 @@ from source_text import made
 import shpy as sh
 
 INTS = [-3, -1, 0, 1, 2, 8]
-FLOATS = [-3.25, -1.0, 0.0, 0.5, 2.0, 7.75]
+FLOATS = [-3.25, -1.0, -0.0, 0.0, 0.5, 2.0, 7.75]
 
 
 def cure_of(kind, expression, result=None):
@@ -35,7 +35,7 @@ VALUES = {
     ("Attrib1f", "x or y"): "sh.cond(x != 0, x, y)",
     ("Attrib1f", "math.fmod(x, 2)"): "x - 2 * sh.trunc(x / 2)",
     ("Attrib1f", "math.fmod(x + 1, y + 9)"): "(x + 1) - (y + 9) * sh.trunc((x + 1) / (y + 9))",
-    ("Attrib1f", "math.copysign(x, y)"): "sh.cond(y < 0, -abs(x), abs(x))",
+    ("Attrib1f", "math.copysign(x, y)"): "sh.cond(sh.bits_from_float(y) >= 2**31, -abs(x), abs(x))",
     ("Attrib1f", "round(x, 1)"): "sh.round(x * 10**1) / 10**1",
     ("Attrib1f", "np.square(x)"): "x * x",
 }

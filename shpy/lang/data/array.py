@@ -125,8 +125,9 @@ class Array(Symbolic):
 
     def _take(self, values: Any) -> None:
         """Store the elements of another Array, tuple or list, of as many."""
-        if not isinstance(values, Array | tuple | list) or len(values) != self._length:
-            given = f"{len(values)} elements" if isinstance(values, Array | tuple | list) else type(values).__name__
+        several = isinstance(values, Array | tuple | list)
+        if not several or len(values) != self._length:
+            given = f"{len(values)} elements" if several else type(values).__name__
             raise ShpyTypeError(
                 f"a[:] of an Array of {self._length} takes as many elements, not {given}",
                 loc=here(),
