@@ -87,8 +87,12 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         """Make a module runnable: its tables become inputs. Raises VerifyError for a module that breaks a rule.
 
         Whoever wrote it need not be trusted: a loop that does not show that it takes the iterations that it promises
-        has a budget (`loop_limit`), and nothing in a name reaches a target as code.
+        has a budget (`loop_limit`), and nothing in a name reaches a target as code. Raises ShpyTypeError for anything
+        but a module.
         """
+        if not isinstance(module, Module):
+            cure = "sh.parse(text) for the text of one, or a program's .ir"
+            raise ShpyTypeError(f"from_ir takes a module, not {type(module).__name__}", loc=here(), cure=cure)
         verify(module)
         return cls(algebra.recorded_from(checked(module)))
 
@@ -287,6 +291,12 @@ def program(function: Any) -> Any:
         kind = "program" if isinstance(function, Program) else "subroutine"
         cure = f"@sh.program or @sh.subroutine above the def of {function.name}, and the name in other programs"
         raise ShpyTypeError(f"{function.name} is a {kind} already", loc=here(), cure=cure)
+    if isinstance(function, functools._lru_cache_wrapper):
+        raise ShpyTypeError(
+            f"{function.__name__} is cached by its arguments, and the inputs of a program have no values yet",
+            loc=here(),
+            cure="@sh.program above the function, without functools.cache",
+        )
     if isinstance(function, classmethod):
         return ClassMethod(function.__func__)
     if isinstance(function, staticmethod):

@@ -26,7 +26,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from lark.lexer import PatternRE, PatternStr, TerminalDef
 from lark.visitors import Transformer_NonRecursive, v_args
 
-from shpy.errors import ParseError, shorten
+from shpy.errors import ParseError, ShpyTypeError, shorten
 from shpy.ir.constants import encode
 from shpy.ir.metadata import About
 from shpy.ir.nodes import (
@@ -75,7 +75,13 @@ _MOST, _MOST_IN_LINE = 2**24, 2**20
 
 
 def parse(text: str) -> Module:
-    """Return the module of a text; raise ParseError with line, column and the expected syntax."""
+    """Return the module of a text; raise ParseError with line, column and the expected syntax.
+
+    Raises ShpyTypeError for anything but a str.
+    """
+    if not isinstance(text, str):
+        cure = "the text of a module, as str(program.ir) gives it"
+        raise ShpyTypeError(f"sh.parse takes a str, not {type(text).__name__}", cure=cure)
     source = text if text.endswith("\n") else text + "\n"
     _check_size(source)
     try:

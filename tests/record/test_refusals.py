@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+
+import numpy as np
 import pytest
 
 import shpy as sh
@@ -48,6 +51,56 @@ def another_field(x: Pair) -> Pair:
     return x
 
 
+def a_condition_of_else(x: sh.Attrib1f) -> sh.Attrib1f:
+    with sh.SH_IF(x > 0):
+        x += 1
+    with sh.SH_ELSE(x < 0):
+        x += 2
+    return x
+
+
+def a_loop_without_an_end(x: sh.Attrib1f) -> sh.Attrib1f:
+    with sh.SH_FOR() as i:
+        x += i
+    return x
+
+
+def a_modulus(x: sh.Attrib1i) -> sh.Attrib1i:
+    return pow(x, 2, 7)
+
+
+def an_array_as_a_matrix(x: sh.Attrib3f) -> sh.Attrib3f:
+    return np.eye(3) @ x
+
+
+def a_value_and_an_array(x: sh.Attrib3f) -> sh.Attrib3f:
+    return x @ np.eye(3)
+
+
+def a_matrix_and_an_array(x: sh.Attrib3f) -> sh.Attrib3f:
+    return sh.Matrix3f() @ np.eye(3) @ x
+
+
+def an_element_of_numpy(x: sh.Attrib1f) -> sh.Attrib1f:
+    a, x = np.zeros(3), x + 1
+    a[0] = x
+    return x
+
+
+def a_row_of_numpy(x: sh.Attrib3f) -> sh.Attrib3f:
+    a, x = np.zeros((3, 3)), x + 1
+    a[1] = x
+    return x
+
+
+MATRIX = (
+    "@ cannot take an array of shape (3, 3)\n  write instead: sh.Table(array, type) to look numbers up in, an input "
+    "for one number an element, or sh.Matrix3f(array)"
+)
+STORED = (
+    "`a[{}] = …` stores a number while recording, and this value is known only when the program runs\n  write instead: "
+    "make `a` a list, or with an index of the language a sh.Array"
+)
 ARRAYS = "same &= a[i] == b[i] in a loop, with SH_FOR(0, len(a)) as i"
 OPERANDS = "a value of the language, a number, or a tuple, list or 1-D array of up to four"
 MESSAGES = {
@@ -57,6 +110,14 @@ MESSAGES = {
     arrays: f"== compares the elements of no Array\n  write instead: {ARRAYS}",
     a_complex: f"== cannot take complex\n  write instead: {OPERANDS}",
     two_for_one: "half: too many positional arguments\n  write instead: half(x)",
+    a_condition_of_else: "SH_ELSE takes nothing\n  write instead: SH_ELSE()",
+    a_loop_without_an_end: "SH_FOR takes start, stop, step\n  write instead: SH_FOR(start, stop, step)",
+    a_modulus: "pow takes a base and an exponent\n  write instead: (x ** y) % modulus",
+    an_array_as_a_matrix: MATRIX,
+    a_value_and_an_array: MATRIX,
+    a_matrix_and_an_array: MATRIX,
+    an_element_of_numpy: STORED.format(0),
+    a_row_of_numpy: STORED.format(1),
     another_field: "'Pair' has no field 'c'\n  write instead: one of a, b",
 }
 
@@ -65,7 +126,8 @@ MESSAGES = {
 def test_a_mistake_is_told_at_its_line(function):
     with pytest.raises(sh.ShpyError) as caught:
         sh.program(function)
-    lines = range(function.__code__.co_firstlineno + 1, function.__code__.co_firstlineno + 3)
+    code = function.__code__
+    lines = range(code.co_firstlineno, max(line for *_, line in code.co_lines() if line) + 1)
     assert caught.value.loc.file == __file__
     assert caught.value.loc.line in lines
     assert str(caught.value).partition(": ")[2] == MESSAGES[function]
@@ -77,6 +139,32 @@ def test_a_subroutine_and_a_program_are_no_function_to_record():
     doubled = sh.program(lambda: sh.Attrib1f(2))
     with pytest.raises(sh.ShpyTypeError, match="is a program already"):
         sh.program(doubled)
+
+
+def test_a_cached_function_is_no_program():
+    with pytest.raises(sh.ShpyTypeError, match="cached is cached by its arguments") as caught:
+
+        @sh.program
+        @functools.cache
+        def cached(x: sh.Attrib1f) -> sh.Attrib1f:
+            return x + 1
+
+    assert caught.value.loc.file == __file__
+
+
+def test_only_modules_and_texts_make_programs_from_ir():
+    with pytest.raises(sh.ShpyTypeError, match=r"from_ir takes a module, not str\n  write instead: sh\.parse\(text\)"):
+        sh.Program.from_ir("program f")
+    with pytest.raises(sh.ShpyTypeError, match=r"sh\.parse takes a str, not NoneType"):
+        sh.parse(None)
+
+
+def test_a_program_shows_the_type_of_its_tables():
+    @sh.program
+    def looked_up(a: sh.Table[sh.Attrib1f], b: sh.Table[sh.Attrib4f, 2]) -> sh.Attrib1f:
+        return a[0] + b[0, 0].x
+
+    assert repr(looked_up) == "<Program looked_up(a: Table[Attrib1f], b: Table[Attrib4f, 2]) -> Attrib1f>"
 
 
 def test_structs_outside_of_a_program_are_objects():

@@ -40,6 +40,10 @@ class TableType:
     cls: Any
     rank: int
 
+    def __repr__(self) -> str:
+        rank = "" if self.rank == 1 else f", {self.rank}"
+        return f"Table[{self.cls.__name__}{rank}]"
+
     def __reduce__(self) -> Any:
         return _table_type, (layout_of(self.cls, "an element"), self.rank)
 

@@ -98,7 +98,7 @@ def refuse(value: AbstractValue, asked: str) -> NoReturn:
     """Raise RecordError for a symbolic value that Python or numpy asked for a bool, a number or an array."""
     loc = here()
     sentence, unseen = _UNSEEN[asked]
-    hint = explain(loc, "index" if asked == "array" else asked)
+    hint = explain(loc, asked)
     message, cure = hint or (sentence.format(value._called()), unseen)
     raise RecordError(message, loc=loc, cure=cure)
 
@@ -106,7 +106,7 @@ def refuse(value: AbstractValue, asked: str) -> NoReturn:
 def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint | None:
     """Return why Python needed a bool or a number on this line; `frame` is the user's, if known.
 
-    `asked` is the kind of the request: bool, int, float, index, round or math.
+    `asked` is the kind of the request: bool, int, float, index, array, round or math.
     """
     if loc is None:
         return None
@@ -122,6 +122,8 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
         site = _chosen(asking, loc, frame) or _in_a_call(roots, loc, frame)
         if site is None:
             return None
+        if isinstance(site.node, ast.Subscript) and _is_stored(site.node, asked):
+            return _store_hint(site.node, spelling)
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
         return _conversion_hint(site.tested, spelling, index.id if isinstance(index, ast.Name) else "i")
     except RecursionError:  # the expression is deeper than Python's stack, so the error has no hint
@@ -253,14 +255,20 @@ def _asks(node: ast.AST, kind: str, frame: FrameType | None) -> TypeGuard[ast.ex
         case ast.Call(func=function, args=[_, *_]) if getattr(named(function, frame), "__module__", "") in _NUMERIC:
             return True
         case ast.Call(func=ast.Name(id=name)):
-            return kind == {"range": "index", "complex": "float"}.get(name, name)
+            return {"array": "index"}.get(kind, kind) == {"range": "index", "complex": "float"}.get(name, name)
         case ast.Call(func=ast.Attribute(value=ast.Name(id=module))):
             return module in _NUMERIC and bool(node.args)
         case ast.Call(func=ast.Attribute(value=ast.Attribute(value=ast.Name(id=module)))):
             return module in _NUMERIC and bool(node.args)
         case ast.Subscript():
-            return kind == "index" and not isinstance(node.slice, ast.Constant)
+            return _is_stored(node, kind) or (kind in ("index", "array") and not isinstance(node.slice, ast.Constant))
     return False
+
+
+def _is_stored(node: ast.Subscript, kind: str) -> bool:
+    """Return whether the expression is an element of an array of numpy that is given a value."""
+    stands = not any(isinstance(part, ast.Name) for part in ast.walk(node.slice))
+    return isinstance(node.ctx, ast.Store) and (stands or kind not in ("index", "array"))
 
 
 def _span(node: ast.AST) -> _Span | None:
@@ -425,6 +433,14 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 return message, _joined(arguments, spelling)
             return message, _function_cure(function, arguments, spelling)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
+
+
+def _store_hint(node: ast.Subscript, spelling: _Spelling) -> Hint:
+    array, asked = spelling.quoted(node.value), spelling.quoted(node)
+    return (
+        f"`{asked} = …` stores a number while recording, and this value is known only when the program runs",
+        f"make `{array}` a list, or with an index of the language a {spelling.prefix}Array",
+    )
 
 
 def _joined(arguments: list[ast.expr], spelling: _Spelling) -> str:

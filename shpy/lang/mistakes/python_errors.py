@@ -48,7 +48,7 @@ _STACK = "a loop, with an sh.Array as the stack; or a depth that Python counts, 
 
 
 def explain_python_error(
-    error: TypeError | AttributeError | NameError | RecursionError, recorded: str
+    error: TypeError | ValueError | AttributeError | NameError | RecursionError, recorded: str
 ) -> ShpyError | None:
     """Return shpy's error at the user's line; None for an error that is unrelated to the language.
 
@@ -56,6 +56,8 @@ def explain_python_error(
     """
     if isinstance(error, RecursionError):
         return _recursion(error)
+    if isinstance(error.__cause__, ShpyError):  # numpy gives its own error for those of an array's element
+        return error.__cause__
     places = traceback.extract_tb(error.__traceback__)
     place = next((p for p in reversed(places) if is_users(p.filename)), None)
     if place is None:

@@ -6,6 +6,7 @@ appends a statement.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any
@@ -24,10 +25,23 @@ _BOOL, _INT = vec(Base.B), vec(Base.I)
 
 
 class _Construct(type):
-    """The metaclass of blocks: a block that is created but never opened is an error at the end of its function."""
+    """The metaclass of blocks: a block that is created but never opened is an error at the end of its function.
+
+    Raises ShpyTypeError for arguments that the construct does not have.
+    """
+
+    what: str
 
     def __call__(cls, *args: Any, **named: Any) -> Any:
-        block = super().__call__(*args, **named)
+        try:
+            block = super().__call__(*args, **named)
+        except TypeError as error:
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise
+            takes = ", ".join(list(inspect.signature(cls.__init__).parameters)[1:])  # type: ignore[misc]
+            raise ShpyTypeError(
+                f"{cls.what} takes {takes or 'nothing'}", loc=here(), cure=f"{cls.what}({takes})"
+            ) from None
         block.frame.waiting.append(block)
         return block
 

@@ -144,7 +144,7 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
     }
     try:
         return function(*positional, **named)
-    except (TypeError, AttributeError, NameError, RecursionError) as error:
+    except (TypeError, ValueError, AttributeError, NameError, RecursionError) as error:
         if isinstance(error, ShpyError):
             raise
         from shpy.lang.mistakes.python_errors import explain_python_error  # here: few programs need it

@@ -22,7 +22,8 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values import builtins
 from shpy.lang.values.abstract import Symbolic
-from shpy.lang.values.coerce import literal
+from shpy.lang.values.arithmetic import refuse_operand
+from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.value import CLASSES, Value
 
@@ -172,19 +173,24 @@ class Matrix(Symbolic):
     def __iter__(self) -> Iterator[Any]:
         return (self[i] for i in range(self.size))
 
+    def _as_vector(self, other: Any) -> Any:
+        """Return a tuple, list or 1-D array as a vector, other objects as they are; refuse other arrays."""
+        entries = sequence(other)
+        if entries is None and isinstance(other, np.ndarray):
+            refuse_operand(other, "@")
+        return other if entries is None else CLASSES["Attrib", len(entries), Base.F](*entries)
+
     def __matmul__(self, other: Any) -> Any:
         if isinstance(other, Matrix):
             self._same_size(other)
             return self._plain()(*(_combine(row, other.rows) for row in self.rows))
-        if isinstance(other, list | tuple | np.ndarray):
-            other = CLASSES["Attrib", len(other), Base.F](*other)
+        other = self._as_vector(other)
         if not isinstance(other, Value) or other.size == 1:
             return self._refuse("@", other, "m * x, which multiplies each entry")
         return self._transform(other)
 
     def __rmatmul__(self, other: Any) -> Any:
-        if isinstance(other, list | tuple | np.ndarray):
-            other = CLASSES["Attrib", len(other), Base.F](*other)
+        other = self._as_vector(other)
         if not isinstance(other, Value) or other.size != self.size:
             cure = f"a vector of {self.size} components on the left, or m * x, which multiplies each entry"
             return self._refuse("@", other, cure, reflected=True)

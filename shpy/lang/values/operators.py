@@ -10,11 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from shpy.errors import ShpyTypeError
+from shpy.lang.recording.location import here
+
 _Binary = Callable[[Any, Any], Any]
 
 
 def _operator(op: str, what: str) -> tuple[_Binary, _Binary, _Binary]:
-    def plain(self: Any, other: Any) -> Any:
+    def plain(self: Any, other: Any, modulus: Any = None) -> Any:  # Python's pow gives the third
+        if modulus is not None:
+            raise ShpyTypeError("pow takes a base and an exponent", loc=here(), cure="(x ** y) % modulus")
         return self._binary(op, other, what)
 
     def reflected(self: Any, other: Any) -> Any:

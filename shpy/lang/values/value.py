@@ -213,6 +213,7 @@ class Value(Operators, AbstractValue):
             raise ShpyTypeError(
                 "@ is the product of matrices, and neither side is one", loc=here(), cure="sh.dot(a, b), or a * b"
             )
+        arithmetic.refuse_operand(other, "@")
         return NotImplemented
 
     __rmatmul__ = __matmul__
