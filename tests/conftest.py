@@ -32,6 +32,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
+LONGEST = {"test_conformance", "test_deferred", "test_generated", "test_queries", "test_trade", "test_view_page"}
+"""The files of tests that take a minute or so."""
+
 
 def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the golden texts anew (never in CI)")
@@ -39,7 +42,7 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items):
-    """Mark most cases of sampled tests as slow. The longest tests run first: no worker is left alone with one."""
+    """Mark most cases of sampled tests as slow. The longest files run first: no worker is left alone with one."""
     found = Counter()
     for item in items:
         sampled = item.get_closest_marker("sampled")
@@ -48,7 +51,7 @@ def pytest_collection_modifyitems(items):
             if found[test] % sampled.args[0]:
                 item.add_marker(pytest.mark.slow)
             found[test] += 1
-    items.sort(key=lambda item: "test_generated" not in item.nodeid)
+    items.sort(key=lambda item: item.path.stem not in LONGEST)
 
 
 class Snapshots:
