@@ -273,7 +273,7 @@ class TriangleTest:
     def __call__(self, triangles: Triangles, k: Any, near: Any, hit: RayHit) -> None:
         """Offer the triangle at place `k` to `hit`, which takes it if the ray meets it at a distance in [near, hit.l).
 
-        A triangle without area, or edge-on, is never met.
+        A triangle that has no area as the ray sees it is never met.
         """
         sight = self.sight
         rows = triangles[k]
