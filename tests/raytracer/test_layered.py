@@ -204,6 +204,22 @@ def test_hits_of_rays_along_the_borders_of_cells_stay_as_they_are():
     assert found == HITS_ALONG_BORDERS
 
 
+@pytest.mark.parametrize("height", [0.5, 0.5 - 2**-21])
+def test_a_ray_beside_a_surface_hits_its_samples_up_to_the_tolerance(height):
+    """The surface lies at a border of the slices in which a block notes the depths of its samples."""
+    square = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    mesh, tolerance = joined([square.moved((0, 0, z)) for z in (0, height, 1)]), 2.0**-6
+    inside = tolerance * (1 - np.array([0, 1e-6, 2e-6, 4e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1])[height < 0.5 :])
+    outside = tolerance * (1 + np.array([4e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1]))
+    heights = height + np.concatenate([inside, -inside, outside, -outside])
+    origins = np.stack(np.broadcast_arrays(-1, 0.31, heights), axis=-1).astype(np.float32)
+    cube = LayeredCube.of(mesh, 32, 8, "numpy", "sample", tolerance=tolerance)
+    along = np.broadcast_to(np.float32([1, 0, 0]), origins.shape)
+    hits = Intersector(mesh, cube, "numpy").intersect(origins, along)
+    assert np.isin(hits.triangle[: 2 * len(inside)], [2, 3]).all()
+    assert (hits.triangle[2 * len(inside) :] == -1).all()
+
+
 @pytest.mark.parametrize("hit", ["sample", "plane"])
 def test_approximate_hits_come_nearer_with_the_resolution(hit):
     origins, directions = (part[1::3] for part in rays(CLOSED["ball"], 9000))
