@@ -41,10 +41,10 @@ def set_precision(module: Module, precision: Precision = "f32") -> Module:
 def retype_ports(module: Module, old: Base, new: Base) -> Module:
     """Change the base of params and tables from `old` to `new`, and round initial values to it."""
     params = tuple(
-        replace(p, type=_typed(p.type, old, new), value=rounded(_typed(p.type, old, new), p.value))
+        replace(p, type=rebased(p.type, old, new), value=rounded(rebased(p.type, old, new), p.value))
         for p in module.params
     )
-    tables = tuple(replace(t, type=_typed(t.type, old, new)) for t in module.tables)
+    tables = tuple(replace(t, type=rebased(t.type, old, new)) for t in module.tables)
     return replace(module, params=params, tables=tables)
 
 
@@ -53,7 +53,8 @@ def rounded(type: Type, attr: tuple[int, ...]) -> tuple[int, ...]:
     return from_array(type, to_array(type, attr))
 
 
-def _typed(type: Type, old: Base, new: Base) -> Type:
+def rebased(type: Type, old: Base, new: Base) -> Type:
+    """Return the type with the base `new` if its base is `old`, else the type itself."""
     return type.based(new) if type.base is old else type
 
 
@@ -75,12 +76,12 @@ class Rebase(Rewriter):
     def retyped(self, value: Value) -> Value:
         """Return the value with its new type; `old_types` records its old type."""
         self.old_types[value.id] = value.type
-        new = _typed(value.type, self.old, self.new)
+        new = rebased(value.type, self.old, self.new)
         return value if new is value.type else Value(value.id, new, value.name, value.loc)
 
     def slot(self, variable: Variable) -> Variable:
         """Return the variable with its new type."""
-        return replace(variable, type=_typed(variable.type, self.old, self.new))
+        return replace(variable, type=rebased(variable.type, self.old, self.new))
 
     def call(self, call: Call) -> None:
         """Rewrite a Call, so that its results have the new base."""
@@ -93,7 +94,7 @@ class _Working(Rebase):
         if let.op == "const" and value.type.is_float:
             assert isinstance(let.attr, tuple)
             self.emit(Let(value, "const", (), _held(value, let.attr)))
-        elif let.op == "convert" and _typed(self.old_types[let.args[0]], self.old, self.new) is value.type:
+        elif let.op == "convert" and rebased(self.old_types[let.args[0]], self.old, self.new) is value.type:
             self.replace(value, let.args[0])
         elif let.op == "float_from_bits" and value.type.base is not Base.F:
             bits = self.value(value.type.based(Base.F))

@@ -17,6 +17,7 @@ from collectives.definition import (
     halve_columns,
     prefixes,
     target,
+    tree,
     trees,
 )
 
@@ -112,3 +113,24 @@ def test_a_result_keeps_its_memory():
     others = [sh.Stream(np.full(1000, k, np.uint32), sh.Attrib1u, backend="opencl") for k in range(8)]
     assert (found.numpy() == np.cumsum(np.arange(1000))).all()
     assert [int(o[0]) for o in others] == list(range(8))
+
+
+@sh.program
+def halve_vectors(a: sh.Attrib3f, b: sh.Attrib3f) -> sh.Attrib3f:
+    return a - b * 0.5
+
+
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+def test_trees_at_other_working_precisions(target, precision):
+    """Reductions and prefixes of scalars and vectors, in the runs of one part and of several."""
+    if (target, precision) == ("glsl", "f64"):
+        with pytest.raises(sh.ShpyTypeError, match=r"GLSL 3\.30 has no f64"):
+            sh.Stream([1.0], sh.Attrib1f, target, precision=precision)
+        return
+    word = {"f16": np.float16, "f64": np.float64}[precision]
+    for n in (1, 2, 7, 130, 70_001):
+        x = np.random.default_rng(n).standard_normal((n, 3)).astype(word)
+        for program, data in ((halve_scalars, x[:, 0].copy()), (halve_vectors, x)):
+            s = sh.Stream(data, sh.Attrib3f if data.ndim > 1 else sh.Attrib1f, target, precision=precision)
+            assert not differs(sh.reduce(program, s), tree(data, halve)).any(), n
+            assert not differs(sh.scan(program, s).numpy(), prefixes(data, halve)).any(), n

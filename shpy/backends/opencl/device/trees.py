@@ -9,7 +9,7 @@ Stage: compile and run. Few elements are one part, so a sum of them is one dispa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -26,6 +26,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
 from shpy.passes.modes import Precision
 from shpy.passes.pipeline import prepare
+from shpy.passes.precision import rebased
 from shpy.passes.size import inlined_sizes
 
 _ALONE: Final = 1 << 16
@@ -100,6 +101,9 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if lanes == 1:
         return None
     options = Options(precision=precision)
+    if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
+        element, made = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.made))
+        types = replace(types, element=element, made=made)
     prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE:
