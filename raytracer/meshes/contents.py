@@ -148,6 +148,15 @@ def off(data: bytes) -> bytes:
     return _ascii(text_of(data))
 
 
+def off_colors(data: bytes) -> int:
+    """Return how many vertices and faces of an OFF file that trimesh can read have colours, which trimesh drops."""
+    text = re.sub("#.*", "", text_of(data)).partition("OFF")[2]
+    lines = [words for line in text.splitlines() if (words := line.split())]
+    vertices, faces = map(int, lines[0][:2])
+    places, corners = lines[1 : 1 + vertices], lines[1 + vertices : 1 + vertices + faces]
+    return sum(len(words) > 3 for words in places) + sum(len(words) > int(words[0]) + 1 for words in corners)
+
+
 def _ascii(text: str) -> bytes:
     return text.encode("ascii", "replace")
 

@@ -25,7 +25,7 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
-from raytracer.meshes.contents import READABLE, text_of
+from raytracer.meshes.contents import READABLE, off_colors, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
 from raytracer.meshes.from_trimesh import join_strips, parts_of, texture_file
 from raytracer.meshes.gltf import Document
@@ -247,7 +247,7 @@ class Library:
 
 
 def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    """Read a PLY, STL or OFF file: one mesh, and of PLY the picture that MeshLab names in a comment."""
+    """Read a PLY, STL or OFF file: a mesh, or one for each solid of STL; of PLY the picture in MeshLab's comment."""
     import trimesh
 
     kind = path.suffix.lower()
@@ -255,7 +255,10 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
         BytesIO(READABLE[kind](data)), file_type=kind[1:], process=False, force="scene", skip_materials=True
     )
     join_strips(scene)
-    found = [replace(mesh, name=path.stem) for mesh in _placed(list(parts_of(scene, notices)))]
+    if kind == ".off":
+        notices.ignore("colours of vertices and faces", off_colors(data))
+    parts = _placed(list(parts_of(scene, notices)))
+    found = [replace(mesh, name=path.stem) for mesh in parts] if len(parts) == 1 else parts
     header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
     name = texture_file(text_of(header))
     return Contents([_painted(mesh, name, Folder(path), notices) if materials else mesh for mesh in found])

@@ -1,4 +1,5 @@
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
@@ -302,3 +303,32 @@ def test_pictures_of_one_index_array_and_other_palettes_are_other_pictures():
     given = trimesh.Scene([textured(palette) for palette in ([255, 0, 0], [0, 0, 255], [255, 0, 0])])
     colors = [mesh.material.color for mesh in Scene([given]).meshes]
     assert [color.image[0, 0].tolist() for color in colors] == [[1, 0, 0], [0, 0, 1], [1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "ignored"),
+    [
+        ("COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 255\n0 1 0 0 0 255 255\n3 0 1 2\n", 3),
+        ("OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 1.0 0.5 0.0\n", 1),
+        ("# OFF\nOFF # 1\n3 1 0 # 2\n0 0 0 # 3\n1 0 0\n\n0 1 0\n3 0 1 2 # 4\n", 0),
+    ],
+    ids=["vertices", "faces", "comments"],
+)
+def test_colours_of_an_off_file_are_told_as_ignored(tmp_path, text, ignored):
+    path = tmp_path / "triangle.off"
+    path.write_text(text)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert len(Mesh.load(path)) == 1
+    expected = [f"triangle.off: ignored: colours of vertices and faces ({ignored})"] if ignored else []
+    assert [str(warning.message) for warning in told] == expected
+
+
+def test_the_solids_of_an_stl_file_have_their_names(tmp_path):
+    corners = "vertex 0 0 {1}\nvertex 1 0 {1}\nvertex 0 1 {1}\n"
+    solid = f"solid {{0}}\nfacet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\nendsolid\n"
+    path = tmp_path / "parts.stl"
+    path.write_text(solid.format("bolt", 0) + solid.format("nut", 1))
+    assert [mesh.name for mesh in Scene.load(path, floor=False).meshes] == ["bolt", "nut"]
+    path.write_text(solid.format("bolt", 0))
+    assert [mesh.name for mesh in Scene.load(path, floor=False).meshes] == ["parts"]
