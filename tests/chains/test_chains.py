@@ -86,8 +86,8 @@ def names_of(program):
 class OneByOne:
     """The same over host arrays: every kernel is called, and its outputs take the place of the arrays."""
 
-    def __init__(self, backend, arrays):
-        self.backend = backend
+    def __init__(self, backend, arrays, precision="f32"):
+        self.backend, self.precision = backend, precision
         self.arrays = {name: np.array(array) for name, array in arrays.items()}
         self.executions, self.counts = {}, {}
 
@@ -107,7 +107,8 @@ class OneByOne:
         names = names_of(tree)
         out = {name: self.arrays[name].copy() for name in names}
         whole = out if tree.outputs.keys() != {"0"} else out[names[0]]
-        result = tree.compile(self.backend).run(**inputs, out=whole, shape=self.arrays["x"].shape)
+        kernel = tree.compile(self.backend, precision=self.precision)
+        result = kernel.run(**inputs, out=whole, shape=self.arrays["x"].shape)
         self.arrays |= out
         self.executions[tree.name] = self.executions.get(tree.name, 0) + 1
         self.counts[tree.name] = self.counts.get(tree.name, 0) + result.count
