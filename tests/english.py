@@ -1,18 +1,15 @@
 """Find English that is not ours in docstrings, comments, messages and documents.
 
-CONTRIBUTING.md says how we write. `openings` finds docstrings that start with a question word in place of a verb,
-`words` finds expressions for which a textbook has its own term, and `moods` finds what ruff's D401 does.
-Each returns places as (file, line, text).
+CONTRIBUTING.md says how we write. `openings` finds docstrings that start with a question word in place of a verb, and
+`words` finds expressions for which a textbook has its own term. Each yields places as (file, line, text). Ruff's D401
+finds functions whose docstring does not start with an imperative verb.
 """
 
 from __future__ import annotations
 
 import ast
 import io
-import json
 import re
-import subprocess
-import sys
 import tokenize
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,11 +17,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 TOPS = ("shpy", "raytracer", "shpy_start", "examples", "benchmarks", "tests", "docs")
 Place = tuple[str, int, str]
-
-KINDS = {
-    "moods": "docstrings of functions that do not start with an imperative verb (D401), by folder",
-    "openings": "docstrings, of attributes too, that open with a question word, by folder",
-}
 
 OPENING = re.compile(r"(What|Whether|Which|Who|That|Those|Of|How|Where|Why)\b")
 
@@ -88,20 +80,3 @@ def _texts(file: str) -> Iterator[tuple[int, str]]:
     for token in tokenize.generate_tokens(io.StringIO(whole).readline):
         if token.type in (tokenize.COMMENT, tokenize.STRING):
             yield token.start[0], token.string
-
-
-def moods() -> Iterator[Place]:
-    """Yield the docstrings of functions that ruff does not find imperative, those that pyproject.toml ignores too."""
-    command = ["ruff", "check", "--isolated", "--select", "D401", "--output-format", "json", "--exit-zero"]
-    given = sorted({f.partition("/")[0] for f in files(".py")} - {"tests"})
-    found = subprocess.run(
-        [sys.executable, "-m", *command, *given], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    for each in json.loads(found.stdout):
-        yield str(Path(each["filename"]).relative_to(ROOT)), each["location"]["row"], each["message"]
-
-
-def room(file: str) -> str:
-    """Return the folder of a file, at most two deep; the file itself where it lies in a package's own folder."""
-    parts = Path(file).parts
-    return "/".join(parts[:2]) if parts[0] in ("shpy", "raytracer") else parts[0]
