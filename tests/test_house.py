@@ -95,12 +95,12 @@ def test_numpy_and_lark_are_enough(tmp_path):
 def test_files_are_short_and_well_named():
     lines = {shown(path): len(path.read_text().splitlines()) for path in CODE}
     assert {name: count for name, count in lines.items() if count > 500} == {}
+    parts = {shown(path): path.relative_to(ROOT).with_suffix("").parts for path in CODE}
+    assert [name for name, names in parts.items() if any(UNNAMED.fullmatch(n) for n in names)] == []
 
 
 def test_the_first_page_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 230
-    parts = {shown(path): path.relative_to(ROOT).with_suffix("").parts for path in CODE}
-    assert [name for name, names in parts.items() if any(UNNAMED.fullmatch(n) for n in names)] == []
 
 
 def test_no_two_modules_of_tests_and_examples_have_one_name():
