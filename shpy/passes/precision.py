@@ -7,6 +7,8 @@ Stage: improve, first of all. Takes a recorded module and returns one in which e
     f16   %a = sqrt %x : f                      ->  %a = sqrt %x : h                  (half.py does the h)
     f64   %a = float_from_bits %u : f           ->  %b = float_from_bits %u : f
                                                     %a = convert %b : d
+    f64   %a = half %x : f                      ->  %b = convert %x : h
+                                                    %a = convert %b : d
 
 A conversion between bases that have become one (f to d at f64) is dropped. Constants of floats are rounded to their
 base, and so are the initial values of params. A finite constant that would round to infinity is an error.
@@ -100,6 +102,10 @@ class _Working(Rebase):
             bits = self.value(value.type.based(Base.F))
             self.emit(Let(bits, let.op, let.args))
             self.emit(Let(value, "convert", (bits.id,)))
+        elif let.op == "half" and value.type.base is Base.D:
+            rounded_to_half = self.value(value.type.based(Base.H))
+            self.emit(Let(rounded_to_half, "convert", let.args))
+            self.emit(Let(value, "convert", (rounded_to_half.id,)))
         else:
             self.emit(let if value is let.value else Let(value, let.op, let.args, let.attr))
 

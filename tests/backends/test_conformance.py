@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from dataclasses import replace
 
@@ -107,6 +108,26 @@ def test_portable_mode_agrees_with_the_interpreter(case: Case) -> None:
     for target in TARGETS:
         if target not in case.refused:
             portable.check(portable.run(target), target)
+
+
+OUT_OF_RANGE = "is out of the range of f at precision f16"
+
+
+@pytest.mark.sampled(25)
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+@each([case for case in CASES if "precision" not in case.options and not case.meaning])
+def test_other_working_precisions_agree_with_the_interpreter(case: Case, precision: str) -> None:
+    """GLSL has no f64, and f16 no constants above 65504: both are refused."""
+    other = replace(case, options={**case.options, "precision": precision})
+    refused = {"glsl": r"no 64-bit floats|has no f64"} if precision == "f64" else case.refused
+    for target in ("numpy", "opencl-1", "opencl", "glsl"):
+        try:
+            found = other.run(target)
+        except sh.CompileError as error:
+            if not re.search(refused.get(target, OUT_OF_RANGE), error.message):
+                raise
+        else:
+            other.check(found, target)
 
 
 def wide() -> list[str]:
