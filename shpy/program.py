@@ -32,12 +32,12 @@ from shpy.lang.data.tables import listed_tables
 from shpy.lang.programs.claims import checked
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method
-from shpy.lang.programs.record import InputType, Recorded, record
+from shpy.lang.programs.record import Recorded, record
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
-from shpy.lang.values.structure import Leaf, Rows, leaves
+from shpy.lang.values.structure import Layout, leaves, type_of
 from shpy.passes.modes import MODES, PRECISIONS, Math, Precision
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
@@ -109,7 +109,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     @property
     def inputs(self) -> dict[str, Any]:
         """The type of each input by name."""
-        return {name: _spoken(type_) for name, type_ in self.recorded.inputs.items()}
+        return {n: type_of(t) if isinstance(t, Layout) else t for n, t in self.recorded.inputs.items()}
 
     @property
     def outputs(self) -> dict[str, Any]:
@@ -256,20 +256,14 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
 
     def __repr__(self) -> str:
         defaults = {n: f" = {getattr(d, 'name', None) or repr(d)}" for n, d in self.recorded.defaults.items()}
-        inputs = ", ".join(f"{n}: {getattr(t, '__name__', t)}{defaults.get(n, '')}" for n, t in self.inputs.items())
+        types = {n: algebra.type_name(t) if isinstance(t, Layout) else t for n, t in self.recorded.inputs.items()}
+        inputs = ", ".join(f"{n}: {t}{defaults.get(n, '')}" for n, t in types.items())
         outputs = ", ".join(t.__name__ for t in self.outputs.values())
         return f"<Program {self.name}({inputs}) -> {outputs}>"
 
 
 def _is_int(value: Any) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _spoken(type_: InputType) -> Any:
-    match type_:
-        case Leaf(cls) | Rows(cls):
-            return cls
-    return getattr(type_, "cls", None) if hasattr(type_, "form") else type_
 
 
 def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:

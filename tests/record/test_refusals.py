@@ -167,6 +167,15 @@ def test_a_program_shows_the_type_of_its_tables():
     assert repr(looked_up) == "<Program looked_up(a: Table[Attrib1f], b: Table[Attrib4f, 2]) -> Attrib1f>"
 
 
+def test_a_program_shows_the_types_of_a_tuple_among_its_inputs():
+    @sh.program
+    def first(pair: tuple[sh.Attrib1f, tuple[sh.Attrib2i, sh.Matrix2f]]) -> sh.Attrib1f:
+        return pair[0]
+
+    assert repr(first) == "<Program first(pair: (Attrib1f, (Attrib2i, Matrix2f))) -> Attrib1f>"
+    assert first.inputs == {"pair": tuple[sh.Attrib1f, tuple[sh.Attrib2i, sh.Matrix2f]]}
+
+
 def test_structs_outside_of_a_program_are_objects():
     pair = Pair(1, 2)
     assert pair == pair
