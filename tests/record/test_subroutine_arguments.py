@@ -58,6 +58,10 @@ def short(x: sh.Attrib2f) -> sh.Attrib1f:
     return product(x)
 
 
+def long(v: sh.Attrib2i) -> sh.Attrib1i:
+    return whole(v)
+
+
 def stored(x: sh.Attrib1i) -> sh.Attrib1f:
     grow(x)
     return x
@@ -85,6 +89,7 @@ def grow(x: sh.Attrib1f):
             "v of product takes 3 components or one, not 2\n"
             "  write instead: pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)",
         ),
+        (long, "n of whole takes one component, not 2\n  write instead: pick one, as in v.x"),
         (
             stored,
             "grow stores into x, which is given a value of another type: it is converted, so the store would be lost\n"

@@ -270,11 +270,12 @@ def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
             cure=f"the conversion written out, sh.Attrib{type.size}{type.base.value}(…)",
         )
     if value.size not in (1, type.size):
-        raise ShpyTypeError(
-            f"{what} takes {type.size} components or one, not {value.size}",
-            loc=here(),
-            cure="pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)",
-        )
+        if type.size == 1:
+            wanted, cure = "one component", "pick one, as in v.x"
+        else:
+            wanted = f"{type.size} components or one"
+            cure = "pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)"
+        raise ShpyTypeError(f"{what} takes {wanted}, not {value.size}", loc=here(), cure=cure)
     return read(frame, value, type)
 
 
