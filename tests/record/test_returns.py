@@ -280,3 +280,23 @@ def test_recursion_is_an_error_at_the_line_that_calls():
         @sh.program
         def itself(x: sh.Attrib1f) -> sh.Attrib1f:
             return itself(x - 1)
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (lambda x: {"a": {"b": x}, "a.b": x}, 'case gives back two outputs called "a.b"\n  write instead: another key'),
+        (lambda x: {"": x, "0": x}, 'case gives back two outputs called "0"\n  write instead: another key'),
+        (
+            lambda x: {"a": x, 1: x},
+            "case gives back a dict with the key 1, and the keys are the names of outputs\n  write instead: '1': …",
+        ),
+    ],
+)
+def test_the_keys_of_a_dict_name_its_outputs(result, message):
+    def case(x: sh.Attrib1f):
+        return result(x)
+
+    with pytest.raises(sh.RecordError) as caught:
+        sh.program(case)
+    assert str(caught.value) == f"{__file__}:{case.__code__.co_firstlineno + 1}: {message}"

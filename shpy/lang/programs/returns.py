@@ -110,12 +110,15 @@ class Returns:
     def _declare(self) -> None:
         assert self.layout is not None
         for name, kind, cls in leaves(self.layout, ""):
+            port = name or "0"
+            if any(port == earlier for earlier, _ in self.ports):
+                raise RecordError(f'{self.what} gives back two outputs called "{port}"', loc=here(), cure="another key")
             slot = self.frame.variable(cls.type, name="", loc=self.frame.loc)
             self.frame.homes[slot] = self.frame.scopes[0]
             # The user's own variable keeps its name, so its copy in the output is named `result`.
             self.frame.names[slot] = name if name and not name.isdigit() else f"result{name}"
             self.slots.append(slot)
-            self.ports.append((name or "0", kind))
+            self.ports.append((port, kind))
 
     def finish(self, value: Any) -> None:
         """Record the function's own return; raise RecordError if it can reach its end without a value."""

@@ -110,7 +110,14 @@ def layout_from(value: Any, what: str) -> Layout:
         base = {"int": "i", "float": "f", "bool": "b"}[known.weak]
         return Leaf(CLASSES["Attrib", 1, base])  # type: ignore[index]
     if isinstance(value, dict):
-        return Group("dict", tuple(map(str, value)), tuple(layout_from(v, what) for v in value.values()))
+        unnamed = next((key for key in value if not isinstance(key, str)), None)
+        if unnamed is not None:
+            raise RecordError(
+                f"{what} gives back a dict with the key {unnamed!r}, and the keys are the names of outputs",
+                loc=here(),
+                cure=f"{str(unnamed)!r}: …",
+            )
+        return Group("dict", tuple(value), tuple(layout_from(v, what) for v in value.values()))
     if isinstance(value, tuple | list) and value:
         parts = tuple(layout_from(v, what) for v in value)
         if hasattr(value, "_fields"):
