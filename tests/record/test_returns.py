@@ -300,3 +300,9 @@ def test_the_keys_of_a_dict_name_its_outputs(result, message):
     with pytest.raises(sh.RecordError) as caught:
         sh.program(case)
     assert str(caught.value) == f"{__file__}:{case.__code__.co_firstlineno + 1}: {message}"
+
+
+def test_a_lambda_cannot_annotate_its_inputs():
+    with pytest.raises(sh.RecordError, match="the input x is not annotated") as caught:
+        sh.program(lambda x: x)
+    assert caught.value.cure == "def f(x: sh.Attrib1f): …"

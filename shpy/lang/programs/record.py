@@ -99,7 +99,9 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
         if optional and (name in fixed or not _is_type(hints.get(name), name)):
             continue
         if name not in hints:
-            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=f"{name}: sh.Attrib1f")
+            in_a_lambda = getattr(function, "__name__", "") == "<lambda>"  # which cannot have annotations
+            cure = f"def f({name}: sh.Attrib1f): …" if in_a_lambda else f"{name}: sh.Attrib1f"
+            raise RecordError(f"the input {name} is not annotated", loc=loc, cure=cure)
         types[name] = _at(loc, input_type, hints[name], name)
         if optional:
             defaults[name] = _at(loc, check_default, types[name], parameter.default, name)
