@@ -1,5 +1,7 @@
 """In-place stores of every form, as numpy has them: each program against the same steps in numpy."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -261,3 +263,138 @@ def test_an_array_takes_as_many_elements_as_it_has():
 
     with pytest.raises(sh.ShpyTypeError, match=r"a\[:\] of an Array of 3 takes as many elements, not 2 elements"):
         sh.program(f)
+
+
+GRID = sh.Table(np.ones((2, 2, 2)), sh.Matrix2f, name="GRID")
+TURN = sh.Param(sh.Matrix2f, np.eye(2), name="TURN")
+
+
+def copied(m: sh.Matrix2f, v: sh.Vector3f, i: sh.Attrib1i, how: str = "") -> sh.Attrib1f:
+    rays = sh.Array(Ray, 2)
+    lens = Ray((0, 0, 0), (0, 0, 1))
+    if how == "entry":
+        m[0][1] = 5
+    if how == "row":
+        m[1][:] = 5
+    if how == "component of a row":
+        m[0].x += 5
+    if how == "row of an element":
+        GRID[i][0][1] = 5
+    if how == "row of a Param":
+        TURN[1][0] = 5
+    if how == "row of an element with a name":
+        element = GRID[i]
+        element[1][0] = 5
+    if how == "varying component":
+        v[i][:] = 5
+    if how == "varying row":
+        m[i][1] = 5
+    if how == "whole":
+        v[:].x = 5
+    if how == "field of an element":
+        rays[i].o += 5
+    if how == "field":
+        lens.o.zx[1] = 5
+    if how == "entry given":
+        doubled(m[0, 1])
+    if how == "element given":
+        doubled(GRID[i][1])
+    return v.x
+
+
+@sh.subroutine
+def doubled(x):
+    x *= 2
+
+
+@pytest.mark.parametrize(
+    ("how", "line", "message"),
+    [
+        ("entry", 4, "m[0] is a copy, so a store into m[0][1] would be lost\n  write instead: m[0, 1] = …"),
+        (
+            "row",
+            6,
+            "m[1] is a copy, so a store into m[1][:] would be lost\n  write instead: m[1] = …, with the whole value",
+        ),
+        (
+            "component of a row",
+            8,
+            "m[0] is a copy, so a store into m[0].x would be lost\n  write instead: m[0] = …, with the whole value",
+        ),
+        (
+            "row of an element",
+            10,
+            "GRID[…][0] is a copy, so a store into GRID[…][0][1] would be lost\n"
+            "  write instead: y = GRID[…][0], and y[1] = …",
+        ),
+        (
+            "row of a Param",
+            12,
+            "m[1] is a copy, so a store into m[1][0] would be lost\n  write instead: y = m[1], and y[0] = …",
+        ),
+        (
+            "row of an element with a name",
+            15,
+            "m[1] is a copy, so a store into m[1][0] would be lost\n  write instead: m[1, 0] = …",
+        ),
+        (
+            "varying component",
+            17,
+            "v[i] is a copy, so a store into v[i][:] would be lost\n  write instead: v[i] = …, with the whole value",
+        ),
+        ("varying row", 19, "m[i] is a copy, so a store into m[i][1] would be lost\n  write instead: m[i, 1] = …"),
+        ("whole", 21, "v[:] is a copy, so a store into v[:].x would be lost\n  write instead: v.x = …"),
+        (
+            "field of an element",
+            23,
+            "rays[i] is a copy, so a store into rays[i][:] would be lost\n"
+            "  write instead: rays[i] = …, with the whole value",
+        ),
+        ("field", 25, "lens.o.zx is a copy, so a store into lens.o.zx[1] would be lost\n  write instead: lens.o.x = …"),
+        (
+            "entry given",
+            27,
+            "doubled stores into x, which is given m[0, 1], a copy\n"
+            "  write instead: x = m[0, 1] first, and m[0, 1] = x after the call",
+        ),
+        (
+            "element given",
+            29,
+            "doubled stores into x, which is given GRID[…][1], a copy\n  write instead: x = GRID[…][1]",
+        ),
+    ],
+)
+def test_a_store_into_a_copy_is_an_error(how, line, message):
+    with pytest.raises(sh.RecordError) as caught:
+        sh.program(functools.partial(copied, how=how))
+    assert str(caught.value) == f"{__file__}:{copied.__code__.co_firstlineno + line}: {message}"
+
+
+def test_a_copy_with_a_name_is_stored_into():
+    @sh.program
+    def f(m: sh.Matrix2f, v: sh.Vector3f, i: sh.Attrib1i):
+        row = m[0]
+        row[1] = 5
+        rows = [m[r] for r in range(2)]
+        rows[0].x = 7
+        rows[1] *= 2
+        entry = v[i]
+        entry[:] = 8
+        m[1] += row
+        m[0, 0] -= 1
+        v[i] += 1
+        whole = v[:]
+        whole.z = 9
+        element = GRID[0]
+        element[1] = 0
+        element[0, 0] += 1
+        return m, rows[0], rows[1], v, entry, whole, element
+
+    m, first, second, v, entry, whole, element = f(np.eye(2), (1, 2, 3), 1)
+    assert m.tolist() == [[0, 0], [1, 6]]
+    assert first.tolist() == [7, 0]
+    assert second.tolist() == [0, 2]
+    assert v.tolist() == [1, 3, 3]
+    assert entry == 8
+    assert whole.tolist() == [1, 3, 9]
+    assert element.tolist() == [[2, 1], [0, 0]]

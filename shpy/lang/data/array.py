@@ -119,8 +119,7 @@ class Array(Symbolic):
         parts = []
         for variable, cls in zip(self._variables, self._classes, strict=True):
             part = arithmetic.made(cls.kind, cls.type, frame, frame.let("load", (index,), cls.type, variable))
-            object.__setattr__(part, "_part", f"{self._name()}[i]")
-            parts.append(part)
+            parts.append(part._read_from(f"{self._name()}[i]", "array"))
         return build_values(self._layout, iter(parts))
 
     def _take(self, values: Any) -> None:

@@ -242,8 +242,7 @@ class Table:
         source: Any = self if emitter is DEFERRED else self._declared(need_frame("a Table"))
         handle = emitter.let("table", (index,), self.type.type, source)
         element = arithmetic.made(self.type.kind, self.type.type, emitter, handle)
-        object.__setattr__(element, "_part", f"{self.name or 'table'}[…]")
-        return element
+        return element._read_from(f"{self.name or 'table'}[…]", "constant")
 
     def _check(self, operands: list[Any]) -> None:
         for axis, o in enumerate(operands):
@@ -387,7 +386,9 @@ class CompoundTable(Table):
         return dict(zip(paths, self._parts, strict=True))
 
     def __getitem__(self, key: Any) -> Any:
-        return build_values(self._layout, iter([part[key] for part in self._parts]))
+        named = leaves(self._layout, f"{self.name or 'table'}[…]")
+        read = (part[key]._read_from(path, "constant") for part, (path, _, _) in zip(self._parts, named, strict=True))
+        return build_values(self._layout, read)
 
 
 class CompoundArgument(CompoundTable):

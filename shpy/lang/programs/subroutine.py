@@ -281,10 +281,12 @@ class Recorded:
             leaf._check(frame)
             slot = leaf._variable
             if leaf._part is not None and frame.names[slot] is None and _is_temporary(given, leaf):
+                part = leaf._part.name
+                back = "" if leaf._part.owner == "constant" else f" first, and {part} = x after the call"
                 raise RecordError(
-                    f"{self.function.name} stores into {name}, which is given {leaf._part}, a copy",
+                    f"{self.function.name} stores into {name}, which is given {part}, a copy",
                     loc=here(),
-                    cure=f"x = {leaf._part} first, and {leaf._part} = x after the call",
+                    cure=f"x = {part}{back}",
                 )
         return slot
 

@@ -78,6 +78,7 @@ class Frame:
         self.scopes = [Scope(name, loc, None)]
         self.variables: list[Variable] = []
         self.names: dict[int, str | None] = {}
+        self.spelled: dict[int, str] = {}
         self.homes: dict[int, Scope] = {}
         self.blocks: list[Any] = []
         self.returned: Any = None
@@ -158,12 +159,17 @@ class Frame:
         self.names[variable.id] = name
         return variable.id
 
-    def name_parts(self, parts: dict[str, int]) -> None:
-        """Name the slots of one object after what the user assigns on this line: `ray_o`, `ray_d`."""
+    def name_parts(self, parts: dict[str, int], spelling: str = "") -> None:
+        """Name the slots of one object after what the user assigns on this line: `ray_o`, `ray_d`.
+
+        Messages spell them as the user does: `ray.o` by the `spelling` "{}.{}".
+        """
         loc = here()
         name = name_for(loc.file, loc.line) if loc is not None else None
         for part, variable in parts.items():
             self.names[variable] = f"{name}_{part}" if name and part else name or part or None
+            if name and spelling:
+                self.spelled[variable] = spelling.format(name, part)
 
     def store(
         self, variable: int, value: int, components: tuple[int, ...] | None = None, index: int | None = None

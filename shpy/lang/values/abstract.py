@@ -6,7 +6,7 @@ of a uniform that follows others.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, Self
 
 from shpy.errors import RecordError
 from shpy.ir.constants import from_array
@@ -27,6 +27,14 @@ class Symbolic:
     __slots__ = ()
 
 
+class Part(NamedTuple):
+    """The source that a value is a copy of, in the user's spelling."""
+
+    name: str
+    owner: str = "vector"
+    """Its holder: a "vector", "matrix" or "array", or a "constant", as a Table is one, which takes no stores."""
+
+
 class AbstractValue(Symbolic):
     """A scalar or vector of a type, without its operators."""
 
@@ -41,7 +49,7 @@ class AbstractValue(Symbolic):
     _frame: Frame | None
     _variable: int
     _const: tuple[int, ...]
-    _part: str | None
+    _part: Part | None
     _loc: Loc | None
 
     def _become(
@@ -102,7 +110,14 @@ class AbstractValue(Symbolic):
                 f"and store inside it, {name}[:] = …",
             )
 
+    def _read_from(self, name: str, owner: str = "vector") -> Self:
+        """Remember what this value is a copy of, for the error of a store into it."""
+        if self._frame is not None:
+            object.__setattr__(self, "_part", Part(name, owner))
+        return self
+
     def _called(self) -> str:
         if self._frame is None:
             return "this constant"
-        return self._frame.names[self._variable] or "this value"
+        name = self._frame.spelled.get(self._variable) or self._frame.names[self._variable]
+        return name or (self._part.name if self._part else "this value")

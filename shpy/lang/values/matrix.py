@@ -65,7 +65,7 @@ class Matrix(Symbolic):
         object.__setattr__(self, "rows", made)
         frame = current_frame()
         if frame is not None:
-            frame.name_parts({str(r): row._variable for r, row in enumerate(made)})
+            frame.name_parts({str(r): row._variable for r, row in enumerate(made)}, "{}[{}]")
         else:
             name_parts({f"[{r}]": row for r, row in enumerate(made)})
 
@@ -135,8 +135,18 @@ class Matrix(Symbolic):
             chosen = self.rows[-1]
             for i in reversed(range(self.size - 1)):
                 chosen = builtins.cond(key <= i, self.rows[i], chosen)
-            return chosen
-        return self._row(key).copy()
+            return chosen._read_from("m[i]", "matrix")
+        return self._read_row(self._row(key), f"m[{key}]")
+
+    def _read_row(self, row: Value, spelled: str) -> Any:
+        """Return a copy of a row that knows what it was read from: a matrix, or what this line read the matrix from."""
+        copy = row.copy()
+        if row._frame is None:
+            return copy._read_from(spelled, "constant")
+        if row._part is not None and row._loc == here():
+            return copy._read_from(*row._part)
+        called = row._called()
+        return copy._read_from(called if called.endswith("]") else spelled, "matrix")
 
     def _row(self, key: Any) -> Value:
         """Return the row of a known index. Raises ShpyIndexError out of range."""

@@ -315,7 +315,7 @@ class Struct(Symbolic):
         frame = current_frame()
         paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
         if frame is not None:
-            frame.name_parts({p: v._variable for p, v in zip(paths, leaves_of(self), strict=True)})
+            frame.name_parts({p: v._variable for p, v in zip(paths, leaves_of(self), strict=True)}, "{}.{}")
         else:
             name_parts({f".{p}": v for p, v in zip(paths, leaves_of(self), strict=True)})
 
@@ -355,8 +355,10 @@ class Struct(Symbolic):
                 cure=f"one of {', '.join(self._shpy_fields)}",
             )
         field = getattr(self, name)
-        if field is not value:  # `ray.o += d` stored already
+        if field is not value:
             field[:] = value
+        elif isinstance(field, Value):  # `ray.o += d` stored already
+            field._storable("[:]")
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not (isinstance(key, slice) and key == slice(None)):

@@ -25,7 +25,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
-from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue
+from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue, Part
 from shpy.lang.values.coerce import Literal
 from shpy.lang.values.operators import Operators
 
@@ -108,10 +108,13 @@ class Value(Operators, AbstractValue):
             handle = emitter.let("splat", (read,), type_)
         else:
             handle = emitter.let("swizzle", (read,), type_, picked)
-        part = arithmetic.made("Attrib", type_, emitter, handle)
-        if part._frame is not None:
-            object.__setattr__(part, "_part", f"{self._called()}{spelled}")
-        return part
+        return self._part_read(arithmetic.made("Attrib", type_, emitter, handle), spelled)
+
+    def _part_read(self, part: Any, spelled: str) -> Any:
+        if self._part is None:
+            return part._read_from(f"{self._called()}{spelled}")
+        owner = "constant" if self._part.owner == "constant" else "vector"
+        return part._read_from(_within(self._part, spelled), owner)
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, Value):
@@ -121,9 +124,9 @@ class Value(Operators, AbstractValue):
             if self.size == 1:
                 return self.copy()
             handle = emitter.let("component", (self._read(emitter), arithmetic.index(emitter, key)), self.type.scalar)
-            return arithmetic.made("Attrib", self.type.scalar, emitter, handle)
+            return self._part_read(arithmetic.made("Attrib", self.type.scalar, emitter, handle), "[i]")
         if isinstance(key, slice) and key == slice(None):
-            return self.copy()
+            return self._part_read(self.copy(), "[:]")
         return self._pick(_components(key, self.size), f"[{_spell(key)}]")
 
     def __len__(self) -> int:
@@ -190,7 +193,7 @@ class Value(Operators, AbstractValue):
         loc = here()
         if self._part is not None and frame.names[self._variable] is None and loc == self._loc:
             raise RecordError(
-                f"{self._part} is a copy, so a store into {self._part}{spelled} would be lost",
+                f"{self._part.name} is a copy, so a store into {self._part.name}{spelled} would be lost",
                 loc=loc,
                 cure=_direct(self._part, spelled),
             )
@@ -349,9 +352,22 @@ def _spell(key: Any) -> str:
     return ", ".join(map(str, key)) if isinstance(key, tuple) else str(key)
 
 
-def _direct(part: str, spelled: str) -> str:
-    """Return the store that does what a store into a copy was meant to do."""
-    owner, dot, letters = part.rpartition(".")
-    if dot and spelled[1:-1].isdigit() and int(spelled[1:-1]) < len(letters):
+def _within(part: Part, spelled: str) -> str:
+    """Spell a part of a part: the entry `m[0, 1]` of the row `m[0]`."""
+    entry = part.owner == "matrix" and spelled[0] == "[" and ":" not in spelled and "," not in spelled
+    return f"{part.name[:-1]}, {spelled[1:]}" if entry else f"{part.name}{spelled}"
+
+
+def _direct(part: Part, spelled: str) -> str:
+    """Return the statements that do what a store into a copy was meant to do."""
+    if part.owner == "constant":
+        return f"y = {part.name}, and y{spelled} = …"
+    direct = _within(part, spelled)
+    if direct != f"{part.name}{spelled}":
+        return f"{direct} = …"
+    owner, dot, letters = part.name.rpartition(".")
+    if part.owner == "vector" and dot and spelled[1:-1].isdigit() and int(spelled[1:-1]) < len(letters):
         return f"{owner}.{letters[int(spelled[1:-1])]} = …"
-    return f"{part} = …, with the whole value"
+    if part.owner == "vector" and part.name.endswith("[:]"):
+        return f"{part.name[:-3]}{spelled} = …"
+    return f"{part.name} = …, with the whole value"
