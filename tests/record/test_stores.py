@@ -398,3 +398,56 @@ def test_a_copy_with_a_name_is_stored_into():
     assert entry == 8
     assert whole.tolist() == [1, 3, 9]
     assert element.tolist() == [[2, 1], [0, 0]]
+
+
+def test_matrices_are_stored_into_at_varying_rows():
+    @sh.program
+    def f(m: sh.Matrix3f, i: sh.Attrib1i, j: sh.Attrib1u):
+        rows, entries, sums = sh.Matrix3f(m), sh.Matrix3f(m), sh.Matrix3f(m)
+        rows[i] = (7, 8, 9)
+        entries[i, j] = 7
+        sums[j] += m[i]
+        sums[i, 0] *= 2
+        return rows, entries, sums
+
+    m = np.arange(9.0).reshape(3, 3)
+    rows, entries, sums = f(m, [0, 2, 1, 3, -1], [1, 2, 3, 0, 1])
+    for element, (i, j) in enumerate([(0, 1), (2, 2), (1, None), (None, 0), (None, 1)]):
+        row, entry, total = m.copy(), m.copy(), m.copy()
+        read = m[i] if i is not None else m[2 if element == 3 else 0]  # the nearest one
+        if i is not None:
+            row[i] = (7, 8, 9)
+        if i is not None and j is not None:
+            entry[i, j] = 7
+        if j is not None:
+            total[j] += read
+        if i is not None:
+            total[i, 0] *= 2
+        assert [rows[element].tolist(), entries[element].tolist(), sums[element].tolist()] == [
+            row.tolist(),
+            entry.tolist(),
+            total.tolist(),
+        ]
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda m, v, x: m[x],
+        lambda m, v, x: m.__setitem__(x, 1),
+        lambda m, v, x: m.__setitem__((x, 0), 1),
+        lambda m, v, x: v.__setitem__(x, 1),
+        lambda m, v, x: v[x],
+        lambda m, v, x: sh.Array(sh.Attrib1f, 3)[x],
+    ],
+)
+def test_an_index_is_one_int(use):
+    for wrong in (sh.Attrib1f, sh.Attrib2i, sh.Attrib1b):
+
+        def f(m: sh.Matrix3f, v: sh.Attrib3f, x: wrong) -> sh.Attrib1f:
+            use(m, v, x)
+            return v.x
+
+        with pytest.raises(sh.ShpyTypeError, match="an index is one int") as caught:
+            sh.program(f)
+        assert caught.value.cure == "sh.Attrib1i(x) makes an int of a float"

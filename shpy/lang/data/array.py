@@ -100,17 +100,14 @@ class Array(Symbolic):
         object.__setattr__(probe, "_loc", None)
         probe._check(frame)
         operand = arithmetic.operand(i, "an index")
+        arithmetic.check_index(operand)
         if isinstance(operand, Literal):
-            if operand.weak != "int" or operand.size != 1:
-                raise ShpyTypeError("an index is one int", loc=here(), cure="a[0]")
             k = operand.components[0]
             if not -self._length <= k < self._length:
                 raise ShpyIndexError(
                     f"element {k} of an Array of {self._length}", loc=here(), cure=f"0 to {self._length - 1}"
                 )
             return int(frame.const(vec(Base.I), (k % self._length,)))
-        if operand.size != 1 or not operand.type.is_int:
-            raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
         return int(arithmetic.index(frame, operand))
 
     def __getitem__(self, i: Any) -> Any:

@@ -211,6 +211,12 @@ def _shift(op: str, left: Operand, right: Operand, what: str) -> Any:
     return emit(emitter, op, ((read(emitter, left, type), type), (read(emitter, right, count), count)), "Attrib", what)
 
 
+def check_index(i: Operand) -> None:
+    """Raise ShpyTypeError for an index that is not one int."""
+    if i.size != 1 or not (i.weak == "int" if isinstance(i, Literal) else i.type.is_int):
+        raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
+
+
 def index(emitter: Emitter, i: AbstractValue) -> Handle:
     """Return an int value as an index of type i: an unsigned one beyond i's range becomes its largest."""
     handle = i._read(emitter)

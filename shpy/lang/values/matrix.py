@@ -22,7 +22,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values import builtins
 from shpy.lang.values.abstract import Symbolic
-from shpy.lang.values.arithmetic import refuse_operand
+from shpy.lang.values.arithmetic import check_index, refuse_operand
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.value import CLASSES, Value
@@ -132,6 +132,7 @@ class Matrix(Symbolic):
         if isinstance(key, slice) and key == slice(None):
             return self.copy()
         if isinstance(key, Value):
+            check_index(key)
             chosen = self.rows[-1]
             for i in reversed(range(self.size - 1)):
                 chosen = builtins.cond(key <= i, self.rows[i], chosen)
@@ -166,7 +167,16 @@ class Matrix(Symbolic):
     def __setitem__(self, key: Any, value: Any) -> None:
         if isinstance(key, tuple):
             row, column = self._pair(key)
-            self._row(row)[column] = value
+            if isinstance(row, Value):
+                check_index(row)
+                for r, own in enumerate(self.rows):
+                    own[column] = builtins.cond(row == r, value, own[column])
+            else:
+                self._row(row)[column] = value
+        elif isinstance(key, Value):
+            check_index(key)
+            for r, own in enumerate(self.rows):
+                own[:] = builtins.cond(key == r, value, own)
         elif isinstance(key, slice) and key == slice(None):
             fresh = self._plain()(value)
             for row, new in zip(self.rows, fresh.rows, strict=True):

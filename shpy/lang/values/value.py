@@ -118,8 +118,7 @@ class Value(Operators, AbstractValue):
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, Value):
-            if key.type.size != 1 or not key.type.is_int:
-                raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
+            arithmetic.check_index(key)
             emitter = arithmetic.emitter_of(self, key)
             if self.size == 1:
                 return self.copy()
@@ -161,6 +160,7 @@ class Value(Operators, AbstractValue):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if isinstance(key, Value):
+            arithmetic.check_index(key)
             for i in range(self.size):
                 chosen = arithmetic.select(key == i, value, self[i])
                 self._store(chosen, (i,), "[i]")
