@@ -48,8 +48,8 @@ class Mesh:
 
     `vertices` (V, 3), `faces` (F, 3) vertex numbers, `normals` None (flat) or (V, 3) or, one per corner, (F, 3, 3),
     `colors` None or linear RGB in the same shapes, `uv` None or coordinates on textures, (V, 2) or (F, 3, 2), of which
-    (0, 0) is the lower left corner of a picture. Kept as float64 and int64; normals, colors and uv always per corner.
-    Normals may have any length; they are kept with length 1. Where one is zero, the triangle's own is taken.
+    (0, 0) is the lower left corner of a picture. Copies are kept, as float64 and int64; normals, colors and uv always
+    per corner. Normals may have any length; they are kept with length 1. A zero one becomes the triangle's own.
     Raises SceneError for wrong shapes, numbers that are not finite, vertices beyond 1e36, faces without their vertices.
     """
 
@@ -104,7 +104,7 @@ class Mesh:
         return vertices
 
     def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
-        array = np.asarray(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64)  # a copy: who gave the values may change them
         if array.size and array.shape[-1] != size:
             raise SceneError(f"{self.name}: {what} have {size} components, not shape {array.shape}")
         if not np.all(np.isfinite(array)):
@@ -257,9 +257,9 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
 
 
 def affine(matrix: ArrayLike) -> Floats:
-    """Return a matrix (4, 4) in f64; SceneError if it has another shape, is not finite, or ends not in 0 0 0 1."""
+    """Copy a matrix (4, 4) to f64; SceneError if it has another shape, is not finite, or ends not in 0 0 0 1."""
     try:
-        found = np.asarray(matrix, dtype=np.float64)
+        found = np.array(matrix, dtype=np.float64)  # a copy, as for a Mesh
     except (TypeError, ValueError):
         found = np.zeros(0)
     if found.shape != (4, 4) or not np.all(np.isfinite(found)) or not np.array_equal(found[3], (0, 0, 0, 1)):

@@ -178,6 +178,22 @@ def test_a_mesh_of_other_faces_is_shown_without_building_all():
     assert renderer.builds == 2  # the first time, the box gets a hierarchy of its own
 
 
+def test_arrays_that_are_changed_in_place_are_shown_as_they_are_now():
+    made = scene()
+    stone = made.meshes[2]
+    places, transform = stone.vertices.copy(), np.eye(4)
+    renderer = Renderer(from_scratch(made, {"stone": dataclasses.replace(stone, vertices=places)}), backend="numpy")
+    renderer.render(SIZE)
+    places += (0.2, 0.4, 0)
+    shown = from_scratch(made, {"stone": dataclasses.replace(stone, vertices=places)})
+    renderer.show(shown)
+    same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+    renderer.move("stone", transform)
+    transform[1, 3] = 3  # the next move may be made ready in the same array
+    renderer.deform("stone", places)
+    same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+
+
 def test_a_scene_that_cannot_be_built_leaves_the_one_before():
     renderer = Renderer(scene(), backend="numpy", tracer="staged")
     before = renderer.render((8, 6))

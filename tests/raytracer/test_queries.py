@@ -411,6 +411,13 @@ def test_a_moved_mesh_is_hit_where_it_stands(accel):
             np.testing.assert_allclose(near.points, wanted.points, atol=1e-4)
 
 
+def test_a_transform_that_is_changed_later_moves_nothing():
+    shoot, transform = Intersector(box(), backend="numpy"), np.eye(4)
+    shoot.move(transform)
+    transform[:3, 3] = 5
+    assert shoot.intersect([(0.1, 0.2, 3)], [(0, 0, -1)]).t == 2.5
+
+
 def test_a_move_that_is_not_rigid_is_refused():
     shoot = Intersector(box(), backend="numpy")
     for transform in (
