@@ -90,8 +90,7 @@ def read_obj(text: str) -> Obj:
     name = group = ""
     material: str | None = None
     faces: Faces | None = None
-    for number, line in enumerate(text.replace("\\\r\n", "  ").replace("\\\n", "  ").splitlines(), 1):
-        line = _said(line)
+    for number, line in _statements(text):
         words = line.split()
         if not words:
             continue
@@ -115,6 +114,18 @@ def read_obj(text: str) -> Obj:
         elif key in _SKIPPED:
             obj.skipped[_SKIPPED[key]] += 1
     return obj
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield each statement and the number of its first line; a backslash at the end of a line continues it."""
+    first, parts = 1, []
+    for number, line in enumerate(text.splitlines(), 1):
+        said = _said(line)
+        parts.append(said.removesuffix("\\"))
+        if not said.endswith("\\"):
+            yield first, " ".join(parts).strip()
+            first, parts = number + 1, []
+    yield first, " ".join(parts)
 
 
 def _said(line: str) -> str:

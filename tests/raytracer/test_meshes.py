@@ -179,6 +179,7 @@ def test_formats_give_the_same_shape_back(tmp_path, suffix):
         ("shape.xyz", b"1 2 3", r"read from \.obj"),
         ("zero.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4: a face names vertex 0; numbers begin at 1"),
         ("beyond.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "line 4: a face names vertex 7, and there are 3"),
+        ("lines.obj", b"v 0 \\\n0 0\nv 1 \\\r\n0 0\nv 0 1 0\nf 1 \\\n2 7\n", "line 6: a face names vertex 7"),
         ("two.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "line 1: a vertex has three coordinates, not 2"),
         ("word.obj", b"v 0 0 zero\nf 1 1 1\n", "line 1: a vertex has a coordinate that is no number"),
         ("letter.obj", b"v 0 0 0\nf a b c\n", "line 2: 'a' in a face is no vertex number"),
@@ -217,10 +218,11 @@ def test_materials_refuse_what_makes_no_sense(wrong):
         ("\ufeff" + CUBE_OBJ).encode("utf-16-le"),
         b"# caf\xe9\n" + CUBE_OBJ.encode(),
         CUBE_OBJ.replace("3 4", "3 \\\n4").encode(),
+        b"# C:\\models\\\n" + CUBE_OBJ.encode(),
         CUBE_OBJ.replace("\n", "\r\n").encode(),
         CUBE_OBJ.replace("1 2 3 4", "-4 -3 -2 -1").encode(),
     ],
-    ids=["tabs", "byte-order mark", "UTF-16", "Latin-1", "continued", "CRLF", "from the end"],
+    ids=["tabs", "byte-order mark", "UTF-16", "Latin-1", "continued", "a comment's backslash", "CRLF", "from the end"],
 )
 def test_an_obj_file_may_be_written_in_many_ways(tmp_path, content):
     path = tmp_path / "quad.obj"
