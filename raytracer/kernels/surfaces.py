@@ -18,6 +18,7 @@ from raytracer.accel.bounds import far, highest
 from raytracer.accel.space import Rows
 from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
+from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
@@ -149,7 +150,12 @@ class SurfaceTables:
 
     @cached_property
     def scale(self) -> Any:
-        """The factor of the scene's lengths."""
+        """The factor of the scene's lengths; SceneError where a Param does not hold it."""
+        if self.layout.scale > float(np.finfo(np.float32).max):
+            raise SceneError(
+                "glass, lights that fade and programs need the scene's lengths, and in a scene as small as this they "
+                "are out of the range of binary32: scale the scene"
+            )
         return sh.Param(sh.Attrib1f, self.layout.scale, name="scale")
 
     @cached_property

@@ -9,7 +9,7 @@ import pytest
 from oracle import closest
 
 import shpy as sh
-from raytracer import Camera, Intersector, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer import Camera, Intersector, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
@@ -254,6 +254,14 @@ def test_what_stands_too_far_away_for_f32_is_named(light, camera, said):
     tiny = Scene([Mesh(cube.vertices * 1e-29, cube.faces)], lights, seen_from)
     with pytest.raises(SceneError, match=f"the {said} is too far away for a scene of this size, in floats of 32 bits"):
         render(tiny, (4, 4), backend="numpy")
+
+
+def test_a_scene_too_small_for_lengths_in_f32_is_told():
+    cube, seen_from = box(), Camera((0, 0, 4e-30))
+    cubes = [Mesh(cube.vertices * 1e-30, cube.faces, material=Material(transmission=x)) for x in (0, 0.5)]
+    assert (render(Scene(cubes[0], camera=seen_from), (4, 4), backend="numpy").object_id == 0).any()
+    with pytest.raises(SceneError, match="a scene as small as this they are out of the range of binary32: scale"):
+        render(Scene(cubes[1], camera=seen_from), (4, 4), backend="numpy")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
