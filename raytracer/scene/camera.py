@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.space import placed
-from raytracer.appearance.materials import Triple
+from raytracer.appearance.materials import Triple, finite_triple
 from raytracer.errors import SceneError
 
 Vector = NDArray[np.float64]
@@ -79,8 +79,10 @@ class Camera:
     intrinsics: Intrinsics | None = None
 
     def __post_init__(self) -> None:
-        if not all(len(v) == 3 and np.all(np.isfinite(v)) for v in (self.position, self.target, self.up)):
-            raise SceneError("a camera's position, target and up are three finite numbers each")
+        for name in ("position", "target", "up"):
+            object.__setattr__(self, name, finite_triple(f"a camera's {name}", getattr(self, name)))
+        for name in ("fov", "span", "aperture", "focus"):
+            object.__setattr__(self, name, self._number(name))
         if not 0 < self.fov < 180:
             raise SceneError(f"a camera's fov lies between 0 and 180 degrees, not {self.fov}")
         sight = np.subtract(self.target, self.position)
@@ -100,6 +102,18 @@ class Camera:
             raise SceneError(f"a camera's focus is a distance above 0, not {self.focus}")
         if self.aperture and self.projection != "perspective":
             raise SceneError(f"an aperture is for a perspective camera, not for projection='{self.projection}'")
+
+    def _number(self, name: str) -> float | None:
+        """Return a number of the camera as a float; None for the `focus` that the target has."""
+        value = getattr(self, name)
+        if value is None and name == "focus":
+            return None
+        try:
+            if isinstance(value, str):
+                raise TypeError
+            return float(value)
+        except (TypeError, ValueError):
+            raise SceneError(f"a camera's {name} is a number, not {value!r}") from None
 
     @property
     def axes(self) -> tuple[Vector, Vector, Vector]:

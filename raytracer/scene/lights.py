@@ -3,14 +3,13 @@
 Stage: scene description. Each point and direction costs one shadow ray per surface that is seen.
 
 >>> DirectionalLight(direction=(0, -2, 0)).direction
-(0, -2, 0)
+(0.0, -2.0, 0.0)
 >>> EnvironmentLight((1, 1, 0.5)).color
 (1.0, 1.0, 0.5)
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
@@ -18,16 +17,17 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from raytracer.appearance.materials import Triple
+from raytracer.appearance.materials import Triple, finite_triple
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 
 Falloff = Literal["none", "square"]
 
 
-def _finite(what: str, values: Triple) -> None:
-    if len(values) != 3 or not all(math.isfinite(x) for x in values):
-        raise SceneError(f"a light's {what} is three finite numbers, not {values!r}")
+def _hold(light: Any, *names: str) -> None:
+    """Make floats of these triples of a light; SceneError for anything else."""
+    for name in names:
+        object.__setattr__(light, name, finite_triple(f"a light's {name}", getattr(light, name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,7 @@ class PointLight:
     falloff: Falloff = "none"
 
     def __post_init__(self) -> None:
-        _finite("position", self.position)
-        _finite("color", self.color)
+        _hold(self, "position", "color")
         if self.falloff not in get_args(Falloff):
             raise SceneError(f"a light's falloff is one of {', '.join(get_args(Falloff))}, not {self.falloff!r}")
 
@@ -58,8 +57,7 @@ class DirectionalLight:
     color: Triple = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
-        _finite("direction", self.direction)
-        _finite("color", self.color)
+        _hold(self, "direction", "color")
         if not any(self.direction):
             raise SceneError("a directional light needs a direction that is not zero")
 

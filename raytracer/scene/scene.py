@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.materials import Material, Triple, finite_triple
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.folder import Notices, named
@@ -60,8 +60,7 @@ class Scene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "meshes", placed(self.meshes))
         object.__setattr__(self, "lights", tuple(self.lights))
-        if len(self.background) != 3 or not np.all(np.isfinite(self.background)):
-            raise SceneError(f"a background is three finite numbers, not {self.background!r}")
+        object.__setattr__(self, "background", finite_triple("a background", self.background))
         if not 0 <= self.ambient <= 1:
             raise SceneError(f"ambient lies in [0, 1], not {self.ambient}")
         if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:

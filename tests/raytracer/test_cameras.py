@@ -178,6 +178,11 @@ def test_a_scene_without_falloff_has_none_of_its_code():
     ("given", "message"),
     [
         ({"projection": "fisheye"}, "perspective, orthographic, panorama, not 'fisheye'"),
+        ({"position": 5}, "a camera's position is three finite numbers, not 5"),
+        ({"target": (0, 0)}, r"a camera's target is three finite numbers, not \(0, 0\)"),
+        ({"up": "xyz"}, "a camera's up is three finite numbers, not 'xyz'"),
+        ({"fov": "wide"}, "a camera's fov is a number, not 'wide'"),
+        ({"aperture": None}, "a camera's aperture is a number, not None"),
         ({"span": 0}, "span"),
         ({"aperture": -1}, "aperture"),
         ({"focus": 0, "aperture": 1}, "focus"),
@@ -186,7 +191,7 @@ def test_a_scene_without_falloff_has_none_of_its_code():
 )
 def test_cameras_that_are_none(given, message):
     with pytest.raises(SceneError, match=message):
-        Camera((0, 0, 1), **given)
+        Camera(**{"position": (0, 0, 1)} | given)
 
 
 @pytest.mark.parametrize(
@@ -207,3 +212,17 @@ def test_calibrations_that_are_none(K, pose, message):
 def test_falloffs_that_are_none():
     with pytest.raises(SceneError, match="none, square, not 'linear'"):
         PointLight((0, 0, 0), falloff="linear")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PointLight(5), "a light's position is three finite numbers, not 5"),
+        (lambda: PointLight((0, 0, 0), 0.5), r"a light's color is three finite numbers, not 0\.5"),
+        (lambda: DirectionalLight(None), "a light's direction is three finite numbers, not None"),
+        (lambda: Scene(background="red"), "a background is three finite numbers, not 'red'"),
+    ],
+)
+def test_what_is_no_place_or_colour_is_told(make, message):
+    with pytest.raises(SceneError, match=message):
+        make()

@@ -309,6 +309,13 @@ def small():
     return Renderer(scene, backend="numpy", integrator="path", bounces=1)
 
 
+def test_a_camera_in_arrays_is_known_by_its_numbers(small):
+    part = small.render((4, 3), samples=1, camera=Camera(np.array([2.0, 1, 2])))
+    assert small.render((4, 3), samples=2, resume=part, camera=Camera((2, 1, 2))).samples == 2
+    with pytest.raises(SceneError, match="not path traced from this scene"):
+        small.render((4, 3), samples=2, resume=part, camera=Camera(np.array([2.0, 1, 2 + 1e-12])))
+
+
 def test_a_picture_of_something_else_is_not_continued(small, tmp_path):
     part = small.render((4, 3), samples=2)
     assert small.render((4, 3), samples=2, resume=part).pixels.tolist() == part.pixels.tolist()
