@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.bounds import FAR
+from raytracer.arrays import numbers
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import affine
 
@@ -84,32 +85,15 @@ class Rays:
 
 def triples(what: str, values: Any) -> Floats:
     """Return an array (..., 3) of f32 or f64; SceneError for other shapes and for other types than numbers."""
-    array = _numbers(what, values)
+    array = numbers(what, values)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise SceneError(f"{what} have the shape (..., 3), not {array.shape}")
     return array
 
 
-def _numbers(what: str, values: Any) -> Floats:
-    """Return an array of f32 or f64 that keeps all digits of the given one."""
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        raise SceneError(f"{what} are rows of different lengths: give an array of numbers") from None
-    if array.dtype.kind not in "biufO" or isinstance(values, np.ma.MaskedArray):
-        kind = "a masked array" if isinstance(values, np.ma.MaskedArray) else str(array.dtype)
-        raise SceneError(f"{what} are real numbers, not {kind}")
-    if array.dtype in (np.float32, np.float16):
-        return array.astype(np.float32, copy=False)
-    try:
-        return array.astype(np.float64, copy=False)
-    except (TypeError, ValueError):
-        raise SceneError(f"{what} are real numbers, not {array.dtype}") from None
-
-
 def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
     """Return the begin or end of ranges: () or (N,)."""
-    end = _numbers(what, values)
+    end = numbers(what, values)
     if end.shape not in ((), shape):
         raise SceneError(f"{what} is a number or has the shape {shape}, not {end.shape}")
     return end.reshape(-1) if end.ndim else end

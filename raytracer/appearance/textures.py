@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
 from raytracer.appearance.radiance import READERS
+from raytracer.arrays import array_of
 from raytracer.errors import SceneError
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())
@@ -73,7 +74,7 @@ class Texture:
             pixels = _read(Path(source), alpha)
         else:
             self.name = "a texture"
-            pixels = np.asarray(source)
+            pixels = array_of("the pixels of a texture", source)
             if alpha:
                 pixels = pixels[..., 3:] if pixels.ndim == 3 and pixels.shape[2] == 4 else np.ones((1, 1))
         self.image: NDArray[np.float32] = _linear(pixels, False if alpha else srgb, self.name)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.arrays import array_of, numbers
 from raytracer.errors import SceneError
 
 Floats = NDArray[np.float64]
@@ -63,7 +64,7 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = self._places(self.vertices)
-        faces = np.asarray(self.faces)
+        faces = array_of(f"{self.name}: faces", self.faces)
         if faces.size == 0:
             faces = np.zeros((0, 3), dtype=np.int64)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
@@ -84,11 +85,11 @@ class Mesh:
 
         Only these are checked; faces, colors and uv are the same arrays. Raises SceneError as `Mesh` does.
         """
-        places = np.asarray(vertices, dtype=np.float64)
-        if places.shape != self.vertices.shape:
-            raise SceneError(f"{self.name}: other vertices are {self.vertices.shape}, as before, not {places.shape}")
+        shape = array_of(f"{self.name}: vertices", vertices).shape
+        if shape != self.vertices.shape:
+            raise SceneError(f"{self.name}: other vertices are {self.vertices.shape}, as before, not {shape}")
         found = copy.copy(self)
-        object.__setattr__(found, "vertices", self._places(places))
+        object.__setattr__(found, "vertices", self._places(vertices))
         object.__setattr__(found, "normals", None)
         if normals is not None:
             object.__setattr__(found, "normals", found._of_unit_length(self._at_corners("normals", normals, 3)))
@@ -104,8 +105,8 @@ class Mesh:
         return vertices
 
     def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
-        array = np.array(values, dtype=np.float64)  # a copy: who gave the values may change them
-        if array.size and array.shape[-1] != size:
+        array = numbers(f"{self.name}: {what}", values).astype(np.float64)  # a copy: who gave them may change them
+        if array.size and array.shape[-1:] != (size,):
             raise SceneError(f"{self.name}: {what} have {size} components, not shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise SceneError(f"{self.name}: {what} contain NaN or infinity")

@@ -19,6 +19,7 @@ import numpy as np
 
 from raytracer.appearance.materials import Triple, finite_triple
 from raytracer.appearance.textures import Texture
+from raytracer.arrays import array_of
 from raytracer.errors import SceneError
 
 Falloff = Literal["none", "square"]
@@ -83,7 +84,7 @@ class EnvironmentLight:
             self.program = source
         elif isinstance(source, Texture):
             self.picture = source
-        elif isinstance(source, str | PathLike) or np.ndim(source) in (2, 3):
+        elif isinstance(source, str | PathLike) or array_of("the pixels of an EnvironmentLight", source).ndim in (2, 3):
             self.picture = Texture(source)
         else:
             color = np.asarray(source)

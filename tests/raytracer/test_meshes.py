@@ -4,7 +4,7 @@ import warnings
 import numpy as np
 import pytest
 
-from raytracer import Material, Mesh, Scene, SceneError
+from raytracer import EnvironmentLight, Material, Mesh, Scene, SceneError, Texture
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
 
 CUBE_OBJ = """\
@@ -121,6 +121,12 @@ def test_moved_turns_about_y_and_moves():
     ("arguments", "words"),
     [
         (([[0, 0]], []), "3 components"),
+        ((None, []), "3 components"),
+        (([[0, 0, 0], [1, 0]], []), "mesh: vertices are rows of different lengths"),
+        ((np.zeros((3, 3)), [[0, 1, 2], [0, 1]]), "mesh: faces are rows of different lengths"),
+        (("abc", []), "mesh: vertices are real numbers, not <U3"),
+        ((np.zeros((3, 3), complex), []), "mesh: vertices are real numbers, not complex128"),
+        ((np.ma.masked_array(np.zeros((3, 3)), True), []), "mesh: vertices are real numbers, not a masked array"),
         (([[0, 0, np.nan]], []), "NaN or infinity"),
         ((np.zeros((3, 3)), [[0, 1, 3]]), "face 0 names a vertex"),
         ((np.zeros((3, 3)), [[0, 1, -1]]), "face 0 names a vertex"),
@@ -131,6 +137,12 @@ def test_moved_turns_about_y_and_moves():
 def test_wrong_arrays_are_named(arguments, words):
     with pytest.raises(SceneError, match=words):
         Mesh(*arguments)
+
+
+def test_pixels_in_rows_of_different_lengths_are_refused():
+    for make in (Texture, EnvironmentLight):
+        with pytest.raises(SceneError, match="rows of different lengths"):
+            make([[0.5, 1.0], [0.5]])
 
 
 def test_obj_quads_become_triangles(tmp_path):

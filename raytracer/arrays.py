@@ -1,0 +1,37 @@
+"""Arrays that a user gives: what numpy would refuse with an error of its own, or take otherwise than it is meant.
+
+>>> numbers("vertices", [[0, 0, 1]]).dtype
+dtype('float64')
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.errors import SceneError
+
+
+def array_of(what: str, values: Any) -> NDArray[Any]:
+    """Return an array of any type; SceneError for rows of different lengths, and for a masked array."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise SceneError(f"{what} are real numbers, not a masked array")
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise SceneError(f"{what} are rows of different lengths: give an array of numbers") from None
+
+
+def numbers(what: str, values: Any) -> NDArray[np.floating[Any]]:
+    """Return an array of f32 or f64 that keeps all digits of the given one; SceneError for what is no real number."""
+    array = array_of(what, values)
+    if array.dtype.kind not in "biufO":
+        raise SceneError(f"{what} are real numbers, not {array.dtype}")
+    if array.dtype in (np.float32, np.float16):
+        return array.astype(np.float32, copy=False)
+    try:
+        return array.astype(np.float64, copy=False)
+    except (TypeError, ValueError):
+        raise SceneError(f"{what} are real numbers, not {array.dtype}") from None
