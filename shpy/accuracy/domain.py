@@ -79,12 +79,13 @@ def draw(
     """Return `count` elements inside the domain, then (with `special`) one for each special value of each input.
 
     An element with a special value has ordinary ones in its other inputs. Raises ShpyTypeError for a domain that lacks
-    an input, or has one that the program does not.
+    an input, or has one that the program does not. A program whose inputs are tables alone, or that has none, runs
+    one element.
     """
     types = dict(_leaves(program))
     _check(program, domain, set(types))
     found = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
-    count = max((len(a) for a in found.values()), default=count)
+    count = max((len(a) for a in found.values()), default=1)
     inside = np.ones(count, np.bool_)
     for name, type in types.items() if special else ():
         values = special_values(type, precision)

@@ -130,6 +130,23 @@ def test_a_domain_that_does_not_fit(domain, said):
         sh.accuracy.measure(product, domain, backends="numpy", samples=10)
 
 
+def test_a_program_without_element_inputs_is_measured_on_one_element():
+    gain = sh.Param(sh.Attrib1f, 2.0, name="gain")
+
+    @sh.program
+    def third() -> sh.Attrib1f:
+        return gain / 3
+
+    @sh.program
+    def first(table: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
+        return table[0] / 3
+
+    for program, domain in ((third, {}), (first, {"table": [2.0, 1.0]})):
+        row = sh.accuracy.measure(program, domain, backends="numpy", math="strict").rows[0]
+        assert (row.count, row.found) == (1, np.float32(2 / 3))
+        assert 0 < row.ulp[0] <= 0.5
+
+
 def test_what_a_target_cannot_do_is_said():
     report = sh.accuracy.measure(
         product, {"x": (1, 2), "y": (1, 2)}, backends="glsl", math="strict", precision=["f32", "f64"], samples=20
