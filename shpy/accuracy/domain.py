@@ -7,6 +7,7 @@ Stage: measure. Takes what the user says of each input, gives arrays.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -67,6 +68,7 @@ def special_values(type: Type, precision: str = "f32") -> Array:
     return np.concatenate([positive, -positive, np.array([np.nan], dtype)])
 
 
+@np.errstate(over="ignore")  # numbers beyond the precision are infinite there
 def draw(
     program: Program,
     domain: Domain,
@@ -133,17 +135,11 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
     shape = (count, type.size) if type.size > 1 else (count,)
     if callable(said):
         sampler: Callable[..., Any] = said
-        return np.asarray(sampler(rng, count)).astype(dtype).reshape(shape)
+        return _numbers(sampler(rng, count), type, shape).astype(dtype)
     if not isinstance(said, tuple):
-        given = np.asarray(said).astype(dtype).reshape(-1, *shape[1:])
+        given = _numbers(said, type, (-1, *shape[1:])).astype(dtype)
         return given if count == len(given) else given[rng.integers(0, len(given), count)]
-    if len(said) not in (2, 3) or not all(isinstance(end, float | int | np.number) for end in said[:2]):
-        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure="(-1, 1)")
-    low, high, *scale = said
-    if not low <= high:
-        raise ShpyTypeError(
-            f"{said!r} is no range: its ends are in the wrong order", loc=here(), cure=f"({high}, {low})"
-        )
+    low, high, *scale = _ends(said, type)
     if type.is_bool:
         return rng.integers(0, 2, shape).astype(np.bool_)
     if type.is_int:
@@ -154,6 +150,47 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
         raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
     sizes = np.exp(rng.uniform(np.log(abs(low)), np.log(abs(high)), shape))
     return np.asarray(np.copysign(sizes, low)).astype(dtype)
+
+
+def _numbers(said: Any, type: Type, shape: tuple[int, ...]) -> Array:
+    """Return the numbers of an array in a shape, -1 being any length above 0; raise ShpyTypeError if it has none."""
+    try:
+        given = np.asarray(said)
+        found = given.reshape(shape) if given.size and given.dtype.kind in "biuf" else None
+    except ValueError:
+        found = None
+    if found is None:
+        wanted = f"{shape[0]} elements" if shape[0] >= 0 else "one or more elements"
+        message = f"{reprlib.repr(said)} in a domain is no array of {wanted} of type {type}"
+        raise ShpyTypeError(message, loc=here(), cure="(-1, 1), a range, or an array of numbers")
+    _check_held(found.min(), found.max(), type, reprlib.repr(said))
+    return found
+
+
+def _ends(said: tuple[Any, ...], type: Type) -> tuple[Any, ...]:
+    """Return the ends of a range and its scale; raise ShpyTypeError if it has none, or they are in the wrong order."""
+    if len(said) not in (2, 3) or not all(isinstance(end, float | int | np.number) for end in said[:2]):
+        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure="(-1, 1)")
+    low, high = said[:2]
+    if not np.isfinite(float(high) - float(low)):
+        raise ShpyTypeError(f"{said!r} is no range: its length is not finite", loc=here(), cure="(-1e30, 1e30)")
+    if low > high:
+        raise ShpyTypeError(
+            f"{said!r} is no range: its ends are in the wrong order", loc=here(), cure=f"({high}, {low})"
+        )
+    _check_held(low, high, type, repr(said))
+    return said
+
+
+def _check_held(low: Any, high: Any, type: Type, said: str) -> None:
+    """Raise ShpyTypeError if numbers from `low` to `high` are more than an int type holds."""
+    if not type.is_int:
+        return
+    held = np.iinfo(np.int32 if type.base is Base.I else np.uint32)
+    if not held.min <= low <= high <= held.max:
+        raise ShpyTypeError(
+            f"{said} in a domain is not in the range of type {type}", loc=here(), cure=f"({held.min}, {held.max})"
+        )
 
 
 def _within(said: Any, values: Array) -> Array:

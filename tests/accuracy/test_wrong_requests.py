@@ -1,7 +1,9 @@
 """Requests that make no sense are errors before anything runs, and cures that work."""
 
+import math
 import re
 
+import numpy as np
 import pytest
 
 import shpy as sh
@@ -29,6 +31,36 @@ def test_an_unknown_mode_is_an_error():
 def test_a_domain_that_is_no_range_is_an_error(domain):
     with pytest.raises(sh.ShpyTypeError, match=r"is no range|its ends are in the wrong order"):
         measure(grown, {"x": domain}, backends="numpy", samples=10)
+
+
+@pytest.mark.parametrize(
+    ("type", "domain", "said"),
+    [
+        (sh.Attrib1f, (0, math.inf), "its length is not finite"),
+        (sh.Attrib1f, (math.nan, 1), "its length is not finite"),
+        (sh.Attrib1f, [], "no array of one or more elements of type f"),
+        (sh.Attrib1f, "words", "no array of one or more elements of type f"),
+        (sh.Attrib1f, [1j], "no array of one or more elements of type f"),
+        (sh.Attrib2f, lambda rng, count: rng.random(count), "no array of 10 elements of type f2"),
+        (sh.Attrib1i, (0, 2**31), "not in the range of type i"),
+        (sh.Attrib1i, [2**31], "not in the range of type i"),
+        (sh.Attrib1u, (-1, 1), "not in the range of type u"),
+        (sh.Attrib1u, [math.nan], "not in the range of type u"),
+    ],
+)
+def test_a_domain_holds_numbers_of_the_type(type, domain, said):
+    @sh.program
+    def same(x: type) -> type:
+        return x
+
+    with pytest.raises(sh.ShpyTypeError, match=said):
+        measure(same, {"x": domain}, backends="numpy", samples=10)
+
+
+def test_numbers_beyond_a_precision_are_infinite_there():
+    row = measure(grown, {"x": (1e6, 1e7)}, backends="numpy", math="strict", precision="f16", samples=10).rows[0]
+    assert np.isinf(row.worst["x"])
+    assert row.ulp[0] == 0
 
 
 def test_a_budget_has_a_unit():
