@@ -32,6 +32,8 @@ _Drawn = Callable[[Sequence[int]], Iterator[NDArray[np.uint8]]]
 VIDEOS: Final = (".gif", ".webp", ".mp4")
 FPS: Final = 24.0
 """Frames of a second, where nobody asks for others."""
+_LASTING: Final = {"GIF": 655_350, "WEBP": 16_777_215}
+"""The most milliseconds for which these formats can show a frame."""
 
 
 class VideoError(ShpyError):
@@ -129,6 +131,9 @@ def _as_picture(path: Path, frames: int, fps: float, drawn: _Drawn) -> Iterator[
     pillow = _pillow(path.suffix)
     kind = path.suffix[1:].upper()
     unit = 10 if kind == "GIF" else 1  # milliseconds
+    if 1000 / fps > _LASTING[kind]:
+        most = f"at most {_LASTING[kind] / 1000:g} s"
+        raise VideoError(f"{path}: {path.suffix} files show a frame for {most}, not {1 / fps:g} s: write a folder")
     ends = [round(number * 1000 / fps / unit) * unit for number in range(frames + 1)]
     lasting = [max(end - start, unit) for start, end in pairwise(ends)]
 

@@ -134,6 +134,8 @@ def of_points(p: sh.Point3f) -> sh.Color3f:
         (wave, "a.gif", {"show": red}, sh.ShpyTypeError, "show= makes colours of the streams of a chain"),
         (wave, "a.gif", {"frames": 0}, VideoError, "one frame or more"),
         (wave, "a.gif", {"fps": 0}, VideoError, "more than 0"),
+        (wave, "a.gif", {"fps": 0.0015}, VideoError, "show a frame for at most 655.35 s, not 666.667 s"),
+        (wave, "a.webp", {"fps": 5e-324}, VideoError, "show a frame for at most 16777.2 s, not inf s"),
         (wave, "a.avi", {}, VideoError, "not as .avi"),
         (wave, "a.gif", {"resume": True}, VideoError, "in a folder"),
         (wave, "no/a.gif", {}, FileNotFoundError, "there is no folder"),
