@@ -185,7 +185,8 @@ def _mistake(path: Path, error: Exception) -> SceneError:
         if trace.tb_frame.f_code.co_filename == str(path):
             line = trace.tb_lineno
         trace = trace.tb_next
-    return SceneError(f"{path}:{line}: {type(error).__name__}: {error}")
+    place = path if line is None else f"{path}:{line}"  # no line of it took part if scene takes no argument
+    return SceneError(f"{place}: {type(error).__name__}: {error}")
 
 
 def animated(time: float) -> Scene:

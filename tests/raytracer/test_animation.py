@@ -114,6 +114,7 @@ def test_mistakes_are_found_before_a_frame_is_made(tmp_path, monkeypatch):
         ("import numpy\n1 / 0", "wave.py:2: ZeroDivisionError"),
         ("def scene(time)\n", "wave.py:1: SyntaxError"),
         ("def scene(time):\n    return 1 / time", "wave.py:2: ZeroDivisionError"),
+        ("def scene():\n    return 3", "wave.py: TypeError: scene() takes 0 positional arguments but 1 was given"),
         ("def scene(time):\n    return 3", "gives a int, not a raytracer.Scene"),
     ],
 )
