@@ -31,7 +31,12 @@ from shpy.chains.chain import loop as loop
 from shpy.chains.chain import repeat as repeat
 from shpy.chains.chain import sequence as sequence
 from shpy.chains.running import ChainResult as ChainResult
+from shpy.chains.share import share as share
 from shpy.choice import choice as choice
+from shpy.cluster import map_blocks as map_blocks
+from shpy.cluster import map_overlap as map_overlap
+from shpy.collectives.choosing import top_k as top_k
+from shpy.collectives.choosing import unique as unique
 from shpy.collectives.compaction import compact as compact
 from shpy.collectives.histograms import histogram as histogram
 from shpy.collectives.reducing import reduce as reduce

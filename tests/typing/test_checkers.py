@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -12,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from patience import HANGING
+
+import shpy as sh
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -64,3 +67,23 @@ def test_the_script_runs() -> None:
 def test_the_stub_is_up_to_date() -> None:
     run = subprocess.run([sys.executable, str(ROOT / "scripts" / "stubs"), "--check"], check=False)
     assert run.returncode == 0, "run scripts/stubs"
+
+
+def test_the_stub_has_every_public_name() -> None:
+    stub = ast.parse((ROOT / "shpy" / "__init__.pyi").read_text())
+    names = {bound for statement in stub.body for bound in bound_by(statement)}
+    assert {*sh.__all__, *sh._MODULES, *sh._LATER} - names == set()
+
+
+def bound_by(statement: ast.stmt) -> list[str]:
+    """Return the names that a statement of a stub defines or exports."""
+    match statement:
+        case ast.FunctionDef() | ast.ClassDef():
+            return [statement.name]
+        case ast.ImportFrom():
+            return [alias.asname for alias in statement.names if alias.asname is not None]
+        case ast.Assign() | ast.AnnAssign():
+            targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+            return [target.id for target in targets if isinstance(target, ast.Name)]
+        case _:
+            return []
