@@ -55,7 +55,7 @@ def ulp(found: Any, exact: Any = None) -> Budget | Array:
     `found` is an array of floats, `exact` one of the same shape, in the same type or a wider one. See `ulps`.
     """
     if exact is None:
-        return Budget(_positive(str(found)))
+        return Budget(found)
     return ulps(np.asarray(found), np.asarray(exact))
 
 

@@ -43,12 +43,17 @@ def add_commands(commands: Any) -> None:
     accuracy.set_defaults(run=lambda options: _guarded(_accuracy, options))
     trade = commands.add_parser("tradeoff", help="time against error of every variant, and the fastest close enough")
     _add_shared(trade, 1000)
-    trade.add_argument(
-        "--error", required=True, type=Budget.parse, help="the most that is wanted: 2ulp, 1e-3 (relative)"
-    )
+    trade.add_argument("--error", required=True, type=_budget, help="the most that is wanted: 2ulp, 1e-3 (relative)")
     trade.add_argument("--precision", default="f32,f16,f64", help="f32,f64,f16 (default: all)")
     trade.add_argument("--elements", type=_COUNT, default=100_000, help="how many elements are timed (default: 100000)")
     trade.set_defaults(run=lambda options: _guarded(_tradeoff, options))
+
+
+def _budget(text: str) -> Budget:
+    try:
+        return Budget.parse(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"an error such as 2ulp, or 1e-3 for a relative one, not {text!r}") from None
 
 
 def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:

@@ -235,9 +235,13 @@ def tradeoff(
 
 
 def _check_budget(budget: object) -> None:
+    cure = 'sh.accuracy.ulp(4), or a relative error, sh.accuracy.Budget(1e-3, "relative")'
     if not isinstance(budget, Budget):
-        cure = f"sh.accuracy.ulp({budget!r}), or a relative error, sh.accuracy.relative(1e-3)"
         raise ShpyTypeError(f"a budget is a number of units, not {budget!r}", loc=here(), cure=cure)
+    if not (isinstance(budget.limit, float | int | np.number) and budget.limit >= 0):
+        raise ShpyTypeError(f"the limit of a budget is a number from 0 on, not {budget.limit!r}", loc=here(), cure=cure)
+    if budget.unit not in ("ulp", "relative"):
+        raise ShpyTypeError(f"the unit of a budget is not {budget.unit!r}", loc=here(), cure=cure)
 
 
 def _rounded_up(number: float) -> str:

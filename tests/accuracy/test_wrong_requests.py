@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.accuracy import measure, tradeoff, ulp
+from shpy import cli
+from shpy.accuracy import Budget, measure, tradeoff, ulp
 
 
 @sh.program
@@ -66,7 +67,30 @@ def test_numbers_beyond_a_precision_are_infinite_there():
 def test_a_budget_has_a_unit():
     with pytest.raises(sh.ShpyTypeError, match="a budget is a number of units, not 4") as caught:
         tradeoff(grown, {"x": (0, 1)}, budget=4)
-    assert caught.value.cure.startswith("sh.accuracy.ulp(4)")
+    for budget in caught.value.cure.split(", or a relative error, "):
+        options = {"backends": "numpy", "math": "strict", "precision": "f64", "samples": 50, "elements": 10}
+        assert tradeoff(grown, {"x": (0, 1)}, budget=eval(budget), **options).pick.held
+
+
+@pytest.mark.parametrize(
+    ("budget", "said"),
+    [
+        (ulp(-1), "a number from 0 on, not -1"),
+        (ulp(math.nan), "a number from 0 on, not nan"),
+        (ulp("4"), "a number from 0 on, not '4'"),
+        (Budget(1e-3, "percent"), "the unit of a budget is not 'percent'"),
+    ],
+)
+def test_a_budget_has_a_limit_and_a_known_unit(budget, said):
+    with pytest.raises(sh.ShpyTypeError, match=said):
+        tradeoff(grown, {"x": (0, 1)}, budget=budget)
+
+
+@pytest.mark.parametrize("error", ["1ulps", "nan", "much"])
+def test_the_command_says_what_an_error_is(error, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["tradeoff", "module:program", "--error", error])
+    assert f"an error such as 2ulp, or 1e-3 for a relative one, not '{error}'" in capsys.readouterr().err
 
 
 def test_the_budget_that_a_refusal_names_is_one_that_is_kept():
