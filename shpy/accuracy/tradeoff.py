@@ -92,10 +92,11 @@ class Tradeoff:
         if self._comparison.picked is not None:
             return self.candidates[self._comparison.picked]
         nearest = min(self.candidates, key=_error)
+        wider = "" if any(c.variant.precision == "f64" for c in self.candidates) else ", or precision=['f64']"
         raise ShpyError(
             f"no variant of {self.program} keeps {self.budget}: the closest, {nearest}, is {nearest.error:.3g} off",
             loc=here(),
-            cure=f"a budget of {_rounded_up(nearest.error)}, a smaller domain, or precision=['f64']",
+            cure=f"a budget of {_rounded_up(nearest.error)}, a smaller domain{wider}",
         )
 
     @property

@@ -97,6 +97,10 @@ def test_the_budget_that_a_refusal_names_is_one_that_is_kept():
     options = {"backends": "numpy", "math": "fast", "precision": "f32", "samples": 50, "elements": 100, "rounds": 1}
     with pytest.raises(sh.ShpyError) as caught:
         _ = tradeoff(grown, {"x": (-10, 10)}, budget=ulp(0.1), **options).pick
+    assert caught.value.cure.endswith("a smaller domain, or precision=['f64']")
+    with pytest.raises(sh.ShpyError) as wide:
+        _ = tradeoff(grown, {"x": (-10, 10)}, budget=ulp(0), **{**options, "precision": "f64"}).pick
+    assert wide.value.cure.endswith("a smaller domain")
     named = float(re.match(r"a budget of ([\d.]+),", caught.value.cure)[1])
     found = tradeoff(grown, {"x": (-10, 10)}, budget=ulp(named), **options)
     assert found.candidates[0].error <= named
