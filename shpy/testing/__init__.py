@@ -37,15 +37,16 @@ __all__ = [
 ]
 
 
-def programs(endless: bool = False) -> SearchStrategy[Generated]:
+def programs(endless: bool = False, derives: bool = False) -> SearchStrategy[Generated]:
     """Return a hypothesis strategy of well-typed programs that end, with nested loops, branches and exits, that shrink.
 
     Each is a recorded program with the same four inputs, for which `inputs(program, count)` gives arrays; its `text` is
     the source. Only operations with one exact answer are used: every backend must give the same bits. With `endless`,
-    loops may run on until `loop_limit=program.tree.loop_limit` stops them. Raises ShpyError without hypothesis.
+    loops may run on until `loop_limit=program.tree.loop_limit` stops them. With `derives`, programs compute with
+    denormals and with numbers that a driver's compiler can derive. Raises ShpyError without hypothesis.
     """
     try:
         from shpy.testing.generated import strategy
     except ImportError as error:
         raise ShpyError(f"programs() needs {error.name}", cure=install("hypothesis")) from error
-    return strategy.programs(endless=endless)
+    return strategy.programs(endless=endless, derives=derives)

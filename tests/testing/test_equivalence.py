@@ -232,12 +232,13 @@ def test_a_name_that_is_neither_input_nor_option():
         sh.testing.assert_equivalent(rounded_program(), X, [1, 2], speed=2)
 
 
-def test_generated_programs_are_recorded_and_agree():
+@pytest.mark.parametrize("derives", [False, True])
+def test_generated_programs_are_recorded_and_agree(derives):
     seen = []
 
     @seed(3)
     @settings(max_examples=5, deadline=None, database=None, suppress_health_check=list(HealthCheck))
-    @given(sh.testing.programs())
+    @given(sh.testing.programs(derives=derives))
     def run(program):
         seen.append(program)
         sh.testing.assert_equivalent(
