@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.errors import ShpyTypeError
+from shpy.lang.recording.location import here
 from shpy.units import steps
 
 Array = NDArray[Any]
@@ -43,6 +45,12 @@ class Bound:
     ulp: float = 0
     atol: float = 0
     rtol: float = 0
+
+    def __post_init__(self) -> None:
+        """Raise ShpyTypeError for anything but numbers from 0 on."""
+        for name, number in vars(self).items():
+            if not (isinstance(number, float | int | np.number) and number >= 0):
+                raise ShpyTypeError(f"{name}={number!r} is no distance of results", loc=here(), cure=f"{name}=2")
 
     @property
     def exact(self) -> bool:

@@ -10,7 +10,7 @@ AssertionError with the element, its inputs, what each backend made of it, and t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -80,10 +80,9 @@ def assert_equivalent(
     names = targets(backends if backends is not None else defaults.backends)
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "opencl")')
-    comparison = _Comparison(
-        Setting(program, inputs, given, shape, options), names, Bound(max(ulp, defaults.ulp), atol, rtol)
-    )
-    return comparison.check()
+    bound = Bound(ulp, atol, rtol)
+    bound = replace(bound, ulp=max(bound.ulp, defaults.ulp))
+    return _Comparison(Setting(program, inputs, given, shape, options), names, bound).check()
 
 
 class _Comparison:

@@ -135,6 +135,8 @@ _OPTIONS = frozenset(inspect.signature(Program.compile).parameters) - {"self", "
 
 def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split the keyword arguments into inputs of the program and options of its compilation."""
+    if not isinstance(program, Program):
+        raise ShpyTypeError(f"{program!r} is no program", loc=here(), cure="a function under @sh.program")
     inputs = {name: value for name, value in given.items() if name in program.inputs}
     options = {name: value for name, value in given.items() if name not in inputs}
     unknown = sorted(options.keys() - _OPTIONS)

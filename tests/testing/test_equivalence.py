@@ -232,6 +232,20 @@ def test_a_name_that_is_neither_input_nor_option():
         sh.testing.assert_equivalent(rounded_program(), X, [1, 2], speed=2)
 
 
+@pytest.mark.parametrize("bound", [{"ulp": -1}, {"ulp": "2"}, {"atol": np.nan}, {"rtol": -1e-6}])
+def test_a_distance_is_a_number_from_0_on(bound):
+    for compare in (sh.testing.assert_equivalent, sh.testing.first_divergence):
+        with pytest.raises(sh.ShpyTypeError, match="is no distance of results"):
+            compare(rounded_program(), X, [1, 2], **bound)
+
+
+@pytest.mark.parametrize("given", [lambda x: x, rounded_program().compile("numpy")])
+def test_anything_but_a_program_is_refused(given):
+    for compare in (sh.testing.assert_equivalent, sh.testing.first_divergence):
+        with pytest.raises(sh.ShpyTypeError, match="is no program"):
+            compare(given, X, [1, 2])
+
+
 @pytest.mark.parametrize("derives", [False, True])
 def test_generated_programs_are_recorded_and_agree(derives):
     seen = []
