@@ -69,6 +69,11 @@ def place(x: sh.Attrib1f) -> sh.Attrib2i:
     return sh.grid_index(2)
 
 
+@sh.program
+def twice_halves(x: sh.Attrib3h) -> sh.Attrib3h:
+    return x + x
+
+
 def points(count=1000, seed=0):
     return np.random.default_rng(seed).normal(size=(count, 3)).astype(np.float32)
 
@@ -127,6 +132,16 @@ def test_other_precisions(name, precision):
     expected = scale.compile("numpy", precision=precision)(x, 0.1)
     assert y.numpy().dtype == expected.dtype
     assert np.array_equal(y.numpy(), expected)
+
+
+@every
+def test_halves_lie_on_every_device(name):
+    x = np.float16([0, -0.0, 1.5, 2.0**-24, 30000, np.inf, np.nan]).repeat(3).reshape(7, 3)
+    stream = sh.Stream(x, sh.Attrib3h, name)
+    assert stream.numpy().tobytes() == x.tobytes()
+    assert twice_halves(stream).numpy().tobytes() == (x * np.float16(2)).tobytes()
+    assert sh.sequence(twice_halves).run(x=x, backend=name).streams["x"].numpy().dtype == np.float16
+    assert not sh.Stream.empty(4, sh.Attrib1h, name).numpy().any()
 
 
 @every

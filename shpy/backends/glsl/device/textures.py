@@ -28,7 +28,7 @@ from shpy.errors import ShpyError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type
 
-FORMATS: Final = {"f": "f4", "i": "i4", "u": "u4", "b": "u1"}
+FORMATS: Final = {"f": "f4", "h": "f4", "i": "i4", "u": "u4", "b": "u1"}
 """The components of a texture by the base of what it holds."""
 
 
