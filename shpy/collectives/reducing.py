@@ -90,7 +90,22 @@ def _mean(stream: Stream, axis: int | None) -> Any:
     if not count:
         return _filled(stream, axis, stream.type, math.nan)
     total = _folded(rows, axis, sums(size, base, "pairwise").combine)
+    if not _holds(total.leaf_entries()[0].memory.dtype, count):
+        return _result(_divided_on_host(total, count), stream, axis, stream.type)
     return _result(_finished(quotient(size, base), total, float(count)), stream, axis, stream.type)
+
+
+def _holds(dtype: np.dtype[Any], count: int) -> bool:
+    """Return whether a dtype of floats holds the number of elements: one of 16 bits ends at 65,504."""
+    with np.errstate(over="ignore"):
+        return float(dtype.type(count)) == count
+
+
+def _divided_on_host(total: Stream, count: int) -> Stream:
+    """Return the sums divided by a number that their dtype does not hold: quotients of 64 bits, rounded to it."""
+    sums = total.numpy()
+    with np.errstate(all="ignore"):
+        return Stream((sums.astype(np.float64) / count).astype(sums.dtype), total.type, *total.place)
 
 
 def _exact(stream: Stream, axis: int | None, size: int) -> Any:

@@ -264,6 +264,18 @@ def test_other_floats_than_the_working_one(backend, type_, word):
     assert s.sum("exact") == word(math.fsum(x.tolist()))
 
 
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+@pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib2h, "f32"), (sh.Attrib2f, "f16")])
+@pytest.mark.parametrize("n", [2049, 70_001])
+def test_a_mean_divides_by_a_number_that_16_bits_do_not_hold(backend, type_, precision, n):
+    x = np.full((n, 2), [2.0**-8, -(2.0**-9)], np.float16)
+    s = sh.Stream(x, type_, backend=backend, precision=precision)
+    wanted = np.float16(s.sum().astype(np.float64) / n)
+    assert s.mean().tobytes() == wanted.tobytes()
+    assert s.mean(axis=0).numpy().tobytes() == wanted.tobytes()
+    assert s.reshape(1, n).mean(axis=1).numpy().tobytes() == wanted.tobytes()
+
+
 def test_rounding_twice_is_another_number():
     """The sum is half an ULP and a bit that binary64 drops, so float32(math.fsum(x)) is wrong by one ULP."""
     x = np.float32([1, 2.0**-24, 2.0**-80])
