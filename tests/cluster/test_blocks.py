@@ -343,6 +343,16 @@ def test_mistakes_are_errors_before_anything_runs(call, message, cure):
     assert (caught.value.message, caught.value.cure) == (message, cure)
 
 
+def test_an_error_about_the_numbers_of_a_block_names_no_line_of_dask():
+    made = sh.map_blocks(two, da.full((4, 3), 1e300, chunks=(2, 3)), 1.0).a
+    with pytest.raises(sh.ShpyTypeError, match=r"holds 1e\+300, out of the range") as caught:
+        made.compute(scheduler="threads")
+    assert caught.value.loc is None
+    with pytest.raises(sh.ShpyTypeError, match=r"holds 1e\+300, out of the range") as caught:
+        made.compute(scheduler="synchronous")
+    assert caught.value.loc.file == __file__
+
+
 def test_importing_shpy_does_not_import_dask():
     """Nor the modules of names that few programs use."""
     code = "import sys, shpy; print(*{'dask', 'distributed', 'shpy.cluster', 'shpy.animation'} & set(sys.modules))"

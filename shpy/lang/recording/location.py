@@ -31,6 +31,8 @@ _START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", ""
 """The start of the command line: no line outside of it is the user's."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
 """Frames of numpy count as the user's line that called numpy."""
+_ENGINES = ("dask", "distributed")
+"""Frames of the packages that run blocks count so as well: no line of theirs is the user's."""
 _STANDARD = os.path.join(sysconfig.get_path("stdlib"), "")
 """Frames of the standard library do, too; other packages may be installed in a folder of it."""
 _skipped: dict[str, bool] = {}
@@ -63,7 +65,7 @@ def is_library(loc: Loc) -> bool:
 
 
 def user_frame() -> FrameType | None:
-    """Return the innermost frame whose code is not shpy's, numpy's or Python's own."""
+    """Return the innermost frame whose code is not shpy's, numpy's, Dask's or Python's own."""
     frame: FrameType | None = sys._getframe(1)
     library = _thread.library > 0
     while frame is not None:
@@ -79,9 +81,15 @@ def user_frame() -> FrameType | None:
 
 @cache
 def _look_inside(file: str) -> bool:
-    """Return whether a file is shpy's or numpy's."""
+    """Return whether a file is shpy's, numpy's or Dask's."""
     path = os.path.abspath(file)
-    return path.startswith((_HOUSE, _NUMPY)) and not path.startswith(_PROGRAMS)
+    return path.startswith((_HOUSE, _NUMPY, *_engines())) and not path.startswith(_PROGRAMS)
+
+
+def _engines() -> list[str]:
+    """Return the folders of Dask's packages that are imported, as they are when they run."""
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in _ENGINES]
+    return [os.path.dirname(os.path.abspath(file)) + os.sep for file in files if file is not None]
 
 
 def _is_standard(file: str) -> bool:
@@ -90,7 +98,7 @@ def _is_standard(file: str) -> bool:
 
 
 def is_users(file: str) -> bool:
-    """Return whether the code of a file is neither shpy's nor numpy's."""
+    """Return whether the code of a file is neither shpy's nor numpy's nor Dask's."""
     return not _look_inside(file)
 
 
