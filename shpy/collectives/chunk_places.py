@@ -38,7 +38,9 @@ def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
     import dask.array as da
 
     array, mask, cls, shape = _beside(array, mask, "mask", "b", "compact")
-    flat = flattened(array, len(shape)).astype(dtypes_at("f32")[cls.base])
+    flat = flattened(array, len(shape)).rechunk({1: -1} if array.ndim > len(shape) else {})
+    meta = np.empty((0,) * flat.ndim, dtypes_at("f32")[cls.base])
+    flat = flat.map_blocks(_converted, dtype=meta.dtype, meta=meta, packed=pickle.dumps(cls))
     marks = flattened(mask, mask.ndim).rechunk({0: flat.chunks[0]})
     indices = da.arange(mask.size, chunks=(flat.chunks[0],), dtype=place_type(mask.size))
     return flat[marks], indices[marks]
@@ -113,6 +115,12 @@ def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[A
             cure="components on the last axis, 2 to 4",
         )
     return array, other, cls, other.shape
+
+
+def _converted(block: NDArray[Any], packed: bytes) -> NDArray[Any]:
+    """Return the elements of a block as a stream holds them; ShpyTypeError for numbers that it does not hold."""
+    found: NDArray[Any] = Stream(block, pickle.loads(packed), "numpy").numpy()
+    return found
 
 
 def _split(values: NDArray[Any], index: NDArray[Any], bounds: list[int]) -> tuple[Piece, ...]:

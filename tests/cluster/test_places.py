@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import dask
 import dask.array as da
 import numpy as np
@@ -56,6 +58,13 @@ def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):
         found = sh.scatter(cut, given, (12, 16), combine)
         assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
         assert found.compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize(("wide", "bad"), [([1, 2**40, 3], 2**40), ([1.0, 1e300, 3.0], 1e300)])
+def test_numbers_that_a_stream_does_not_hold_are_not_compacted(wide, bad):
+    kept = sh.compact(da.from_array(np.array(wide), chunks=2), np.array([True, True, False]))
+    with pytest.raises(sh.ShpyTypeError, match=re.escape(f"holds {bad}, out of the range of")):
+        kept.elements.compute()
 
 
 def test_nothing_goes_to_nowhere():
