@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from shpy.collectives.arguments import element_of
 from shpy.collectives.chunks import flattened
-from shpy.collectives.leaves import mapping
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.types import Attrib1b, Attrib1f, Attrib1i, Attrib1u
@@ -124,10 +123,16 @@ def _merged(low: Part, high: Part) -> tuple[Part, Part]:
     return (keys[first], places[first], elements[first]), (keys[second], places[second], elements[second])
 
 
-def _unsigned(keys: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return the keys as unsigned ints with the same order as in sh.sort."""
-    if keys.dtype.kind == "f":
-        return np.asarray(mapping().compile("numpy")(keys))
+def _unsigned(keys: NDArray[Any]) -> NDArray[Any]:
+    """Return the keys as unsigned ints with the same order as in sh.sort: a NaN is the greatest, -0 equals +0."""
     if keys.dtype.kind == "i":
         return keys.astype(np.int32).view(np.uint32) ^ np.uint32(1 << 31)
-    return keys.astype(np.uint32)
+    if keys.dtype.kind != "f":
+        return keys.astype(np.uint32)
+    word = np.dtype(f"u{keys.itemsize}").type
+    sign, bits = word(1 << 8 * keys.itemsize - 1), keys.view(word)
+    size = bits & ~sign
+    ordered: NDArray[Any] = np.where(bits > size, ~bits, bits | sign)
+    ordered[size == 0] = sign
+    ordered[size > np.array(np.inf, keys.dtype).view(word)] = ~word(0)
+    return ordered

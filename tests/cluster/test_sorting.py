@@ -21,6 +21,16 @@ def height(p: sh.Attrib3f) -> sh.Attrib1f:
     return sh.floor(p.y)
 
 
+@sh.program
+def nearly_one(x: sh.Attrib1f) -> sh.Attrib1d:
+    return 1 + sh.Attrib1d(x) * 1e-12
+
+
+@sh.program
+def halved(x: sh.Attrib1f) -> sh.Attrib1h:
+    return sh.Attrib1h(x)
+
+
 @pytest.fixture(autouse=True)
 def one_thread():
     with dask.config.set(scheduler="synchronous"):
@@ -67,6 +77,14 @@ def test_vectors_by_a_key_are_stable(descending):
     assert sh.sort(chunked, key=height, descending=descending).compute().tobytes() == wanted.tobytes()
     wanted = sh.argsort(sh.Stream(x, sh.Attrib3f, "numpy"), key=height, descending=descending).numpy()
     assert sh.argsort(chunked, key=height, descending=descending).compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("key", [nearly_one, halved])
+@pytest.mark.parametrize("descending", [False, True])
+def test_keys_may_be_floats_of_any_width(key, descending):
+    x = draw.permutation(np.concatenate((draw.standard_normal(200).astype(np.float32), draw.choice(EDGES, 50))))
+    wanted = sh.sort(sh.Stream(x, sh.Attrib1f, "numpy"), key=key, descending=descending).numpy()
+    assert sh.sort(da.from_array(x, chunks=70), key=key, descending=descending).compute().tobytes() == wanted.tobytes()
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.uint32])
