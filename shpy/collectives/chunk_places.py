@@ -26,6 +26,8 @@ from shpy.program import Program
 from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
 from shpy.streams.stream import Stream
 
+_BLOCKS, _LARGE = 64, 1 << 20
+"""A result has at most so many blocks, unless they are as large as the chunks of the values, or as this one."""
 Piece = tuple[NDArray[np.int64], NDArray[Any]]
 """Values and their target places in a block of the result: (places, values)."""
 
@@ -63,7 +65,8 @@ def scatter_chunks(
         check_combination(combine, Stream(np.zeros((1, *tail), dtype), cls, "numpy"), "scatter")
     flat = flattened(values, len(inner)).rechunk({1: -1} if tail else {})
     places = flattened(index, index.ndim).rechunk({0: flat.chunks[0]})
-    length, size = math.prod(wanted), max(1, *flat.chunks[0])
+    length = math.prod(wanted)
+    size = max(*flat.chunks[0], min(-(-length // _BLOCKS), _LARGE), 1)
     if not length:
         return da.zeros((*wanted, *tail), dtype)
     bounds = [*range(0, length, size), length]

@@ -67,6 +67,12 @@ def test_numbers_that_a_stream_does_not_hold_are_not_compacted(wide, bad):
         kept.elements.compute()
 
 
+def test_few_values_scattered_over_many_places_make_few_blocks():
+    found = sh.scatter(da.ones(4, chunks=2), np.array([0, 1, 70_000, 99_999]), 100_000, combine=mixed)
+    assert found.npartitions < 100
+    assert np.flatnonzero(found.compute()).tolist() == [0, 1, 70_000, 99_999]
+
+
 def test_nothing_goes_to_nowhere():
     x = da.zeros((0,), dtype=np.float32)
     assert sh.scatter(x, np.zeros(0, np.int32), 5).compute().tolist() == [0] * 5
