@@ -46,7 +46,7 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
     if axis is None:
         array, axis = flattened(array, len(shape)), 0
-    elif not isinstance(axis, int) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
+    elif not isinstance(axis, int | np.integer) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
         raise ShpyTypeError(
             f"axis={axis!r} of an array of {len(shape)} axes of elements is not an axis", loc=here(), cure=cure

@@ -83,7 +83,7 @@ def host_keys(stream: Stream, key: Program | None, name: str, below: int | None 
 def _checked_below(below: int | None, keys: Memory) -> int | None:
     if below is None:
         return None
-    if isinstance(below, bool) or not isinstance(below, int) or not 1 <= below <= 1 << 31:
+    if isinstance(below, bool) or not isinstance(below, int | np.integer) or not 1 <= below <= 1 << 31:
         raise ShpyTypeError(f"below={below!r} is no int from 1 to 2**31", loc=here(), cure="below=number of keys")
     if not keys.type.is_int:
         raise ShpyTypeError(
