@@ -11,6 +11,7 @@ import numpy as np
 
 from shpy.backends.base import Memory
 from shpy.errors import ShpyTypeError
+from shpy.lang.data.hostdata import as_array
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.types import Attrib1b, Attrib1i
@@ -57,11 +58,11 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
         if index.type.__name__ not in ("Attrib1i", "Attrib1u"):
             raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of Attrib1i")
         return index.leaf_entries()[0].memory, index.shape
-    array = np.asarray(index)
+    array = as_array(index, name)
     if not array.size:  # numpy makes floats of an empty list
         array = array.astype(np.int32)
     if array.dtype.kind not in "iu":
-        raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"{name}.astype(np.int32)")
+        raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"np.asarray({name}, np.int32)")
     # An index beyond the range of int is out of range of the stream, and so is the nearest int.
     bounds = np.iinfo(np.int32)
     held = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
@@ -72,9 +73,11 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
 def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
     """Return the memory of a mask with a shape, given as a stream of scalar bools or a host array of bools."""
     if not isinstance(mask, Stream):
-        array = np.asarray(mask)
+        array = as_array(mask, "mask")
+        if not array.size:
+            array = array.astype(np.bool_)
         if array.dtype != np.bool_:
-            raise ShpyTypeError(f"mask takes bools, not {array.dtype}", loc=here(), cure="mask != 0")
+            raise ShpyTypeError(f"mask takes bools, not {array.dtype}", loc=here(), cure="np.asarray(mask) != 0")
         mask = Stream(array, Attrib1b, *place)
     check_place(mask, place, "mask")
     if mask.type.__name__ != "Attrib1b":

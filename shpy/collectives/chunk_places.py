@@ -19,6 +19,7 @@ from shpy.collectives.chunk_sorting import TYPES, place_type
 from shpy.collectives.chunks import flattened
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
+from shpy.lang.data.hostdata import as_array
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import is_lazy
 from shpy.lang.values.value import CLASSES
@@ -93,7 +94,8 @@ def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[A
     """
     import dask.array as da
 
-    array, other = (given if is_lazy(given) else da.from_array(np.asarray(given)) for given in (array, other))
+    given = ((array, "the array"), (other, what))
+    array, other = (whole if is_lazy(whole) else da.from_array(as_array(whole, said)) for whole, said in given)
     if other.dtype.kind not in kinds:
         wanted = "bools" if kinds == "b" else "ints"
         raise ShpyTypeError(f"{what} takes {wanted}, not {other.dtype}", loc=here(), cure=f"{what} as {wanted}")

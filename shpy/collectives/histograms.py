@@ -23,6 +23,7 @@ from shpy.collectives.trees import retyped
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
+from shpy.lang.data.hostdata import as_array
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
@@ -115,7 +116,7 @@ def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
             raise ShpyTypeError(f"range={range!r}: {error}", loc=here(), cure="range=(low, high)") from error
     if range is not None:
         raise ShpyTypeError(f"range={range!r} beside edges", loc=here(), cure="no range=, or a number of bins")
-    edges = np.asarray(bins)
+    edges = as_array(bins, "bins")
     if edges.ndim != 1 or len(edges) < 2 or edges.dtype.kind not in "iuf" or not np.all(edges[1:] >= edges[:-1]):
         raise ShpyTypeError(
             "bins takes two edges or more in ascending order, or a number of bins",

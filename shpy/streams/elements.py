@@ -78,6 +78,7 @@ def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Sh
 
 def _trailing(name: str, shape: Shape, size: int) -> str:
     """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
+    name = name if " " not in name else "array"  # "a stream" is no name of Python
     if len(shape) == 2 and shape[0] == size and shape[1] > 4:
         return f"{name}.T"
     if len(shape) > 1 and shape[-1] > size:

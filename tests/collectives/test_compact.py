@@ -63,6 +63,7 @@ def test_structs_are_kept_whole(moved):
     ("mask", "message"),
     [
         (np.ones(3, np.int32), "mask takes bools, not int32"),
+        ([[True], [True, False]], "mask is not an array: setting an array element with a sequence"),
         (np.ones(3, np.bool_), "mask has the shape (3,), and the stream (4,)"),
         (sh.Stream([1, 0, 1, 0], sh.Attrib1i, "numpy"), "mask is <Stream (4,) of Attrib1i on numpy>"),
     ],
@@ -71,6 +72,11 @@ def test_masks_that_do_not_fit(mask, message):
     with pytest.raises(sh.ShpyTypeError, match=re.escape(message)) as error:
         sh.compact(stream(np.zeros(4), sh.Attrib1f, "numpy"), mask)
     assert "test_compact.py" in str(error.value)
+
+
+def test_an_empty_list_is_a_mask_of_no_elements():
+    kept = sh.compact(stream(np.zeros(0, np.float32), sh.Attrib1f, "numpy"), [])
+    assert (kept.elements.shape, kept.indices.shape) == ((0,), (0,))
 
 
 def test_a_mask_of_another_device():

@@ -76,6 +76,7 @@ def test_halves_and_doubles():
     ("x", "index", "message"),
     [
         ([1, 2], [0.5], "index takes ints, not float64"),
+        ([1, 2], [[0], [0, 1]], "index is not an array: setting an array element with a sequence"),
         ([], [0], "gather from a stream without elements"),
         ([1, 2], sh.Stream([0.0], sh.Attrib1f, "numpy"), "index is <Stream (1,) of Attrib1f on numpy>"),
         ([1, 2], sh.Stream([0], sh.Attrib1i, "opencl"), "stream.to('numpy')"),

@@ -92,6 +92,7 @@ def test_images(computed):
         ([0.5], sh.Attrib1f, {"bins": 3, "range": (1, 0)}, "range=(1, 0)"),
         ([0.5], sh.Attrib1f, {"bins": [2, 1]}, "ascending order"),
         ([0.5], sh.Attrib1f, {"bins": [0, np.nan]}, "ascending order"),
+        ([0.5], sh.Attrib1f, {"bins": [[0], [0, 1]]}, "bins is not an array: setting an array element with a sequence"),
         ([True], sh.Attrib1b, {"bins": 2}, "numbers of one component"),
         ([[1, 2]], sh.Attrib2f, {"bins": [0, 1]}, "numbers of one component"),
     ],

@@ -270,6 +270,23 @@ def refused(message):
     return pytest.raises(sh.ShpyTypeError, match=re.escape(message))
 
 
+@pytest.mark.parametrize(
+    ("shape", "type_", "fitted"),
+    [((3, 100), sh.Attrib3f, (100, 3)), (12, sh.Attrib3f, (4, 3)), (18, sh.Matrix3f, (2, 3, 3))],
+)
+def test_the_cure_for_another_last_axis_is_an_expression_that_fits(shape, type_, fitted):
+    array = m = np.zeros(shape)
+    with refused(f"takes an array (*S, {', '.join(map(str, fitted[1:]))})") as caught:
+        sh.Stream(array, type_, "numpy")
+    assert eval(caught.value.cure, {"array": array, "m": m, "np": np}).shape == fitted
+
+
+def test_no_cure_reshapes_numbers_that_do_not_fill_matrices():
+    with refused("takes an array (*S, 3, 3), not (5, 3, 2)") as caught:
+        sh.Stream(np.zeros((5, 3, 2)), sh.Matrix3f, "numpy")
+    assert caught.value.cure == "an array whose last two axes have 3 components each"
+
+
 def test_errors_name_the_cure():
     stream = sh.Stream(points(4), sh.Point3f, "opencl")
     with refused("scale is compiled for numpy, and <Stream (4,) of Point3f on opencl> is not there") as caught:

@@ -38,12 +38,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
             loc=here(),
             cure="sh.map_blocks(kernel, x), or x.compute() where it fits",
         )
-    try:
-        array = np.asarray(data)
-    except (ValueError, TypeError) as error:
-        raise ShpyTypeError(
-            f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
-        ) from error
+    array = as_array(data, what)
     if isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data):
         raise ShpyTypeError(
             f"{what} is a masked array, and a kernel runs over every element",
@@ -69,6 +64,16 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
                 cure="np.clip(x, low, high), or floats",
             )
     return array.astype(DTYPES[base], copy=False)
+
+
+def as_array(data: Any, what: str) -> NDArray[Any]:
+    """Return `data` as an array of any dtype; ShpyTypeError naming `what` for ragged lists."""
+    try:
+        return np.asarray(data)
+    except (ValueError, TypeError) as error:
+        raise ShpyTypeError(
+            f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
+        ) from error
 
 
 def _cure(kind: str, base: Base) -> str:

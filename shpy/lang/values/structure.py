@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import importlib
 import inspect
+import math
 import sys
 import typing
 from collections import namedtuple
@@ -237,13 +238,20 @@ def is_lazy(data: Any) -> bool:
     return hasattr(data, "__dask_graph__") and hasattr(data, "chunks")
 
 
+def _square(count: int, size: int) -> str:
+    """Return the advice on giving an array of so many numbers two last axes of `size`."""
+    if count and count % size**2 == 0:
+        return f"np.asarray(m).reshape(-1, {size}, {size})"
+    return f"an array whose last two axes have {size} components each"
+
+
 def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
     array = value if is_lazy(value) else np.asarray(value)  # what Dask's arrays hold stays there
     if array.ndim < 2 or array.shape[-2:] != (cls.size, cls.size):
         raise ShpyTypeError(
             f"{what} is a {cls.__name__} and takes an array (*S, {cls.size}, {cls.size}), not {array.shape}",
             loc=here(),
-            cure=f"np.asarray(m).reshape(-1, {cls.size}, {cls.size})",
+            cure=_square(math.prod(array.shape), cls.size),
         )
     return [array[..., r, :] for r in range(cls.size)]
 
