@@ -20,6 +20,7 @@ _BLOCK = 1 << 18
 """The number of elements whose significands are split together, so that temporary arrays fit into the cache."""
 
 
+@np.errstate(all="ignore")
 def exact_sums(array: NDArray[Any]) -> NDArray[Any]:
     """Return the exact sum of each row of (rows, n) floats, rounded once to their dtype; +0 where it is zero.
 
@@ -72,8 +73,7 @@ def _bins(array: NDArray[Any]) -> tuple[Any, Any]:
     rows = len(array)
     place = (np.arange(rows)[:, None] * exponents + exponent).ravel()
     sums = [np.bincount(place, h.ravel(), rows * exponents).reshape(rows, exponents).astype(np.int64) for h in halves]
-    with np.errstate(invalid="ignore"):
-        special = np.where(finite, np.zeros((), wide.dtype), wide).sum(axis=1)
+    special = np.where(finite, np.zeros((), wide.dtype), wide).sum(axis=1)
     return np.stack(sums, axis=1), special
 
 

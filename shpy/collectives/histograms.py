@@ -48,7 +48,8 @@ def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, f
     given = check_stream(stream, "histogram")
     base = _base(given)
     try:
-        return _histogram(given, base, bins, range)
+        with np.errstate(all="ignore"):  # the numbers beside the greatest and the least one overflow and underflow
+            return _histogram(given, base, bins, range)
     except (MemoryError, OverflowError) as error:
         raise ShpyError(
             f"a histogram of {bins!r} bins needs more memory than there is", loc=here(), cure="fewer bins"
@@ -133,8 +134,7 @@ def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDA
     """
     wide = edges.astype(np.float64) if edges.dtype.kind == "f" else edges
     if dtype.kind == "f":
-        with np.errstate(over="ignore"):
-            lower, last = wide.astype(dtype), wide[-1:].astype(dtype)
+        lower, last = wide.astype(dtype), wide[-1:].astype(dtype)
         lower = np.where(lower.astype(np.float64) < wide, np.nextafter(lower, dtype.type(np.inf)), lower)
         last = np.where(last.astype(np.float64) > wide[-1:], np.nextafter(last, dtype.type(-np.inf)), last)
         return lower, last
@@ -148,9 +148,8 @@ def _exact(edges: NDArray[Any], dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDA
 
 def _spacing(edges: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Return the first of equally spaced edges and the number of bins per unit, rounded, since they serve a guess."""
-    with np.errstate(all="ignore"):
-        each = (len(edges) - 1) / (edges[-1] - edges[0])
-        return {"begin": edges[:1].astype(np.float32), "each": np.array([np.nan_to_num(np.float32(each))], np.float32)}
+    each = (len(edges) - 1) / (edges[-1] - edges[0])
+    return {"begin": edges[:1].astype(np.float32), "each": np.array([np.nan_to_num(np.float32(each))], np.float32)}
 
 
 @cache

@@ -79,6 +79,15 @@ def test_edges_between_ints(computed):
     assert_same_bits(sh.histogram(stream(x, sh.Attrib1i, computed), 3, range=(0, 3)), counted(x, 3, range=(0, 3)))
 
 
+@pytest.mark.parametrize("edges", [[-1e-45, 0, np.finfo(np.float32).max], [-1e300, 1e-300, 1e300]])
+def test_edges_beside_the_last_floats_raise_nothing(edges):
+    x = np.float32([-3e38, -1e-45, 0, 1e-45, 3e38])
+    wanted = np.histogram(x.astype(np.float64), edges)[0]
+    with np.errstate(all="raise"):
+        found = sh.histogram(sh.Stream(x, sh.Attrib1f, "numpy"), edges)
+    assert found.numpy().tolist() == wanted.tolist()
+
+
 def test_images(computed):
     x = np.random.default_rng(5).random((40, 30)).astype(np.float32)
     assert_same_bits(sh.histogram(stream(x, sh.Attrib1f, computed), 256, range=(0, 1)), counted(x, 256, range=(0, 1)))

@@ -226,6 +226,13 @@ def test_an_exact_sum_of_zero_is_positive():
     assert not np.signbit(sh.Stream([-0.0, -0.0], sh.Attrib1f, backend="numpy").sum("exact"))
 
 
+def test_an_exact_sum_of_infinities_in_several_blocks_raises_nothing():
+    x = np.zeros(600_000, np.float32)
+    x[[0, -1]] = np.inf, -np.inf
+    with np.errstate(all="raise"):
+        assert np.isnan(sh.Stream(x, sh.Attrib1f, backend="numpy").sum("exact"))
+
+
 @sh.program
 def add_pairs(a: sh.Attrib2f, b: sh.Attrib2f) -> sh.Attrib2f:
     return a + b
