@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import sysconfig
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,8 @@ from typing import Any
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
 _WORD, _LINE = 80, 1000
 _HOUSE = os.path.dirname(os.path.abspath(__file__)) + os.sep
+_STANDARD = os.path.join(sysconfig.get_path("stdlib"), "")
+"""The standard library's folder; other packages may be installed in a folder of it."""
 
 
 def shorten(text: str) -> str:
@@ -56,12 +59,21 @@ class ShpyWarning(UserWarning):
     """A way is slower or less exact than the way that was asked for; the text names the cause."""
 
 
+def is_standard(file: str) -> bool:
+    """Return whether a file is one of the standard library."""
+    return file.startswith(_STANDARD) and f"-packages{os.sep}" not in file
+
+
 def warn(message: str) -> None:
-    """Give a ShpyWarning at the line outside of shpy that is running."""
+    """Give a ShpyWarning at the line outside of shpy and of the standard library that is running."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_HOUSE):
+    while frame.f_back is not None and _is_passed(frame.f_code.co_filename):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, ShpyWarning, stacklevel=level)
+
+
+def _is_passed(file: str) -> bool:
+    return file.startswith(_HOUSE) or is_standard(file)
 
 
 class RecordError(ShpyError):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-import sysconfig
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from types import FrameType
 
 import numpy as np
 
+from shpy.errors import is_standard
 from shpy.ir.nodes import Loc
 
 _HOUSE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))) + os.sep
@@ -30,11 +30,9 @@ _PROGRAMS = (
 _START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", "")
 """The start of the command line: no line outside of it is the user's."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
-"""Frames of numpy count as the user's line that called numpy."""
+"""Frames of numpy count as the user's line that called numpy, and so do those of the standard library."""
 _ENGINES = ("dask", "distributed")
 """Frames of the packages that run blocks count so as well: no line of theirs is the user's."""
-_STANDARD = os.path.join(sysconfig.get_path("stdlib"), "")
-"""Frames of the standard library do, too; other packages may be installed in a folder of it."""
 _skipped: dict[str, bool] = {}
 
 
@@ -72,7 +70,7 @@ def user_frame() -> FrameType | None:
         file = frame.f_code.co_filename
         skipped = _skipped.get(file)
         if skipped is None:
-            skipped = _skipped[file] = _look_inside(file) or _is_standard(file)
+            skipped = _skipped[file] = _look_inside(file) or is_standard(file)
         if not skipped or (library and file.startswith(_LIBRARIES)):
             return None if file.startswith(_START) else frame
         frame = frame.f_back
@@ -90,11 +88,6 @@ def _engines() -> list[str]:
     """Return the folders of Dask's packages that are imported, as they are when they run."""
     files = [getattr(sys.modules.get(name), "__file__", None) for name in _ENGINES]
     return [os.path.dirname(os.path.abspath(file)) + os.sep for file in files if file is not None]
-
-
-def _is_standard(file: str) -> bool:
-    """Return whether a file is one of the standard library."""
-    return file.startswith(_STANDARD) and f"-packages{os.sep}" not in file
 
 
 def is_users(file: str) -> bool:
