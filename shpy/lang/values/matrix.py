@@ -10,6 +10,7 @@ transpose of the upper 3x3.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
@@ -354,6 +355,19 @@ def _matrix(m: Any, what: str) -> Matrix:
     if not isinstance(m, Matrix):
         raise ShpyTypeError(f"sh.{what} takes a matrix, not {type(m).__name__}", loc=here(), cure="sh.Matrix3f(…)")
     return m
+
+
+def rows_of_array(array: Any, cls: type[Matrix], what: str) -> list[Any]:
+    """Return the rows (*S, N) of an array of matrices (*S, N, N); ShpyTypeError naming `what` for other shapes."""
+    size = cls.size
+    if array.ndim < 2 or array.shape[-2:] != (size, size):
+        count = math.prod(array.shape)
+        cure = f"an array whose last two axes have {size} components each"
+        if count and count % size**2 == 0:
+            cure = f"np.asarray(m).reshape(-1, {size}, {size})"
+        message = f"{what} is a {cls.__name__} and takes an array (*S, {size}, {size}), not {array.shape}"
+        raise ShpyTypeError(message, loc=here(), cure=cure)
+    return [array[..., r, :] for r in range(size)]
 
 
 def transpose(m: Any) -> Any:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import functools
 import importlib
 import inspect
-import math
 import sys
 import typing
 from collections import namedtuple
@@ -34,7 +33,7 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
-from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.matrix import Matrix, rows_of_array
 from shpy.lang.values.value import CLASSES, Value
 
 
@@ -227,7 +226,8 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
                 if value.size != cls.size:
                     raise ShpyTypeError(f"{what} is a {type(value).__name__}", loc=here(), cure=f"a {cls.__name__}")
                 return list(value.rows)
-            return _array_rows(value, cls, what)
+            array = value if is_lazy(value) else np.asarray(value)  # what Dask's arrays hold stays there
+            return rows_of_array(array, cls, what)
         case Group(form, names, parts):
             entries = entries_of(value, form, names, what)
             return [leaf for part, entry in zip(parts, entries, strict=True) for leaf in flatten(part, entry, what)]
@@ -236,24 +236,6 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
 def is_lazy(data: Any) -> bool:
     """Return whether this is an array of Dask, in chunks that are computed when they are asked for."""
     return hasattr(data, "__dask_graph__") and hasattr(data, "chunks")
-
-
-def _square(count: int, size: int) -> str:
-    """Return the advice on giving an array of so many numbers two last axes of `size`."""
-    if count and count % size**2 == 0:
-        return f"np.asarray(m).reshape(-1, {size}, {size})"
-    return f"an array whose last two axes have {size} components each"
-
-
-def _array_rows(value: Any, cls: type[Matrix], what: str) -> list[Any]:
-    array = value if is_lazy(value) else np.asarray(value)  # what Dask's arrays hold stays there
-    if array.ndim < 2 or array.shape[-2:] != (cls.size, cls.size):
-        raise ShpyTypeError(
-            f"{what} is a {cls.__name__} and takes an array (*S, {cls.size}, {cls.size}), not {array.shape}",
-            loc=here(),
-            cure=_square(math.prod(array.shape), cls.size),
-        )
-    return [array[..., r, :] for r in range(cls.size)]
 
 
 def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list[Any]:
