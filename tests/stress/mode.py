@@ -136,9 +136,10 @@ class Stress:
             if self.chance():
                 cl, machine = space.machine.cl, space.machine
                 gate = cl.UserEvent(machine.context)
+                # First of all: an interrupt behind the barrier would leave its gate closed.
+                threading.Timer(_LATE, gate.set_status, [cl.command_execution_status.COMPLETE]).start()
                 with machine.lock:
                     cl.enqueue_barrier(machine.queue, wait_for=[gate])
-                threading.Timer(_LATE, gate.set_status, [cl.command_execution_status.COMPLETE]).start()
             start(space, runs)
 
         def run_and_change(chain: Any, **streams: Any) -> Any:
