@@ -113,3 +113,86 @@ def test_a_base_that_has_fields_or_a_constructor_but_is_no_struct_is_an_error():
 
         assert caught.value.loc.file == __file__
         assert cure in caught.value.cure
+
+
+@sh.struct
+class Pair:
+    a: sh.Attrib2f
+    b: sh.Attrib2f
+
+    def exchange(self):
+        self.a, self.b = self.b, self.a
+
+
+def together(p, q):
+    p.a, q.b = q.b, p.a
+
+
+def by_three(p, q):
+    (
+        p.a,
+        p.b,
+        q.a,
+    ) = (
+        p.b,
+        q.a,
+        p.a,
+    )
+
+
+EXCHANGES = {
+    "method": (
+        lambda p, q: p.exchange(),
+        "`self.a, self.b = self.b, self.a` stores into `self.a` before `self.b` is stored from it\n"
+        "  write instead: copy first, or `sh.swap(self.a, self.b)`",
+    ),
+    "two structs": (
+        together,
+        "`p.a, q.b = q.b, p.a` stores into `p.a` before `q.b` is stored from it\n"
+        "  write instead: copy first, or `sh.swap(p.a, q.b)`",
+    ),
+    "several lines": (
+        by_three,
+        "`p.a, p.b, q.a = (p.b, q.a, p.a)` stores into `p.a` before `q.a` is stored from it\n"
+        "  write instead: copy first: `old = p.a.copy()`, and `old` for `p.a` on the right",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", EXCHANGES)
+def test_fields_that_change_places_are_copied_first(case):
+    exchange, message = EXCHANGES[case]
+
+    def f(p: Pair, q: Pair) -> Pair:
+        exchange(p, q)
+        return p
+
+    with pytest.raises(sh.RecordError) as caught:
+        sh.program(f)
+    assert str(caught.value).split(": ", 1)[1] == message
+
+
+def test_fields_that_are_stored_in_order_do_not_change_places():
+    @sh.program
+    def f(p: Pair, q: Pair):
+        for _ in range(2):
+            p.a, p.b = p.b, p.a + p.b
+        q.a, q.b = q.b.copy(), sh.Attrib2f(q.a)
+        q.a = q.b
+        q.b = q.a
+        return p, q
+
+    p, q = f({"a": (1, 2), "b": (3, 4)}, {"a": (5, 6), "b": (7, 8)})
+    assert [p.a.tolist(), p.b.tolist()] == [[4, 6], [7, 10]]
+    assert [q.a.tolist(), q.b.tolist()] == [[5, 6], [5, 6]]
+
+
+def test_a_field_without_a_value_is_named_as_users_do():
+    def f(x: sh.Attrib2f) -> Pair:
+        made = Pair()
+        made.b += x
+        return made
+
+    with pytest.raises(sh.RecordError, match=r"made\.b is read here, but nothing can have been stored") as caught:
+        sh.program(f)
+    assert caught.value.cure == "made.b[:] = … first, or make it with a value"

@@ -85,6 +85,7 @@ class Frame:
         self.unset: set[int] = set()
         self.waiting: list[Any] = []
         self.damage: RecordError | None = None
+        self.fields_stored: tuple[int, dict[int, Loc]] = 0, {}
         self._values = 0
         self._named_at: dict[tuple[str, int, str], int] = {}
 
@@ -306,7 +307,7 @@ def _reach(frame: Frame, region: Region, reached: set[int], declared: set[int]) 
                 (reached.add if variable in declared else reached.discard)(variable)
                 declared.add(variable)
             case Let(op="load", attr=int(variable)) if variable in frame.unset and variable not in reached:
-                name = frame.names[variable] or "this value"
+                name = frame.spelled.get(variable) or frame.names[variable] or "this value"
                 raise RecordError(
                     f"{name} is read here, but nothing can have been stored in it before",
                     loc=statement.value.loc,

@@ -33,6 +33,7 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
+from shpy.lang.values.exchange import check_exchange
 from shpy.lang.values.matrix import Matrix, rows_of_array
 from shpy.lang.values.value import CLASSES, Value
 
@@ -339,13 +340,12 @@ class Struct(Symbolic):
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self._shpy_fields:
-            raise ShpyAttributeError(
-                f"{type(self).__name__!r} has no field {name!r}",
-                loc=here(),
-                cure=f"one of {', '.join(self._shpy_fields)}",
-            )
+            cure = f"one of {', '.join(self._shpy_fields)}"
+            raise ShpyAttributeError(f"{type(self).__name__!r} has no field {name!r}", loc=here(), cure=cure)
         field = getattr(self, name)
         if field is not value:
+            if is_value(value):
+                check_exchange(leaves_of(field), leaves_of(value))
             field[:] = value
         elif isinstance(field, Value):  # `ray.o += d` stored already
             field._storable("[:]")
