@@ -59,7 +59,8 @@ from shpy.lang.recording.location import here as _here
 from shpy.lang.values.builtins import FUNCTIONS
 from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
-from shpy.lang.values.structure import struct, swap
+from shpy.lang.values.structs import struct
+from shpy.lang.values.structure import swap
 from shpy.lang.values.types import TYPES
 from shpy.pictures import picture as _picture  # which notebooks call
 from shpy.program import Program, parse, program

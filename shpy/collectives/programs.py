@@ -16,7 +16,8 @@ from shpy.lang.data.array import Array
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.values.builtins import bits_from_float, cond, grid_index, isinf, isnan, max as larger
-from shpy.lang.values.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of, struct
+from shpy.lang.values.structs import struct
+from shpy.lang.values.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program, program

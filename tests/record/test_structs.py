@@ -196,3 +196,67 @@ def test_a_field_without_a_value_is_named_as_users_do():
     with pytest.raises(sh.RecordError, match=r"made\.b is read here, but nothing can have been stored") as caught:
         sh.program(f)
     assert caught.value.cure == "made.b[:] = … first, or make it with a value"
+
+
+@sh.struct
+class Lens:
+    rim: Pair
+    turn: sh.Matrix2f
+    count: sh.Attrib1i
+
+    def __init__(self, rim, count):
+        super().__init__(rim, ((0, 1), (1, 0)), count)
+
+
+@sh.struct
+class Camera:
+    lens: Lens
+
+
+PARTS = {
+    "tuple": lambda x: ((x, 2 * x), ((1, 2), (3, 4)), 5),
+    "dict": lambda x: {"turn": ((1, 2), (3, 4)), "rim": {"a": x, "b": 2 * x}, "count": 5},
+    "list": lambda x: [Pair(x, 2 * x), sh.Matrix2f((1, 2), (3, 4)), 5],
+}
+
+
+@pytest.mark.parametrize("parts", PARTS)
+def test_a_field_that_is_a_struct_takes_its_parts(parts):
+    @sh.program
+    def f(x: sh.Attrib2f):
+        made = Camera(PARTS[parts](x))
+        stored, whole = Camera(Lens((x, x), 1)), Camera(Lens((x, x), 1))
+        stored.lens = PARTS[parts](x)
+        whole[:] = [PARTS[parts](x)]
+        return made, stored, whole
+
+    for camera in f((1, 2)):
+        assert camera.lens.rim.a.tolist() == [1, 2]
+        assert camera.lens.rim.b.tolist() == [2, 4]
+        assert camera.lens.turn.tolist() == [[1, 2], [3, 4]]
+        assert camera.lens.count == 5
+
+
+def test_parts_of_a_struct_are_read_before_one_is_stored():
+    @sh.program
+    def f(x: sh.Attrib1f):
+        made = Pair((x, 2 * x), (3 * x, 4 * x))
+        made[:] = {"a": made.b, "b": (made.a.y, made.a.x)}
+        return made
+
+    made = f(1)
+    assert [made.a.tolist(), made.b.tolist()] == [[3, 4], [2, 1]]
+
+
+@pytest.mark.parametrize("stored", [False, True])
+@pytest.mark.parametrize("value", [5, None, "ab", ((1, 2),), {"a": 1}])
+def test_a_field_that_is_a_struct_takes_nothing_else(value, stored):
+    def f(x: sh.Attrib2f) -> sh.Attrib2f:
+        camera = Camera(Lens((x, x), 1) if stored else value)
+        camera.lens = value
+        return x
+
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.program(f)
+    name, given = "Lens" if stored else "Camera.lens", type(value).__name__
+    assert caught.value.message == f"{name} has the parts rim, turn, count, and {given} does not give just these"

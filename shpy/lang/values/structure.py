@@ -15,11 +15,10 @@ from __future__ import annotations
 
 import functools
 import importlib
-import inspect
 import sys
 import typing
 from collections import namedtuple
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar, NoReturn
@@ -301,8 +300,8 @@ class Struct(Symbolic):
             missing = ", ".join(f for f in fields if f not in given)
             raise ShpyTypeError(f"{type(self).__name__} lacks {missing}", loc=here(), cure="every field, or none")
         for name, type_ in fields.items():
-            value = type_() if not given else given[name].copy() if _is_struct(type_) else type_(given[name])
-            object.__setattr__(self, name, value)
+            what = f"{type(self).__name__}.{name}"
+            object.__setattr__(self, name, _field(type_, given[name], what) if given else type_())
         frame = current_frame()
         paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
         if frame is not None:
@@ -353,7 +352,8 @@ class Struct(Symbolic):
     def __setitem__(self, key: Any, value: Any) -> None:
         if not (isinstance(key, slice) and key == slice(None)):
             raise ShpyTypeError("a struct is stored whole, or by field", loc=here(), cure="ray[:] = other; ray.o = p")
-        fresh = [v.copy() for v in flatten(layout_of(type(self), "struct"), value, type(self).__name__)]
+        entries = flatten(layout_of(type(self), "struct"), value, type(self).__name__)
+        fresh = [_kept(entry) for entry in entries]  # all are read before the first store
         for old, new in zip(leaves_of(self), fresh, strict=True):
             old[:] = new
 
@@ -365,72 +365,30 @@ class Struct(Symbolic):
         return f"{type(self).__name__}({', '.join(f'{n}={getattr(self, n)!r}' for n in self._shpy_fields)})"
 
 
-def _is_struct(type_: Any) -> bool:
+def is_struct(type_: Any) -> bool:
+    """Return whether this is a struct's class."""
     return isinstance(type_, type) and issubclass(type_, Struct)
 
 
-_OWN = frozenset({"__new__", "__init__", "__setattr__", "__setitem__", "__reduce__", "copy"})
-"""The methods by which a struct is constructed, stored and copied."""
+def _field(type_: Any, value: Any, what: str) -> Any:
+    """Return a field of a new struct: a copy, or for a struct one of the parts of a dict, tuple or other struct."""
+    if not is_struct(type_):
+        return type_(value)
+    if isinstance(value, Struct) and value._plain() is type_._shpy_class:
+        return value.copy()
+    fields = type_._shpy_fields
+    entries = entries_of(value, "struct", tuple(fields), what)
+    return type_._of({n: _field(t, e, f"{what}.{n}") for (n, t), e in zip(fields.items(), entries, strict=True)})
 
 
-def struct(cls: type) -> Any:
-    """Make a struct of a class with annotated fields: usable as input, output and array element.
-
-    A struct of a struct has the fields of its base first, as dataclasses do. Methods of other bases work on its fields.
-    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct, and for
-    a base that has fields, or a constructor, but is no struct.
-    """
-    frame = sys._getframe(1)
-    namespace = {**frame.f_globals, **frame.f_locals}
-    fields = {name: hint for base in reversed(cls.__mro__) for name, hint in vars(base).get("_shpy_fields", {}).items()}
-    fields |= {
-        name: _resolved(hint, namespace, f"{cls.__name__}.{name}") if isinstance(hint, str) else hint
-        for name, hint in inspect.get_annotations(cls).items()
-    }
-    if not fields:
-        raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
-    of_structs = {part for base in cls.__mro__[1:] if _is_struct(base) for part in base.__mro__}
-    for base in cls.__mro__[1:]:
-        if base not in of_structs and base is not object:
-            _check_mixin(base, cls, fields)
-    made = _struct_class(cls, fields)
-    layout_of(made, cls.__name__)
-    return made
+def _kept(entry: Any) -> Any:
+    """Return what a value holds now, also inside of a tuple or list."""
+    if isinstance(entry, tuple | list):
+        return [_kept(e) for e in entry]
+    return entry.copy() if isinstance(entry, Value) else entry
 
 
-def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
-    """Return what a field's annotation that is a string means; ShpyTypeError if it means nothing."""
-    try:
-        return eval(hint, namespace)
-    except Exception as error:
-        cure = getattr(error, "cure", None) or "a type of the language, such as sh.Attrib1f, or another struct"
-        text = getattr(error, "message", error)
-        raise ShpyTypeError(
-            f"{name} is annotated {hint!r}, which cannot be resolved: {text}", loc=here(), cure=cure
-        ) from error
-
-
-def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:
-    """Check a base of the class of a struct that is no struct: it may have methods, and declare fields of the class."""
-    own = _OWN & vars(base).keys()
-    if own:
-        raise ShpyTypeError(
-            f"{cls.__name__} is a struct, and its base {base.__name__} has {min(own)} of its own, which structs need",
-            loc=here(),
-            cure="no protocol among the bases: a class with its methods follows it"
-            if getattr(base, "_is_protocol", False)
-            else f"a base with other methods alone, or @sh.struct above class {base.__name__}",
-        )
-    for name, hint in inspect.get_annotations(base).items():
-        if name not in fields and "ClassVar" not in str(hint):
-            raise ShpyTypeError(
-                f"{cls.__name__} is a struct, and its base {base.__name__} with the field {name} is none",
-                loc=here(),
-                cure=f"@sh.struct above class {base.__name__}",
-            )
-
-
-def _struct_class(cls: type, fields: dict[str, Any]) -> Any:
+def struct_class(cls: type, fields: dict[str, Any]) -> Any:
     """Return the struct of a class: a subclass with the same name, whose first base is that class."""
     body = {name: getattr(cls, name) for name in ("__doc__", "__module__", "__qualname__")}
     # With the user's class among the bases, super() in its methods finds the class behind it.
@@ -478,7 +436,7 @@ def _class_like(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], mo
     types = {n: type_of(part) for n, part in zip(names, parts, strict=True)}
     plain = name.rpartition(".")[2]
     if form == "struct":
-        return _struct_class(type(plain, (), {"__module__": module}), types)
+        return struct_class(type(plain, (), {"__module__": module}), types)
     make: Any = namedtuple
     made = make(plain, names, rename=True, module=module)
     made.__annotations__ = types
