@@ -283,3 +283,48 @@ def test_a_field_may_begin_with_an_underscore():
     found = f([1, 2])
     assert (found._a.tolist(), found.b.tolist()) == ([1, 2], [2, 4])
     sh.testing.assert_equivalent(f, [1, 2])
+
+
+OPERANDS = {
+    "swap of a number": (lambda x, v: sh.swap(x, 1), "sh.swap exchanges two values of one type, not Attrib1f and int"),
+    "swap of a struct": (
+        lambda x, v: sh.swap(Pair(x, x), x),
+        "sh.swap exchanges two values of one type, not Pair and Attrib1f",
+    ),
+    "an array of floats": (
+        lambda x, v: sh.Array(sh.Attrib1f, 2.5),
+        "the length of an Array is an int that is known while recording, not 2.5",
+    ),
+    "an array of a value": (
+        lambda x, v: sh.Array(sh.Attrib1f, x),
+        "the length of an Array is an int that is known while recording, not <Attrib1f x>",
+    ),
+    "components of an array": (lambda x, v: v[np.array([0, 1])], "a component is named by an int or a letter"),
+    "a ratio of three": (lambda x, v: sh.refract(v, v, v), "eta of sh.refract is one number, not a vector of 3"),
+}
+
+
+@pytest.mark.parametrize("case", OPERANDS)
+def test_operands_that_do_not_fit_are_errors_of_shpy(case):
+    use, message = OPERANDS[case]
+
+    def f(x: sh.Attrib1f, v: sh.Attrib3f) -> sh.Attrib1f:
+        use(x, v)
+        return x
+
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.program(f)
+    assert caught.value.message == message
+    assert caught.value.cure
+
+
+def test_numbers_of_python_and_numpy_fit():
+    @sh.program
+    def f(n: sh.Attrib1i, v: sh.Attrib3f):
+        quotient, rest = divmod(-7, n)
+        a = sh.Array(sh.Attrib1f, np.int64(3))
+        a[2] = sh.refract(v, v, 1).x
+        return quotient, rest, sh.float_from_bits(0xFF800000), v[np.array(1)], a[2]
+
+    assert f(2, (1, 0, 0)) == (-4, 1, -np.inf, 0, -1)
+    assert np.asarray(sh.float_from_bits((0, 1))).tolist() == [0, 2.0**-149]

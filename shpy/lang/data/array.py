@@ -8,8 +8,10 @@ Stage: record. Reads out of range give the nearest element, writes out of range 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
+
+import numpy as np
 
 from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.nodes import MAX_ARRAY
@@ -41,9 +43,9 @@ class Array(Symbolic):
 
     def __init__(self, type_: Any, length: int | Sequence[Any]) -> None:
         frame = need_frame("sh.Array")
-        values = None if isinstance(length, int) else list(length)
-        count = len(values) if values is not None else length
-        if not isinstance(count, int) or count < 1:
+        values = None if isinstance(length, int | np.integer) else _elements(length)
+        count = int(length) if values is None else len(values)  # type: ignore[arg-type]
+        if count < 1:
             raise ShpyTypeError("an Array holds one element or more", loc=here(), cure="sh.Array(sh.Attrib1f, 8)")
         if count > MAX_ARRAY:
             raise ShpyTypeError(
@@ -146,3 +148,14 @@ class Array(Symbolic):
         for variable, cls, entry in zip(self._variables, self._classes, entries, strict=True):
             handle = arithmetic.convert(self._frame, entry, cls.type, "a store into an Array")
             self._frame.store(variable, handle, None, index)
+
+
+def _elements(values: Any) -> list[Any]:
+    """Return the elements that an Array is made of; raise ShpyTypeError for a length that is no int known by now."""
+    if not isinstance(values, Iterable) or (isinstance(values, Value) and values.size == 1):
+        raise ShpyTypeError(
+            f"the length of an Array is an int that is known while recording, not {values!r}",
+            loc=here(),
+            cure="sh.Array(sh.Attrib1f, 8); sh.Array(sh.Attrib1f, [a, b]) for its elements",
+        )
+    return list(values)

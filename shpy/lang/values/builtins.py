@@ -21,8 +21,9 @@ from shpy.ir.types import FLOATS, INTS, Base, vec
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import need_frame
 from shpy.lang.values import arithmetic
+from shpy.lang.values.abstract import CLASSES
 from shpy.lang.values.arithmetic import base_of, elementwise, emit, emitter_of, made, operand, read, select
-from shpy.lang.values.coerce import common_kind, common_size
+from shpy.lang.values.coerce import Literal, common_kind, common_size
 
 __all__ = ["FUNCTIONS"]
 
@@ -45,6 +46,10 @@ def _vectors(row: Op, *args: Any) -> Any:
     what = f"sh.{row.name}"
     operands = [operand(a, what) for a in args]
     whole = [o for o, letter in zip(operands, row.takes, strict=True) if letter != "S"]
+    for o, letter, name in zip(operands, row.takes, row.parameters, strict=True):
+        if letter == "S" and o.size > 1:
+            text = f"{name} of {what} is one number, not a vector of {o.size}"
+            raise ShpyTypeError(text, loc=here(), cure=f"{name}.x, or another component")
     type = vec(_float_base(operands, what), common_size([o.size for o in whole], what))
     types = [type.scalar if letter == "S" else type for letter in row.takes]
     emitter = emitter_of(*operands)
@@ -98,8 +103,15 @@ def _scaled(row: Op, x: Any, n: Any) -> Any:
     return emit(emitter, "ldexp", handles, common_kind([getattr(value, "kind", "Attrib")]), "sh.ldexp")
 
 
+def _of_bits(row: Op, u: Any) -> Any:
+    bits = operand(u, "sh.float_from_bits")
+    word = isinstance(bits, Literal) and bits.weak == "int"  # an int of Python: bits, not a number of type i
+    return _components(row, CLASSES["Attrib", bits.size, Base.U](u) if word else u)
+
+
 _OWN: Final[Mapping[str, Callable[..., Any]]] = {
     "cond": _choice,
+    "float_from_bits": _of_bits,
     "ldexp": _scaled,
     "max": _several,
     "min": _several,

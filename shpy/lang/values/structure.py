@@ -272,6 +272,9 @@ def leaves_of(value: Any) -> list[Value]:
 
 def swap(a: Any, b: Any) -> None:
     """Exchange what two values, matrices or structs hold, in place."""
+    if not (is_value(a) and is_value(b) and len(leaves_of(a)) == len(leaves_of(b))):
+        text = f"sh.swap exchanges two values of one type, not {type(a).__name__} and {type(b).__name__}"
+        raise ShpyTypeError(text, loc=here(), cure="two values, matrices or structs of one type")
     for x, y in zip(leaves_of(a), leaves_of(b), strict=True):
         kept = x.copy()
         x[:] = y

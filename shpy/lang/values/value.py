@@ -299,6 +299,9 @@ class Value(Operators, AbstractValue):
     def __divmod__(self, other: Any) -> Any:
         return self // other, self % other
 
+    def __rdivmod__(self, other: Any) -> Any:
+        return other // self, other % self
+
     def __repr__(self) -> str:
         if self._frame is None:
             return f"{type(self).__name__}({', '.join(map(str, np.atleast_1d(np.asarray(self)).tolist()))})"
@@ -334,7 +337,7 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
     keys = key if isinstance(key, tuple) else (key,)
     if any(isinstance(k, Value) for k in keys):
         raise ShpyTypeError("components of a list are constants", loc=here(), cure="one index at a time, x[i]")
-    if not all(hasattr(k, "__index__") for k in keys):
+    if not all(hasattr(k, "__index__") and np.ndim(k) == 0 for k in keys):
         raise ShpyTypeError("a component is named by an int or a letter", loc=here(), cure="v[0], v[0:2] or v.x")
     indices = [operator.index(k) for k in keys]
     for i in indices:
