@@ -451,3 +451,42 @@ def test_an_index_is_one_int(use):
         with pytest.raises(sh.ShpyTypeError, match="an index is one int") as caught:
             sh.program(f)
         assert caught.value.cure == "sh.Attrib1i(x) makes an int of a float"
+
+
+def test_products_in_place():
+    def turn(a, b):
+        a @= b
+
+    @sh.program
+    def f(m: sh.Matrix2f, n: sh.Matrix2f, p: sh.Point2f, v: sh.Attrib3f, count: sh.Attrib1i):
+        turned, kept = sh.Matrix2f(m), m[1]
+        with SH_FOR(count):
+            m @= n
+            p @= n
+            v.xz @= n
+            with SH_IF(count > 2):
+                turn(turned, n)
+        return m, p, v, turned, kept
+
+    n = np.array([[2, 3], [0, 1]])
+    m, p, v, turned, kept = f(np.ones((2, 2)), n, (1, 2), (1, 2, 3), [0, 2, 3])
+    for element, count in enumerate([0, 2, 3]):
+        power = np.linalg.matrix_power(n, count)
+        assert m[element].tolist() == (np.ones((2, 2)) @ power).tolist()
+        assert p[element].tolist() == ((1, 2) @ power).tolist()
+        assert v[element, [0, 2]].tolist() == ((1, 3) @ power).tolist()
+        assert turned[element].tolist() == (np.ones((2, 2)) @ (power if count > 2 else np.eye(2))).tolist()
+    assert kept.tolist() == [[1, 1]] * 3
+
+
+def test_a_matrix_of_a_block_is_made_before_it():
+    def f(m: sh.Matrix2f, c: sh.Attrib1b) -> sh.Matrix2f:
+        made = []
+        with SH_IF(c):
+            made.append(m @ m)
+        return made[0]
+
+    with pytest.raises(sh.RecordError, match=r"x\[0\] was made inside the SH_IF block") as caught:
+        sh.program(f)
+    cure = "make the whole matrix or struct before the block, and store inside it, as in x[:] = …"
+    assert caught.value.cure == cure

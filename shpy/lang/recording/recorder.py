@@ -169,8 +169,8 @@ class Frame:
         name = name_for(loc.file, loc.line) if loc is not None else None
         for part, variable in parts.items():
             self.names[variable] = f"{name}_{part}" if name and part else name or part or None
-            if name and spelling:
-                self.spelled[variable] = spelling.format(name, part)
+            if spelling:
+                self.spelled[variable] = spelling.format(name or "x", part)
 
     def store(
         self, variable: int, value: int, components: tuple[int, ...] | None = None, index: int | None = None

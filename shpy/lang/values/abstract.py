@@ -103,11 +103,13 @@ class AbstractValue(Symbolic):
         home = own.homes[self._variable]
         if home.closed:
             name = own.names[self._variable] or "x"
+            cure = f"make it before the block, {name} = sh.{type(self).__name__}(), and store inside it, {name}[:] = …"
+            if self._variable in own.spelled:
+                cure = "make the whole matrix or struct before the block, and store inside it, as in x[:] = …"
             raise RecordError(
                 f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
                 loc=here(),
-                cure=f"make it before the block, {name} = sh.{type(self).__name__}(), "
-                f"and store inside it, {name}[:] = …",
+                cure=cure,
             )
 
     def _read_from(self, name: str, owner: str = "vector") -> Self:

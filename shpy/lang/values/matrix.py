@@ -314,6 +314,9 @@ class Matrix(Symbolic):
     def __itruediv__(self, other: Any) -> Any:
         return self._inplace(self / other)
 
+    def __imatmul__(self, other: Any) -> Any:
+        return self._inplace(self @ other)
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         array = np.stack([np.asarray(r) for r in self.rows])
         return array if dtype is None else array.astype(dtype)

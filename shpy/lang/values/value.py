@@ -225,14 +225,20 @@ class Value(Operators, AbstractValue):
         if not arithmetic.is_operand(other):
             arithmetic.refuse_operand(other, what)
             return NotImplemented
+        return self._keep(arithmetic.binary(op, self, other, what), what)
+
+    def __imatmul__(self, other: Any) -> Any:
+        return self._keep(self @ other, "@")
+
+    def _keep(self, value: Any, what: str) -> Any:
+        """Store what `x += v`, or another such operator, has computed."""
         if self._part is None:
-            self._store(arithmetic.binary(op, self, other, what), None, f" {what}= …")
+            self._store(value, None, f" {what}= …")
             return self
         # A part read from x keeps its own slot; `x.xy += v` then stores it back through x.
         frame = current_frame()
         self._check(frame)
         assert frame is not None
-        value = arithmetic.binary(op, self, other, what)
         frame.store(self._variable, arithmetic.convert(frame, value, self.type, f"{what}="))
         return self
 
