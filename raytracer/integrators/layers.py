@@ -33,7 +33,7 @@ def whole_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return a size as (width, height); SceneError for one that makes no picture."""
     try:
         width, height = (int(n) for n in size if int(n) == n)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}") from None
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")

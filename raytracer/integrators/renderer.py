@@ -429,7 +429,9 @@ def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
 
 
 def check_scene(scene: Scene, integrator: Any) -> None:
-    """Raise SceneError for an environment light that the integrator cannot show."""
+    """Raise SceneError for what is no Scene, and for an environment light that the integrator cannot show."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"pictures show a Scene, such as Scene.framed(mesh), not {scene!r:.60}")
     if scene.environment is None:
         return
     if not isinstance(integrator, Path):

@@ -63,6 +63,7 @@ class Mesh:
     uv: Any = None
 
     def __post_init__(self) -> None:
+        _checked(self.material)
         vertices = self._places(self.vertices)
         faces = array_of(f"{self.name}: faces", self.faces)
         if faces.size == 0:
@@ -159,7 +160,7 @@ class Mesh:
     def with_material(self, material: Material) -> Mesh:
         """Return the same mesh of another material."""
         found = copy.copy(self)  # all else is checked already
-        object.__setattr__(found, "material", material)
+        object.__setattr__(found, "material", _checked(material))
         return found
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
@@ -255,6 +256,13 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
     vertices = np.concatenate([m.vertices for m in meshes])
     faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
     return Mesh(vertices, faces, normals, colors, meshes[0].material, name, uv)
+
+
+def _checked(material: Material) -> Material:
+    """Return a material; SceneError for anything else."""
+    if not isinstance(material, Material):
+        raise SceneError(f"the material of a mesh is a Material, such as Material((1, 0, 0)), not {material!r}")
+    return material
 
 
 def affine(matrix: ArrayLike) -> Floats:

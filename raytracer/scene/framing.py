@@ -44,7 +44,10 @@ _LARGEST = 1e33
 
 def upright(up: Triple) -> Matrix:
     """Return the smallest rotation (3, 3) that takes y to `up`; SceneError where that is no direction."""
-    direction = np.asarray(up, dtype=np.float64)
+    try:
+        direction = np.asarray(up, dtype=np.float64)
+    except (TypeError, ValueError):
+        direction = np.zeros(0)
     if direction.shape != (3,) or not np.all(np.isfinite(direction)) or not direction.any():
         raise SceneError(f"up is a direction of three finite numbers that are not all 0, not {up!r}")
     direction = direction / np.abs(direction).max()

@@ -59,14 +59,15 @@ class Scene:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "meshes", placed(self.meshes))
-        object.__setattr__(self, "lights", tuple(self.lights))
+        object.__setattr__(self, "lights", _lights(self.lights))
         object.__setattr__(self, "background", finite_triple("a background", self.background))
-        if not 0 <= self.ambient <= 1:
-            raise SceneError(f"ambient lies in [0, 1], not {self.ambient}")
+        if not (isinstance(self.ambient, float | int | np.number) and 0 <= self.ambient <= 1):
+            raise SceneError(f"ambient lies in [0, 1], not {self.ambient!r}")
         if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:
             raise SceneError("a scene has at most one EnvironmentLight")
         if self.camera is None:
             object.__setattr__(self, "camera", fitted(self.meshes, np.eye(3)))
+        _known(self.camera)
 
     @property
     def triangles(self) -> int:
@@ -182,11 +183,25 @@ def furnished(
     return Scene(found.meshes, shining, eye, name=name)
 
 
+def _lights(given: Any) -> tuple[Light, ...]:
+    """Return the lights of a scene; SceneError for anything but lights in a list or another iterable."""
+    lights = tuple(given) if isinstance(given, Iterable) else (None,)
+    if not all(isinstance(light, Light) for light in lights):
+        kinds = "PointLight, DirectionalLight or EnvironmentLight"
+        raise SceneError(f"the lights of a scene are a list of lights, each a {kinds}, not {given!r}")
+    return lights
+
+
 def _camera(given: Camera | Callable[[Camera], Camera] | None, found: Camera) -> Camera:
     """Return the camera that is given, or what the given function makes of the one that was found."""
-    if given is None or isinstance(given, Camera):
-        return given or found
-    return given(found)
+    return _known(given(found) if callable(given) else found if given is None else given)
+
+
+def _known(camera: Any) -> Camera:
+    """Return a camera; SceneError for anything else."""
+    if not isinstance(camera, Camera):
+        raise SceneError(f"the camera of a scene is a Camera, such as Camera((0, 0, 5)), not {camera!r}")
+    return camera
 
 
 def placed(things: Any) -> tuple[Mesh, ...]:

@@ -103,6 +103,29 @@ def test_what_is_no_part_of_a_scene(wrong, words):
         Scene(wrong)
 
 
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Scene(TRIANGLE, PointLight((0, 0, 1))), "are a list of lights.*, not PointLight"),
+        (lambda: Scene(TRIANGLE, [(0, 0, 1)]), r"each a PointLight, .*, not \[\(0, 0, 1\)\]"),
+        (lambda: Scene(TRIANGLE, None), "are a list of lights.*, not None"),
+        (lambda: Scene(TRIANGLE, camera=(0, 0, 5)), r"is a Camera, such as .*, not \(0, 0, 5\)"),
+        (lambda: Scene.framed(TRIANGLE, camera=(0, 0, 5)), r"is a Camera, such as .*, not \(0, 0, 5\)"),
+        (lambda: Scene.framed(TRIANGLE, camera=lambda camera: None), "is a Camera, such as .*, not None"),
+        (lambda: Scene.framed(TRIANGLE, up="z"), "up is a direction of three finite numbers .*, not 'z'"),
+        (lambda: Scene(TRIANGLE, ambient=(1, 1, 1)), r"ambient lies in \[0, 1\], not \(1, 1, 1\)"),
+        (lambda: Mesh([[0, 0, 0]], [], material=(1, 0, 0)), r"is a Material, such as .*, not \(1, 0, 0\)"),
+        (lambda: Scene(TRIANGLE).with_material("sail", "red"), "is a Material, such as .*, not 'red'"),
+        (lambda: render(TRIANGLE, (4, 4)), r"show a Scene, such as Scene.framed\(mesh\), not <Mesh sail"),
+        (lambda: render("boxes", (4, 4)), "show a Scene, .*, not 'boxes'"),
+        (lambda: render(Scene(), (np.inf, 4)), r"\(width, height\) in whole pixels, not \(inf, 4\)"),
+    ],
+)
+def test_things_of_another_kind_are_told(make, words):
+    with pytest.raises(SceneError, match=words):
+        make()
+
+
 def test_bare_parts():
     for part in (
         TRIANGLE,
