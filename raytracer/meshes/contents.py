@@ -14,7 +14,7 @@ import codecs
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def stl(data: bytes) -> bytes:
     if len(data) >= _STL_HEAD and len(data) == _STL_HEAD + _STL_TRIANGLE * count:
         return data
     text = text_of(data)
-    if text.lstrip()[:5].lower() == "solid" and "facet" in text:
+    if text.lstrip()[:5].lower() == "solid" and "facet" in text.lower():
         return _ascii(text)
     if len(data) < _STL_HEAD:
         raise SceneError(f"it ends within the header: {len(data)} bytes of {_STL_HEAD}")
@@ -143,18 +143,53 @@ def _elements(head: str) -> Iterator[tuple[str, int, int]]:
         yield name, count, size
 
 
+class _Off(NamedTuple):
+    """The parts of an OFF file: the letters before OFF in its first line, and the words of its vertices and faces."""
+
+    letters: str
+    vertices: list[list[str]]
+    faces: list[list[str]]
+
+    @classmethod
+    def of(cls, data: bytes) -> _Off | None:
+        """Split a file into its parts, as many as it declares; None if it has no header."""
+        lines = [words for line in text_of(data).splitlines() if (words := line.partition("#")[0].split())]
+        found = re.fullmatch("((?:ST)?C?N?)OFF", lines[0][0]) if lines else None
+        if found is None:
+            return None
+        declared, *rest = [lines[0][1:], *lines[1:]] if len(lines[0]) > 1 else [*lines[1:], []]
+        if len(declared) < 2 or not all(word.isascii() and word.isdigit() for word in declared[:2]):
+            return None
+        vertices, faces = int(declared[0]), int(declared[1])
+        there = sum(1 for line in rest if line)
+        if there < vertices + faces:
+            raise SceneError(f"it declares {vertices:,} vertices and {faces:,} faces, and {there:,} lines follow")
+        return cls(found[1], rest[:vertices], rest[vertices : vertices + faces])
+
+
 def off(data: bytes) -> bytes:
-    """Return an OFF file as trimesh takes it."""
-    return _ascii(text_of(data))
+    """Return an OFF file as trimesh takes it: fans of triangles replace faces, of which it mixes only small ones."""
+    found = _Off.of(data)
+    if found is None:
+        return _ascii(text_of(data))
+    made = []
+    for number, (count, *words) in enumerate(found.faces):
+        corners = words[: int(count)]
+        if len(corners) < int(count):
+            raise SceneError(f"face {number:,} has {count} corners, and {len(words)} numbers follow")
+        made += [f"3 {corners[0]} {corners[k]} {corners[k + 1]}" for k in range(1, len(corners) - 1)]
+    places = [" ".join(words[:3]) for words in found.vertices]
+    return _ascii("\n".join(["OFF", f"{len(places)} {len(made)} 0", *places, *made, ""]))
 
 
-def off_colors(data: bytes) -> int:
-    """Return how many vertices and faces of an OFF file that trimesh can read have colours, which trimesh drops."""
-    text = re.sub("#.*", "", text_of(data)).partition("OFF")[2]
-    lines = [words for line in text.splitlines() if (words := line.split())]
-    vertices, faces = map(int, lines[0][:2])
-    places, corners = lines[1 : 1 + vertices], lines[1 + vertices : 1 + vertices + faces]
-    return sum(len(words) > 3 for words in places) + sum(len(words) > int(words[0]) + 1 for words in corners)
+def skipped_of_off(data: bytes) -> Iterator[tuple[str, int]]:
+    """Yield the kinds of data in an OFF file that are not read, and how many vertices or faces have them."""
+    found = _Off.of(data)
+    if found is not None:
+        for letter, what in (("C", "colours"), ("N", "normals"), ("ST", "uv coordinates")):
+            if letter in found.letters:
+                yield f"{what} of vertices", len(found.vertices)
+        yield "colours of faces", sum(len(words) > int(words[0]) + 1 for words in found.faces)
 
 
 def _ascii(text: str) -> bytes:

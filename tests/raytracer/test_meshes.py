@@ -3,6 +3,7 @@ import warnings
 
 import numpy as np
 import pytest
+import trimesh
 
 from raytracer import EnvironmentLight, Material, Mesh, Scene, SceneError, Texture
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
@@ -197,6 +198,8 @@ def test_formats_give_the_same_shape_back(tmp_path, suffix):
         ("letter.obj", b"v 0 0 0\nf a b c\n", "line 2: 'a' in a face is no vertex number"),
         ("far.obj", b"v 0 0 0\nv 3e38 0 0\nv 0 1 0\nf 1 2 3\n", "within 1e.36 of 0"),
         ("cut.stl", b"\0" * 80 + b"\x09\0\0\0" + b"\0" * 120, "declares 9 triangles and ends within number 3"),
+        ("cut.off", b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "3 vertices and 2 faces, and 4 lines follow"),
+        ("corners.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "face 0 has 4 corners, and 3 numbers follow"),
         ("short.stl", b"\0" * 30, "ends within the header"),
         ("many.ply", PLY.replace("face 1", "face 1000000000").encode(), "at least 1,000,000,003 lines, not 4"),
         ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: a vertex has a coordinate that is not finite"),
@@ -207,6 +210,36 @@ def test_bad_files_are_named(tmp_path, name, content, words):
     path.write_bytes(content)
     with pytest.raises(SceneError, match=words):
         Mesh.load(path)
+
+
+def test_an_stl_text_may_be_in_capitals(tmp_path):
+    path = tmp_path / "part.stl"
+    trimesh.Trimesh(box().vertices, box().faces).export(path, file_type="stl_ascii")
+    path.write_text(path.read_text().upper())
+    assert sorted(Mesh.load(path).corners.reshape(-1).tolist()) == sorted(box().corners.reshape(-1).tolist())
+
+
+OFF = "OFF\n5 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0.5 2 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "triangles", "said"),
+    [
+        (OFF + "5 0 1 2 4 3\n4 0 1 2 3\n3 2 4 3\n", 6, []),
+        (OFF.replace("\n", " ", 1) + "# none\n5 0 1 2 4 3\n\n2 0 1\n3 2 4 3 # one\n", 4, []),
+        ("C" + OFF.replace(" 0\n", " 0 255 0 0 255\n") + "3 0 1 2\n" * 3, 3, ["colours of vertices (5)"]),
+        (OFF + "3 0 1 2 0.5 0.5 0.5\n" * 2 + "3 0 2 3", 3, ["colours of faces (2)"]),
+    ],
+    ids=["polygons", "comments", "colours", "colours of faces"],
+)
+def test_an_off_file_has_faces_of_any_number_of_corners(tmp_path, text, triangles, said):
+    path = tmp_path / "part.off"
+    path.write_text(text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh = Mesh.load(path)
+    assert len(mesh) == triangles
+    assert [str(warning.message) for warning in caught] == [f"part.off: ignored: {what}" for what in said]
 
 
 def test_missing_file(tmp_path):
@@ -317,25 +350,6 @@ def test_pictures_of_one_index_array_and_other_palettes_are_other_pictures():
     given = trimesh.Scene([textured(palette) for palette in ([255, 0, 0], [0, 0, 255], [255, 0, 0])])
     colors = [mesh.material.color for mesh in Scene([given]).meshes]
     assert [color.image[0, 0].tolist() for color in colors] == [[1, 0, 0], [0, 0, 1], [1, 0, 0]]
-
-
-@pytest.mark.parametrize(
-    ("text", "ignored"),
-    [
-        ("COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 255\n0 1 0 0 0 255 255\n3 0 1 2\n", 3),
-        ("OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 1.0 0.5 0.0\n", 1),
-        ("# OFF\nOFF # 1\n3 1 0 # 2\n0 0 0 # 3\n1 0 0\n\n0 1 0\n3 0 1 2 # 4\n", 0),
-    ],
-    ids=["vertices", "faces", "comments"],
-)
-def test_colours_of_an_off_file_are_told_as_ignored(tmp_path, text, ignored):
-    path = tmp_path / "triangle.off"
-    path.write_text(text)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        assert len(Mesh.load(path)) == 1
-    expected = [f"triangle.off: ignored: colours of vertices and faces ({ignored})"] if ignored else []
-    assert [str(warning.message) for warning in told] == expected
 
 
 def test_the_solids_of_an_stl_file_have_their_names(tmp_path):
