@@ -178,15 +178,34 @@ class _Made:
             raise _mistake(self.path, error) from error
 
 
+@contextmanager
+def mistakes_in(path: Path) -> Iterator[None]:
+    """Make a SceneError, with the line, of an exception in a user's file; errors of shpy name the line already."""
+    try:
+        yield
+    except (SceneError, sh.ShpyError):
+        raise
+    except Exception as error:
+        if _line_in(path, error) is None:
+            raise
+        raise _mistake(path, error) from error
+
+
 def _mistake(path: Path, error: Exception) -> SceneError:
-    """Return the error of a user's file with the last line of it that took part."""
+    """Return the error of a user's file with the last line of it that took part, if there is one."""
+    line = _line_in(path, error)
+    place = path if line is None else f"{path}:{line}"
+    return SceneError(f"{place}: {type(error).__name__}: {error}")
+
+
+def _line_in(path: Path, error: Exception) -> int | None:
+    """Return the last line of a file that took part in an error; None if there is none."""
     line, trace = getattr(error, "lineno", None), error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
             line = trace.tb_lineno
         trace = trace.tb_next
-    place = path if line is None else f"{path}:{line}"  # no line of it took part if scene takes no argument
-    return SceneError(f"{place}: {type(error).__name__}: {error}")
+    return line
 
 
 def animated(time: float) -> Scene:

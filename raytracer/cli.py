@@ -22,7 +22,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.accel.choice import check
-from raytracer.animation import ANIMATIONS, Make, animate, made_by, spread
+from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, exposed, writer
@@ -386,8 +386,9 @@ def _animate(options: argparse.Namespace) -> int:
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
         done = 0
         try:
-            for done in steps:
-                progress(done, frames)
+            with mistakes_in(Path(options.scene)):
+                for done in steps:
+                    progress(done, frames)
         except KeyboardInterrupt as error:
             kept = f"stopped; {output} holds the first {done:,} of {frames:,} frames: --resume draws the others"
             raise type(error)(kept if done and output.is_dir() else "") from None

@@ -115,6 +115,12 @@ def test_mistakes_are_found_before_a_frame_is_made(tmp_path, monkeypatch):
         ("def scene(time)\n", "wave.py:1: SyntaxError"),
         ("def scene(time):\n    return 1 / time", "wave.py:2: ZeroDivisionError"),
         ("def scene():\n    return 3", "wave.py: TypeError: scene() takes 0 positional arguments but 1 was given"),
+        ("def scene(time, more):\n    return 1", "wave.py: TypeError: scene() missing 1 required"),
+        (
+            "from raytracer import *\nfrom raytracer.meshes.shapes import box\n"
+            "red = Material(surface=lambda hit: hit.colour)\ndef scene(time):\n    return Scene(box(material=red))",
+            "wave.py:3: AttributeError: this Hit has no colour",
+        ),
         ("def scene(time):\n    return 3", "gives a int, not a raytracer.Scene"),
     ],
 )
