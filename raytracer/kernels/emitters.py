@@ -171,6 +171,8 @@ class Emitters:
 
     def density_of(self, hit: RayHit, ray: Any, face: Any) -> Any:
         """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit."""
+        if not self.shining:  # pictures or programs give no emission that is known before
+            return sh.Attrib1f(0)
         return self.per_glow * self.surfaces.glow_at(hit).w * hit.l * hit.l / abs(sh.dot(face, ray))
 
 

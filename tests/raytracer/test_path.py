@@ -1,5 +1,6 @@
 """Path tracing: known answers, both ways of finding lights, and the same bits wherever it runs and in any parts."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -401,6 +402,18 @@ def test_scenes_without_light_and_without_anything():
     assert not dark.pixels.any()
     empty = traced(Scene([], background=(0.1, 0.2, 0.3)), backend="numpy")
     np.testing.assert_array_equal(empty.pixels, np.broadcast_to(np.float32((0.1, 0.2, 0.3)), (16, 16, 3)))
+
+
+@pytest.mark.parametrize("lights", [[], [PointLight((0, 3, 0))]], ids=["alone", "beside a light"])
+@pytest.mark.parametrize("dark", ["without area", "of a black picture"])
+def test_triangles_that_shine_but_send_no_light_change_nothing(dark, lights):
+    flat = Mesh(np.zeros((3, 3)), [[0, 1, 2]], uv=np.zeros((3, 2)))
+    black = floor(1, dataclasses.replace(WHITE, emission=Texture([[0.0]]))).moved((0, 1, 0))
+    lit = flat.with_material(Material(emission=(1, 1, 1))) if dark == "without area" else black
+    other = lit.with_material(dataclasses.replace(lit.material, emission=(0, 0, 0)))
+    scenes = (Scene([floor(4, WHITE), mesh], lights, Camera((0, 3, 3))) for mesh in (lit, other))
+    seen, expected = (traced(scene, backend="numpy", samples=2) for scene in scenes)
+    np.testing.assert_array_equal(seen.pixels, expected.pixels)
 
 
 def test_emission_is_seen_and_lights_nothing_in_the_other_integrator():
