@@ -31,7 +31,7 @@ class Bsdf:
         if self.highlights:
             mirrored = sh.reflect(-surface.view, surface.normal)
             along = sh.dot(mirrored, light)
-            power = sh.pow(sh.max(along, 0.0), shininess) * (1 / (2 * pi))
+            power = sh.pow(sh.saturate(along), shininess) * (1 / (2 * pi))  # rounding may make a cosine greater than 1
             # The lobe ends across the mirrored ray also where the exponent is 0, and pow(0, 0) is 1.
             power = sh.cond((along > 0) & (power > FAINT), power, 0.0)
             share = self.glossy_share(surface)

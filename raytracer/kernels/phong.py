@@ -19,5 +19,5 @@ def highlight(view: Any, normal: Any, light: Any, shininess: Any) -> Any:
     """Return the share of a light that a shiny surface mirrors to the viewer; `view` and `light` point away from it."""
     mirrored = sh.reflect(-light, normal)
     along = sh.dot(mirrored, view)
-    strength = sh.pow(sh.max(along, 0.0), shininess)
+    strength = sh.pow(sh.saturate(along), shininess)  # a cosine that rounding makes greater than 1 has large powers
     return sh.cond((sh.dot(normal, light) > 0) & (along > 0), strength, 0.0)

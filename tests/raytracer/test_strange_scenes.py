@@ -42,6 +42,19 @@ def test_the_length_of_a_directional_light_does_not_matter(length):
     np.testing.assert_allclose(picture, unit, rtol=1e-6)
 
 
+@pytest.mark.parametrize("shininess", [1e3, 1e6, 1e10])
+def test_the_sharpest_highlight_is_no_brighter_than_its_height(shininess):
+    surface = Material((0, 0, 0), diffuse=0, specular=0.5, shininess=shininess)
+    found = []
+    for x, y, z in np.random.default_rng(0).normal(size=(12, 3)) + (0, 3, 0):
+        camera = Camera((x, y, z), projection="orthographic", span=0.1)
+        scene = Scene(floor(4, surface), [DirectionalLight((x, -y, z))], camera, ambient=0)
+        found.append(render(scene, (2, 2), backend="numpy").pixels)
+    np.testing.assert_allclose(np.max(found), 0.5, rtol=1e-6)
+    dim = render(scene, (2, 2), backend="numpy", integrator=Path(samples=2))
+    assert np.isfinite(dim.pixels).all()
+
+
 @pytest.mark.parametrize(
     "made",
     [
