@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.ir.traverse import grid_rank
-from shpy.lang.values.value import Value
+from shpy.lang.values.structure import Group, Leaf
 from shpy.program import Program
 from shpy.screen import Moment, drawn, is_filled, pixels, unfilled
 from shpy.shown import show_by
@@ -23,9 +23,14 @@ _SIZE: Final = (384, 384)
 
 
 def of_pixels(program: Program) -> bool:
-    """Return whether a program is one of pixels: it reads its place in the picture, and needs no other input."""
-    shown = next(iter(program.outputs.values()))
-    is_number = isinstance(shown, type) and issubclass(shown, Value)
+    """Return whether a program is one of pixels: it reads its place in the picture, and needs no other input.
+
+    Its first output is what is shown, and no matrix.
+    """
+    shown = program.recorded.output
+    while isinstance(shown, Group):
+        shown = shown.parts[0]
+    is_number = isinstance(shown, Leaf)
     has_place = any(name in ("uv", "pixel") and is_filled(name, type_) for name, type_ in program.inputs.items())
     return is_number and not unfilled(program) and (has_place or grid_rank(program.ir) == 2)
 

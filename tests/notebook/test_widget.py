@@ -45,6 +45,11 @@ def of_points(p: sh.Point3f) -> sh.Color3f:
     return sh.Color3f(p.x)
 
 
+@sh.program
+def turned(uv: sh.TexCoord2f) -> sh.Matrix2f:
+    return sh.Matrix2f(uv, -uv)
+
+
 @pytest.fixture(autouse=True)
 def _params_stay():
     before = [(param, param.value) for param in (gain, tint, on, rate)]
@@ -62,6 +67,7 @@ def test_programs_of_pixels_and_streams_of_colors_show_themselves():
     assert np.array_equal(shown(lamp._repr_png_()), pixels(drawn(lamp, moment)))
     assert shown(grid._repr_png_())[..., 0].max() == round(255 * 766 / 800)
     assert of_points._repr_png_() is None
+    assert turned._repr_png_() is None
     colors = np.random.default_rng(1).random((5, 7, 3), np.float32)
     assert np.array_equal(shown(sh.Stream(colors, sh.Color3f)._repr_png_()), pixels(colors))
     assert sh.Stream(colors, sh.Vector3f)._repr_png_() is None
