@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.resources import files
 from typing import Any
 
@@ -73,10 +74,14 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
         self.send(told, buffers=[levels.tobytes()])
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """Return the widget, and its first picture for what shows no widgets."""
+        """Return the widget, and its first picture for what shows no widgets.
+
+        A frame that fails has no picture: the page asks for it, too, and is sent the error.
+        """
         bundle = super()._repr_mimebundle_(**options)
         data = bundle[0] if isinstance(bundle, tuple) else bundle
         if data is not None:
-            picture = png(self.frame())
-            data.update({"image/png": picture} if picture else {})
+            with suppress(Exception):
+                picture = png(self.frame())
+                data.update({"image/png": picture} if picture else {})
         return bundle

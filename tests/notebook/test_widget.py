@@ -117,6 +117,10 @@ def test_a_frame_that_fails_shows_why_and_the_widget_goes_on(monkeypatch):
     monkeypatch.setattr(widget, "send", lambda told, buffers=(): sent.append((told, buffers)))
     gain.value = 1
     monkeypatch.setattr(endless, "compile", lambda *a, compiled=endless.compile, **k: compiled(*a, loop_limit=9, **k))
+    bundle = widget._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    assert "application/vnd.jupyter.widget-view+json" in data
+    assert "image/png" not in data
     for value in (1, 0.5):
         widget._answer(widget, {"params": {"gain": [value]}}, [])
     assert "took more than 9 iterations" in sent[0][0]["error"]
