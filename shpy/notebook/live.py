@@ -54,6 +54,9 @@ def widget(
         if show is not None:
             raise ShpyTypeError("show= makes colours of the streams of a chain", loc=here(), cure="show << program")
         check_pictures(shown, size or (512, 512), values)
+        for name in values.keys() - shown.inputs.keys():
+            message = f"{name} is a Param of {shown.name}, for which the widget has a control"
+            raise ShpyTypeError(message, loc=here(), cure=f"{name}.value = …")
         drawn = Pixels(shown, size or (512, 512), {"backend": backend, "math": math, **values})
     else:
         raise ShpyTypeError(f"{shown!r} is neither a program nor a chain", loc=here(), cure="sh.widget(program)")

@@ -153,6 +153,7 @@ def test_a_chain_goes_on_with_each_frame_and_begins_anew(monkeypatch):
         (sh.repeat(grow, 1), {"math": "fast"}, "the kernels of a chain have their own"),
         (of_points, {}, "of_points is no program of pixels"),
         (lamp, {"size": (0, 1)}, "is no width and height"),
+        (lamp, {"gain": 1}, "gain is a Param of lamp, for which the widget has a control"),
         (lamp, {"spede": 1}, "spede is neither an input nor a Param of lamp"),
     ],
 )
