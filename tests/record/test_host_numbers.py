@@ -156,3 +156,28 @@ def test_an_error_of_the_command_line_names_no_line_of_its_own_start(monkeypatch
     monkeypatch.setattr(location, "main", location.here, raising=False)
     assert location.here().file == __file__
     assert shpy_start.start("shpy", "shpy.lang.recording.location") is None
+
+
+def test_the_length_of_an_array_is_an_int_of_python_or_numpy():
+    @sh.program
+    def lengths(x: sh.Attrib1i) -> tuple[sh.Attrib1i, sh.Attrib1i]:
+        return len(sh.Array(sh.Attrib1i, np.int64(3))), len(sh.Array(sh.Attrib1i, np.uint8(5)))
+
+    assert lengths(0) == (3, 5)
+
+
+@pytest.mark.parametrize("length", [3.0, np.float32(3), True, None, np.array(3)])
+def test_what_is_no_length_of_an_array_is_refused(length):
+    with pytest.raises(sh.ShpyTypeError, match=r"an Array is an int that is known while recording, not"):
+
+        @sh.program
+        def wrong(x: sh.Attrib1f) -> sh.Attrib1f:
+            return sh.Array(sh.Attrib1f, length)[0] + x
+
+
+def test_a_length_that_is_computed_is_refused():
+    with pytest.raises(sh.ShpyTypeError, match=r"an Array is an int that is known while recording, not"):
+
+        @sh.program
+        def wrong(n: sh.Attrib1i) -> sh.Attrib1f:
+            return sh.Array(sh.Attrib1f, n)[0]

@@ -8,7 +8,7 @@ Stage: record. Reads out of range give the nearest element, writes out of range 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,7 @@ class Array(Symbolic):
 
     def __init__(self, type_: Any, length: int | Sequence[Any]) -> None:
         frame = need_frame("sh.Array")
-        values = None if isinstance(length, int | np.integer) else _elements(length)
-        count = int(length) if values is None else len(values)  # type: ignore[arg-type]
+        count, values = _given(length)
         if count < 1:
             raise ShpyTypeError("an Array holds one element or more", loc=here(), cure="sh.Array(sh.Attrib1f, 8)")
         if count > MAX_ARRAY:
@@ -150,12 +149,19 @@ class Array(Symbolic):
             self._frame.store(variable, handle, None, index)
 
 
-def _elements(values: Any) -> list[Any]:
-    """Return the elements that an Array is made of; raise ShpyTypeError for a length that is no int known by now."""
-    if not isinstance(values, Iterable) or (isinstance(values, Value) and values.size == 1):
+def _given(length: Any) -> tuple[int, list[Any] | None]:
+    """Return the number of elements and their values, None where only a number is given; ShpyTypeError for others."""
+    if isinstance(length, int | np.integer) and not isinstance(length, bool):
+        return int(length), None
+    try:
+        several = None if isinstance(length, Value) and length.size == 1 else iter(length)
+    except TypeError:
+        several = None
+    if several is None:
         raise ShpyTypeError(
-            f"the length of an Array is an int that is known while recording, not {values!r}",
+            f"the length of an Array is an int that is known while recording, not {length!r}",
             loc=here(),
             cure="sh.Array(sh.Attrib1f, 8); sh.Array(sh.Attrib1f, [a, b]) for its elements",
         )
-    return list(values)
+    values = list(several)
+    return len(values), values
