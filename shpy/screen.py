@@ -143,7 +143,8 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
 
     An input is filled by its name, by its default, or `given` in another way.
     """
-    if not (isinstance(size, tuple | list) and len(size) == 2 and all(isinstance(n, int) and n > 0 for n in size)):
+    whole = isinstance(size, tuple | list) and all(isinstance(n, int | np.integer) and n > 0 for n in size)
+    if not (whole and len(size) == 2):
         raise ShpyTypeError(f"size={size!r} is no width and height", loc=here(), cure="size=(640, 360)")
     types = unfilled(program, given)
     if types:

@@ -56,8 +56,8 @@ def writing(
     A file is written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation,
     and where Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
     """
-    if not (isinstance(frames, int) and frames > 0):
-        raise VideoError(f"an animation has one frame or more, not {frames}")
+    if not (isinstance(frames, int | np.integer) and frames > 0):
+        raise VideoError(f"an animation has one frame or more, not {frames!r}")
     check_pace(fps)
     if path.suffix.lower() not in VIDEOS and path.suffix:
         raise VideoError(
@@ -79,8 +79,8 @@ def writing(
 
 def check_pace(fps: float) -> None:
     """Raise VideoError for a number of frames that no second has."""
-    if not 0 < fps <= 1000:
-        raise VideoError(f"an animation has more than 0 and at most 1000 frames a second, not {fps}")
+    if not (isinstance(fps, float | int | np.number) and 0 < fps <= 1000):
+        raise VideoError(f"an animation has more than 0 and at most 1000 frames a second, not {fps!r}")
 
 
 def _pillow(ending: str) -> Any:

@@ -33,7 +33,7 @@ def read(folder):
 
 
 def test_a_folder_holds_the_frames_of_a_program(tmp_path):
-    made = sh.animate(wave, tmp_path / "frames", frames=3, fps=4, size=(6, 5), backend="numpy")
+    made = sh.animate(wave, tmp_path / "frames", frames=np.int64(3), fps=4, size=(np.int16(6), 5), backend="numpy")
     assert made == tmp_path / "frames"
     right = (np.arange(6) + 0.5) / 6
     for number, found in enumerate(read(made)):
@@ -133,7 +133,9 @@ def of_points(p: sh.Point3f) -> sh.Color3f:
         (wave, "a.gif", {"size": (0, 4)}, sh.ShpyTypeError, r"size=\(0, 4\) is no width and height"),
         (wave, "a.gif", {"show": red}, sh.ShpyTypeError, "show= makes colours of the streams of a chain"),
         (wave, "a.gif", {"frames": 0}, VideoError, "one frame or more"),
+        (wave, "a.gif", {"frames": "2"}, VideoError, "one frame or more, not '2'"),
         (wave, "a.gif", {"fps": 0}, VideoError, "more than 0"),
+        (wave, "a.gif", {"fps": "24"}, VideoError, "at most 1000 frames a second, not '24'"),
         (wave, "a.gif", {"fps": 0.0015}, VideoError, "show a frame for at most 655.35 s, not 666.667 s"),
         (wave, "a.webp", {"fps": 5e-324}, VideoError, "show a frame for at most 16777.2 s, not inf s"),
         (wave, "a.avi", {}, VideoError, "not as .avi"),

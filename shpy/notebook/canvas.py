@@ -50,7 +50,8 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
         self._shown, self._encode = shown, encode
         self._controls = Controls(shown.params)
         kind = {"moves": shown.moves, "evolves": shown.evolves, "steps": shown.steps}
-        super().__init__(title=shown.title, extent=list(shown.size), controls=self._controls.describe(), **kind)
+        extent = [int(n) for n in shown.size]
+        super().__init__(title=shown.title, extent=extent, controls=self._controls.describe(), **kind)
         self.on_msg(self._answer)
 
     def frame(self, time: float = 0.0, frame: int = 0, mouse: Any = (0, 0, 0, 0)) -> NDArray[np.uint8]:

@@ -80,7 +80,7 @@ def test_without_pillow_a_program_is_shown_by_its_text(monkeypatch):
 
 
 def test_a_widget_answers_with_the_frame_that_is_asked_for(monkeypatch):
-    widget = sh.widget(lamp, size=(6, 4), backend="numpy")
+    widget = sh.widget(lamp, size=(np.int64(6), 4), backend="numpy")
     assert [c["name"] for c in widget.controls] == ["gain", "tint", "on"]
     assert (widget.moves, widget.extent, widget.title) == (True, [6, 4], "lamp")
     sent = []
