@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base, vec
 from shpy.lang.library import hash, noise, pcg, unit_float
@@ -48,7 +50,8 @@ def _octaves(name: str, shape: Callable[[Any], Any]) -> Callable[..., Any]:
 
     def pattern(p: Any, octaves: Any, lacunarity: Any, gain: Any) -> Any:
         point = _point(p, f"sh.library.{name}")
-        if not isinstance(octaves, int) and getattr(octaves, "type", None) not in (vec(Base.I), vec(Base.U)):
+        known = isinstance(octaves, int | np.integer) and not isinstance(octaves, bool)
+        if not (known and -(1 << 31) <= octaves < 1 << 31) and getattr(octaves, "type", None) != vec(Base.I):
             raise ShpyTypeError(
                 f"sh.library.{name} takes an int or an i of octaves, not {octaves!r}",
                 loc=here(),

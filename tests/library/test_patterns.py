@@ -64,7 +64,7 @@ def test_the_number_of_octaves_may_be_known_at_run_time_only(backend):
     def rough(p: sh.Point2f, octaves: sh.Attrib1i) -> sh.Attrib1f:
         return library.fbm(p, octaves)
 
-    for octaves in (0, 1, 5):
+    for octaves in (0, 1, np.int64(5)):
         expected = pattern(library.fbm, 2, octaves).compile(backend)(NEAR[2])
         np.testing.assert_array_equal(rough.compile(backend)(NEAR[2], octaves), expected)
     assert expected.std() > 0.1
@@ -119,6 +119,9 @@ def test_mistakes_name_the_users_line():
         (lambda p: library.worley(p, count=5), "1 to 4 distances, not 5"),
         (lambda p: library.cellnoise(p, 0), "1 to 4 components, not 0"),
         (lambda p: library.fbm(p, 2.5), "an int or an i of octaves, not 2.5"),
+        (lambda p: library.fbm(p, True), "an int or an i of octaves, not True"),
+        (lambda p: library.fbm(p, 1 << 31), "an int or an i of octaves, not 2147483648"),
+        (lambda p: library.fbm(p, sh.Attrib1u(p.x)), "an int or an i of octaves, not <Attrib1u"),
         (lambda p: library.turbulence(sh.Attrib4f(p, p)), "1 or 2 or 3 components, not 4"),
     ):
         with pytest.raises(sh.ShpyTypeError, match=said) as error:
