@@ -100,13 +100,17 @@ class Table:
             raise ShpyTypeError(f"a Table has 1 to 3 axes, not {rank}", loc=here(), cure="sh.Table[sh.Attrib4f, 2]")
         return TableType(type_ if is_compound(type_) else element_class(type_), rank)
 
+    @property
+    def _spoken(self) -> str:
+        return f"the Table {self.name}" if self.name else "a Table"
+
     def _checked(self, array: Any) -> NDArray[Any]:
         data = self._fitting(array)
         return data.copy() if np.may_share_memory(data, array) and not is_constant(data) else data
 
     def _fitting(self, array: Any) -> NDArray[Any]:
         """Return an array for the element type; it may share the memory of the one that is given."""
-        what = f"the Table {self.name}" if self.name else "a Table"
+        what = self._spoken
         data = as_base(array, self.type.base, what)
         n = self.type.size
         rank = data.ndim - (n > 1)
@@ -146,7 +150,7 @@ class Table:
         data = self._checked(array)
         if data.shape != self._array.shape:
             raise ShpyTypeError(
-                f"update of the Table {self.name or ''} keeps the shape: {self._array.shape}, not {data.shape}",
+                f"update of {self._spoken} keeps the shape: {self._array.shape}, not {data.shape}",
                 loc=here(),
                 cure="a new sh.Table",
             )
@@ -156,13 +160,13 @@ class Table:
         data = self._fitting(array)  # `_change` copies it
         if data.shape[1:] != self._array.shape[1:]:
             raise ShpyTypeError(
-                f"a part of the Table {self.name or ''} is {('n', *self._array.shape[1:])}, not {data.shape}",
+                f"a part of {self._spoken} is {('n', *self._array.shape[1:])}, not {data.shape}",
                 loc=here(),
                 cure="array.reshape(-1, ...)",
             )
         if not 0 <= start <= len(self) - len(data):
             raise ShpyIndexError(
-                f"elements {start} to {start + len(data) - 1} of the Table {self.name or ''}, which has {len(self)}",
+                f"elements {start} to {start + len(data) - 1} of {self._spoken}, which has {len(self)}",
                 loc=here(),
                 cure="a part in range",
             )
