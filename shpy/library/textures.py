@@ -86,7 +86,7 @@ class Mipmap:
         levels, channels = _levels(array)
         if levels[0].shape[:2] != self.shape or channels != self.type.size:
             raise ShpyTypeError(
-                f"update of the Mipmap {self.name or ''} keeps the shape: {(*self.shape, self.type.size)}, not "
+                f"update of a Mipmap keeps the shape: {(*self.shape, self.type.size)}, not "
                 f"{(*levels[0].shape[:2], channels)}",
                 loc=here(),
                 cure="a new Mipmap",
@@ -202,7 +202,13 @@ class TextureCube:
 
     def update(self, faces: Any) -> None:
         """Replace the images; the shape stays."""
-        self.table.update(_bordered(faces)[0])
+        bordered, type = _bordered(faces)
+        n = bordered.shape[1] - 2
+        kept, given = (*self.shape, self.type.size), (6, n, n, type.size)
+        if given != kept:
+            message = f"update of a TextureCube keeps the shape: {kept}, not {given}"
+            raise ShpyTypeError(message, loc=here(), cure="a new TextureCube")
+        self.table.update(bordered)
 
     def __call__(self, direction: Any) -> Any:
         """Return the colour in a direction; its length does not matter."""
@@ -237,7 +243,7 @@ def _directions(places: NDArray[np.float64]) -> NDArray[np.float64]:
 def _bordered(faces: Any) -> tuple[NDArray[Any], Any]:
     """Return the faces, each inside a border of the pixels beyond its edges, and the type of a pixel."""
     pixels, channels = checked_pixels(faces, 3)
-    if pixels.shape[0] != 6 or pixels.shape[1] != pixels.shape[2] or not pixels.shape[1]:
+    if pixels.shape[0] != 6 or pixels.shape[1] != pixels.shape[2]:
         raise ShpyTypeError(
             f"a TextureCube is an array (6, n, n) or (6, n, n, c), not {np.shape(faces)}",
             loc=here(),

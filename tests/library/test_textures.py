@@ -275,6 +275,42 @@ def test_mistakes_say_what_to_write():
         assert error.value.loc.file == __file__
 
 
+KINDS = {sh.Texture2D: (2, 2), library.Texture3D: (2, 2, 2), library.Mipmap: (2, 2), library.TextureCube: (6, 2, 2)}
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_what_holds_no_numbers_is_no_texture(kind):
+    for wrong, said in (
+        (np.zeros(KINDS[kind], np.complex64), "a texture takes floats, not complex64"),
+        (np.full(KINDS[kind], "a"), "a texture takes floats, not <U1"),
+        (np.full(KINDS[kind], None), "a texture takes floats, not object"),
+        (np.zeros(KINDS[kind], np.bool_), "a texture takes floats, not bool"),
+        (np.ma.masked_all(KINDS[kind]), "a texture is a masked array"),
+        (np.ma.masked_all(KINDS[kind], np.uint8), "a texture is a masked array"),
+        (np.zeros((0, *KINDS[kind][1:])), "a texture cannot be empty"),
+    ):
+        with pytest.raises(sh.ShpyTypeError, match=said) as error:
+            kind(wrong)
+        assert error.value.loc.file == __file__
+
+
+def test_a_cube_of_ints_is_that_of_floats():
+    faces = np.arange(24).reshape(6, 2, 2)
+    whole, split = library.TextureCube(faces), library.TextureCube(faces.astype(np.float64))
+    corner = (1, 1, 1)  # three faces meet there, and 3 does not divide the sum of their pixels
+    assert read(whole, sh.Vector3f)(corner) == read(split, sh.Vector3f)(corner) == pytest.approx(28 / 3)
+
+
+def test_a_cube_is_replaced():
+    cube = library.TextureCube(np.zeros((6, 2, 2)))
+    cube.update(np.ones((6, 2, 2)))
+    assert read(cube, sh.Vector3f)((1, 2, 3)) == 1
+    with pytest.raises(sh.ShpyTypeError, match=r"keeps the shape: \(6, 2, 2, 1\), not \(6, 3, 3, 1\)"):
+        cube.update(np.ones((6, 3, 3)))
+    with pytest.raises(sh.ShpyTypeError, match=r"keeps the shape: \(6, 2, 2, 1\), not \(6, 2, 2, 3\)"):
+        cube.update(np.ones((6, 2, 2, 3)))
+
+
 def test_an_argument_has_the_wraps_and_filters_that_a_run_can_choose():
     @sh.program
     def sampled(image: sh.Texture2D[sh.Color3f], uv: sh.TexCoord2f) -> sh.Color3f:

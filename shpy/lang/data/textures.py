@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
+from shpy.lang.data.hostdata import as_base
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, element_class
 from shpy.lang.library import WRAPS, sample
@@ -152,8 +153,8 @@ def _stream_pixels(stream: Any, name: str | None, axes: int) -> Table:
 
 
 def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
-    """Return an image as numbers and its channels; uint8 is divided by 255, and one channel has no axis of its own."""
-    data = np.asarray(array)
+    """Return an image as floats and its channels; uint8 is divided by 255, and one channel has no axis of its own."""
+    data = as_base(array, Base.F, "a texture")
     if data.ndim not in (axes, axes + 1) or (data.ndim == axes + 1 and not 1 <= data.shape[-1] <= 4):
         shape = ", ".join("dhw"[-axes:])
         raise ShpyTypeError(
@@ -161,7 +162,9 @@ def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
             loc=here(),
             cure="array[..., :3]",
         )
-    if data.dtype == np.uint8:
+    if not data.size:
+        raise ShpyTypeError("a texture cannot be empty", loc=here(), cure="one pixel that stands for none")
+    if np.asarray(array).dtype == np.uint8:
         data = data.astype(np.float32) / np.float32(255)
     channels = 1 if data.ndim == axes else data.shape[-1]
     return (data.reshape(data.shape[:axes]) if channels == 1 else data), channels
