@@ -28,11 +28,14 @@ def vector(x: Any, sizes: Sequence[int], what: str) -> Any:
     operand = arithmetic.operand(x, what)
     if operand.size not in sizes:
         spoken = " or ".join(map(str, sizes))
-        example = {1: "x", 2: "p.xy", 3: "p.xyz", 4: "sh.Attrib4f(p, 1)"}[sizes[-1]]
+        lacking = sizes[-1] - operand.size
+        example = {1: "p.x", 2: "p.xy", 3: "p.xyz", 4: "p"}[sizes[-1]]
+        if lacking > 0:
+            example = f"sh.Attrib{sizes[-1]}f(p{', 0' * lacking if operand.size > 1 else ''})"
         raise ShpyTypeError(
             f"{what} takes {spoken} component{'s' if sizes != (1,) else ''}, not {operand.size}",
             loc=here(),
-            cure=f"{what}({example})",
+            cure=f"{what}({example})" if what.startswith("sh.") else example,
         )
     base = float_base((operand,), what)
     if base is Base.B:

@@ -106,3 +106,16 @@ def test_what_lies_in_the_library_is_named_where_shpy_is_asked_for_it():
     assert sh.library is library
     assert sorted(library.__all__) == library.__all__
     assert all(getattr(library, name).__doc__ for name in library.__all__)
+
+
+ONE, TWO, FOUR = sh.Attrib1f(2), sh.Attrib2f(1, 2), sh.Attrib4f(1, 2, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "p"),
+    [("cubemap", ONE), ("cubemap", TWO), ("cubemap", FOUR), ("scale", ONE), ("luminance", TWO), ("rotate", TWO)],
+)
+def test_the_cure_for_a_wrong_number_of_components_is_taken(name, p):
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        getattr(sh.library, name)(p)
+    eval(caught.value.cure, {"sh": sh, "p": p})
