@@ -2,7 +2,7 @@
 
 Stage: above all others. Takes the arguments of the command line, prints, and returns the exit status.
 
-    shpy accuracy examples/planet.py:shade --domain x=-1:1 -o error.png
+    shpy accuracy examples/trace.py:cube_root --domain a=1:8 -o error.png
     shpy tradeoff package.module:program --error 2ulp --domain x=1e-3:1e3:log -o t.png
 """
 
@@ -22,6 +22,7 @@ from shpy.accuracy.tradeoff import tradeoff
 from shpy.choice import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
+from shpy.files import import_from
 from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
@@ -148,10 +149,14 @@ def load(words: str) -> Program | Choice:
 
 def _run_module(where: str) -> dict[str, Any]:
     """Return the names that a file or module defines."""
-    if where.endswith(".py") and not Path(where).is_file():
+    is_file = where.endswith(".py")
+    if is_file and not Path(where).is_file():
         raise ShpyError(f"there is no file {where}", cure="module:program, or path/to/file.py:program")
+    if not (is_file or all(part.isidentifier() for part in where.split("."))):
+        raise ShpyError(f"{where} is no name of a module", cure="module:program, or path/to/file.py:program")
     try:
-        if where.endswith(".py"):
+        if is_file:
+            import_from(Path(where).resolve().parent)
             return runpy.run_path(where)
         sys.path.insert(0, "")
         return vars(importlib.import_module(where))
@@ -160,7 +165,7 @@ def _run_module(where: str) -> dict[str, Any]:
     except SyntaxError as error:
         raise ShpyError(f"{error.filename}:{error.lineno}: {type(error).__name__}: {error.msg}") from error
     except ImportError as error:
-        if not where.endswith(".py") and error.name in (None, where, where.partition(".")[0]):
+        if not is_file and error.name in (None, where, where.partition(".")[0]):
             raise ShpyError(f"{where} cannot be imported: {error}", cure="path/to/file.py:program") from error
         raise _at_its_line(error) from error
     except (Exception, SystemExit) as error:  # whatever the user's own lines raise

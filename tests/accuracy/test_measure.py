@@ -181,10 +181,20 @@ def test_the_command_accuracy(tmp_path, capsys):
     assert json.loads((tmp_path / "e.json").read_text())["program"] == "third"
 
 
+def test_the_file_of_a_program_may_import_its_neighbours(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "accuracy_neighbour.py").write_text(FILE)
+    (tmp_path / "mine.py").write_text("from accuracy_neighbour import third\n")
+    words = ["accuracy", f"{tmp_path / 'mine.py'}:third", "--backends", "numpy", "--math", "strict", "--samples", "5"]
+    assert cli.main(words) == 0
+    assert "third, against mpmath" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["nowhere:program"], "nowhere cannot be imported"),
+        ([".nowhere:program"], "shpy accuracy: .nowhere is no name of a module"),
         (["program"], "names no program"),
         (["{file}:second"], "has no program 'second'"),
         (["{file}:third", "--domain", "x=1"], "is no range"),
