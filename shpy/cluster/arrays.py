@@ -62,7 +62,7 @@ def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[An
                 f"{path} is a {cls.__name__}, and its chunks {array.chunks[-1]} on the last axis cut the components of "
                 "elements",
                 loc=here(),
-                cure=f"{path}.rechunk({{-1: -1}})",
+                cure=f"{path.partition('[')[0]}.rechunk({{-1: -1}})",  # m[0] is a row of an input m
             )
         found.append(Cut(path, cls.size, array, shape, is_lazy(entry)))
     return found

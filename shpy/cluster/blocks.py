@@ -69,7 +69,12 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
 
 def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
     """Return the chunks of all axes; `chunks` gives those of the axes along which no array has chunks."""
-    asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
+    try:
+        asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
+    except (TypeError, ValueError, ZeroDivisionError) as error:
+        raise ShpyTypeError(
+            f"chunks={chunks!r} of the shape {whole}: {error}", loc=here(), cure="chunks=(512, 512), one for each axis"
+        ) from error
     open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
     if chunks is not None and not all(open_axes):
         raise ShpyTypeError("chunks= beside arrays, which have their own", loc=here(), cure="x.rechunk(chunks)")

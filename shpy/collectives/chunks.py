@@ -47,7 +47,7 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
     if axis is None:
         array, axis = flattened(array, len(shape)), 0
     elif not isinstance(axis, int | np.integer) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
-        cure = f"axis={' or axis='.join(map(str, range(len(shape))))}"
+        cure = f"axis={' or axis='.join(map(str, range(len(shape))))}" if shape else "axis=None, all elements"
         raise ShpyTypeError(
             f"axis={axis!r} of an array of {len(shape)} axes of elements is not an axis", loc=here(), cure=cure
         )

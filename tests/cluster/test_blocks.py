@@ -49,6 +49,11 @@ def two(x: sh.Attrib3f, k: sh.Attrib1f) -> Two:
 
 
 @sh.program
+def placed() -> sh.Attrib2i:
+    return sh.grid_index(2)
+
+
+@sh.program
 def turned(ray: Ray, s: sh.Attrib1f) -> Ray:
     return Ray(ray.o * s, ray.m @ ray.m)
 
@@ -286,6 +291,27 @@ REFUSED = [
         lambda: sh.map_blocks(two, cut(X, 5, 4, 2), K),
         "x is a Attrib3f, and its chunks (2, 1) on the last axis cut the components of elements",
         "x.rechunk({-1: -1})",
+    ),
+    (
+        lambda: sh.map_blocks(turned, {"o": cut(X[:, 0], 5, 3), "m": da.ones((13, 2, 2), chunks=(13, 2, 1))}, 1.0),
+        "ray.m[0] is a Attrib2f, and its chunks (1, 1) on the last axis cut the components of elements",
+        "ray.m.rechunk({-1: -1})",
+    ),
+    (
+        lambda: sh.map_blocks(placed, shape=(5, 4), chunks=(2,)),
+        "chunks=(2,) of the shape (5, 4): Chunks and shape must be of the same length/dimension. Got chunks=(2,), "
+        "shape=(5, 4)",
+        "chunks=(512, 512), one for each axis",
+    ),
+    (
+        lambda: sh.map_blocks(placed, shape=(5, 4), chunks=0),
+        "chunks=0 of the shape (5, 4): integer division or modulo by zero",
+        "chunks=(512, 512), one for each axis",
+    ),
+    (
+        lambda: sh.Texture2D(cut(X, 5, 4, 3)),
+        "a texture is a Dask array, whose chunks may not fit into the memory of one process",
+        "sh.map_blocks(kernel, x), or x.compute() where it fits",
     ),
     (
         lambda: sh.map_blocks(two, cut(X, 5, 4, 3), K[:5]),
