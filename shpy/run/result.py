@@ -14,7 +14,7 @@ import numpy as np
 
 from shpy.backends.base import Counts
 from shpy.ir.nodes import Status
-from shpy.lang.values.types import Attrib1b
+from shpy.lang.values.types import Attrib1b, Attrib1i
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream
 
@@ -58,3 +58,16 @@ class Result:
         if self.status is not None and leaf.memory.count:
             leaf.replace(self.place.space.keep(self.status, leaf.memory, None))
         return full
+
+    def __reduce__(self) -> Any:
+        status = self.status
+        if status is not None and self.place is not None:
+            status = Stream.over(Attrib1i, (status.count,), self.place, [status])  # whose elements travel
+        return _sent, (self.outputs, self.shape, status, self.place)
+
+
+def _sent(outputs: Any, shape: Shape, status: Any, place: Place | None) -> Result:
+    """Return a result that was pickled in another process."""
+    if isinstance(status, Stream):
+        status = status.leaf_entries()[0].memory
+    return Result(outputs, shape, status, place)

@@ -140,6 +140,24 @@ def test_a_line_of_an_error_travels_both_ways(tmp_path):
     assert error.result.outputs.tolist() == here.value.result.outputs.tolist()
 
 
+@every
+def test_results_over_streams_and_errors_that_hold_them_travel(name):
+    @sh.program
+    def positive(x: sh.Attrib1f) -> sh.Attrib1f:
+        sh.SH_DISCARD(x <= 0)
+        return sh.sqrt(x)
+
+    given = sh.Stream(X, sh.Attrib1f, name)
+    result = positive.compile(name).run(given)
+    for found in (pickle.loads(pickle.dumps(result)), copy.copy(result), copy.deepcopy(result)):
+        assert found.outputs.numpy().tobytes() == result.outputs.numpy().tobytes()
+        assert (found.count, found.written.numpy().tolist()) == (np.count_nonzero(X > 0), (X > 0).tolist())
+    with pytest.raises(sh.LoopLimitExceeded) as caught:
+        forever.compile(name, loop_limit=9)(given)
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert (error.count, error.result.count) == (np.count_nonzero(X < 1), np.count_nonzero(X >= 1))
+
+
 def test_params_keep_value_name_and_metadata():
     one = pickle.loads(pickle.dumps(gain))
     assert (one.value, one.name, one.range, one.title) == (gain.value, "gain", (0, 9), "Gain")
