@@ -242,6 +242,9 @@ class Space(Protocol):
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Return memory for `count` elements, not initialised; ShpyError if the device has not that much."""
 
+    def owns(self, native: Any) -> bool:
+        """Return whether an array or texture of another library lies on this device."""
+
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> Memory:
         """Return the memory of an array or texture of another library; ShpyTypeError if it has another dtype."""
 

@@ -125,7 +125,9 @@ class Stream(StreamReductions, Shown):
         components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
         """
         widths: dict[Any, Precision] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
-        place = Place(backend or owner_of(native), 0, widths.get(getattr(native, "dtype", None), "f32"))
+        owner = backend_named(backend or owner_of(native))
+        device = next((k for k in range(len(owner.devices())) if owner.space(k).owns(native)), 0)
+        place = Place(owner.name, device, widths.get(getattr(native, "dtype", None), "f32"))
         shape, found = extents_of(native, type)
         memory = place.space.wrap(native, found.type, np.dtype(dtypes_at(place.precision)[found.base]))
         made = cls.over(found, shape, place, [memory])

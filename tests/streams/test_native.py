@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pyopencl.array
@@ -258,3 +262,22 @@ def test_arrays_of_other_things_are_refused(dtype):
     with refused("no type has elements of ") as caught:
         sh.Stream.wrap(np.zeros(4, dtype))
     assert caught.value.cure.startswith("an array of float32")
+
+
+DEVICES = """
+import numpy as np
+import shpy as sh
+
+assert len(sh.backends()[1].devices) == 2
+for device in (0, 1):
+    stream = sh.Stream(np.arange(4.0), sh.Attrib1f, "opencl", device=device)
+    shared = sh.Stream.wrap(stream.native())
+    stream.update(np.arange(4.0) + 1)
+    assert (shared.device, shared.numpy().tolist(), shared.sum()) == (device, [1, 2, 3, 4], 10)
+"""
+
+
+def test_an_array_of_any_device_is_shared_where_it_lies():
+    environment = os.environ | {"POCL_DEVICES": "pthread pthread", "PYTHONPATH": str(Path(sh.__file__).parents[1])}
+    ran = subprocess.run([sys.executable, "-c", DEVICES], env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr

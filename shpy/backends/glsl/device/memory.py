@@ -221,10 +221,14 @@ class GlslSpace:
         memory.pooling = self._store.pool.belong(memory, kind, target)
         return memory
 
+    def owns(self, native: Any) -> bool:
+        """Return whether a moderngl.Texture belongs to this context."""
+        return getattr(native, "ctx", None) is self._context.gl
+
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
         """Return a texture of this context, of one, two or four components of 32 bits."""
         context = self._context
-        if getattr(native, "ctx", None) is not context.gl:
+        if not self.owns(native):
             raise ShpyTypeError(
                 "this texture belongs to another context",
                 cure="a texture of stream.native().ctx, or sh.Stream(array, type)",

@@ -74,6 +74,10 @@ class NumpySpace:
         except (MemoryError, ValueError, OverflowError) as error:
             raise too_large(count, type, dtype) from error
 
+    def owns(self, native: Any) -> bool:
+        """Return True: every array lies in the host's memory."""
+        return True
+
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
         """Memory that is the array's own: contiguous, (count, size) or (count,), of the dtype of kernels."""
         tail = (type.size,) if type.size > 1 else ()

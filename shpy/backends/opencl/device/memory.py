@@ -181,11 +181,14 @@ class OpenCLSpace:
         memory.pooling = machine.pool.belong(memory, Kind(buffer.size), buffer)
         return memory
 
+    def owns(self, native: Any) -> bool:
+        """Return whether a pyopencl.array.Array lies in this device's context."""
+        return bool(getattr(native, "context", None) == self.machine.context)
+
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return the memory of a contiguous pyopencl.array.Array of this device's context."""
-        machine = self.machine
         wanted = held(type, dtype)
-        if getattr(native, "context", None) != machine.context:
+        if not self.owns(native):
             raise ShpyTypeError(
                 "this pyopencl array lies in another context",
                 cure="an array made with the queue of a stream's native()",
