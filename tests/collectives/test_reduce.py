@@ -341,6 +341,25 @@ def test_programs_with_branches_and_uniforms(backend):
     assert (along.numpy() == [tree(row, wanted) for row in x.reshape(7, 11, 2)]).all()
 
 
+@sh.subroutine
+def distance_or_half(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
+    with sh.SH_IF(x > y):
+        sh.SH_RETURN(x - y)
+    return y * 0.5
+
+
+@sh.program
+def by_subroutine(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return distance_or_half(a, b)
+
+
+def test_programs_may_call_subroutines_that_return_early(target):
+    for n in (1, 2, 17, 1000):
+        x = np.random.default_rng(n).standard_normal(n).astype(np.float32)
+        s = sh.Stream(x, sh.Attrib1f, backend=target)
+        assert sh.reduce(by_subroutine, s) == tree(x, lambda a, b: np.where(a > b, a - b, b * np.float32(0.5)))
+
+
 def test_a_result_along_an_axis_is_a_stream_of_its_own():
     s = sh.Stream([[1.0], [2.0]], sh.Attrib1f, backend="numpy")
     total = s.sum(axis=1)

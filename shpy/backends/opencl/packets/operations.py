@@ -30,6 +30,8 @@ class _PacketUnit(ClUnit):
     prologue: PacketPrologue
     packet: Name
     """The packet of the work item."""
+    place: dict[Name, Type]
+    """The parameters from which the entry makes its packet; none in a tree, whose entry is called for no packet."""
 
 
 class PacketBody(ClBody):
@@ -118,7 +120,9 @@ class PacketBody(ClBody):
         return self.ours(let.op, self.types[let.args[0]], BOOL, self.arg(let.args[0]))
 
     def op_lane_mask(self, let: Let) -> Expr:
-        """Return the mask of the lanes that hold an element."""
+        """Return the mask of the lanes that hold an element: of all lanes in a tree, where no packet is read."""
+        if not self.unit.place:
+            return Construct(let.value.type, (number(-1),))
         return Member(let.value.type, self.unit.packet, "active")
 
     # Tables and the grid
