@@ -200,6 +200,19 @@ def test_kernels_keep_their_options(name):
     assert str(found.recorded.module) == str(kernel.recorded.module)
 
 
+@pytest.mark.parametrize("other", [copy.deepcopy, lambda texture: pickle.loads(pickle.dumps(texture))])
+def test_a_texture_that_a_program_has_read_travels_and_is_one_of_its_own_there(other):
+    picture = sh.Texture2D(np.zeros((2, 2)), filter="nearest", name="picture")
+
+    def reading(texture):
+        return sh.program(lambda: texture((0.5, 0.5)))
+
+    assert reading(picture)() == 0
+    there = other(picture)
+    there.update(np.ones((2, 2)))
+    assert (reading(there)(), reading(picture)()) == (1, 0)
+
+
 def test_constants_are_copied_and_travel():
     for value in (sh.Attrib3f(1, 2, 3), sh.Matrix2f((1, 2), (3, 4)), Ray(sh.Point3f(1, 2, 3), sh.Vector3f(0, 0, 1))):
         for again in (pickle.loads(pickle.dumps(value)), copy.copy(value), copy.deepcopy(value)):

@@ -67,6 +67,10 @@ class Texture:
             self.table = Table(pixels, self.type, self.name)
         self.table.named = name is not None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the subroutine of `sample`, which holds this very texture and cannot be pickled."""
+        return {name: held for name, held in self.__dict__.items() if name != "_routine"}
+
     @property
     def shape(self) -> tuple[Any, ...]:
         """The extents along numpy's axes: height and width."""
