@@ -84,6 +84,12 @@ def draw(
     an input, or has one that the program does not. A program whose inputs are tables alone, or that has none, runs
     one element.
     """
+    if not isinstance(program, Program):
+        raise ShpyTypeError(f"{program!r} is no program", loc=here(), cure="a function under @sh.program")
+    if not isinstance(domain, Mapping):
+        what = f"a domain is a dict that says of each input where it lies, not {reprlib.repr(domain)}"
+        raise ShpyTypeError(what, loc=here(), cure='{"x": (-1, 1)}')
+    check_count("samples", count, 0)
     types = dict(_leaves(program))
     _check(program, domain, set(types))
     found = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
@@ -98,6 +104,12 @@ def draw(
         found = {n: np.concatenate([found[n], extra[n][: len(values)]]) for n in types}
         inside = np.concatenate([inside, within])
     return Samples(_shaped(program, domain, found), found, inside)
+
+
+def check_count(name: str, number: Any, least: int) -> None:
+    """Raise ShpyTypeError for anything but an int from `least` on."""
+    if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
+        raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
 
 
 def _leaves(program: Program) -> list[tuple[str, Type]]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.domain import Domain, Samples, check_count, draw
 from shpy.accuracy.measure import Variant, error_of, variants
 from shpy.accuracy.pareto import Comparison, Point, frontier, names_of, rivals, timed
 from shpy.accuracy.pareto_plot import draw as draw_comparison
@@ -209,6 +209,8 @@ def tradeoff(
     and how many there are.
     """
     _check_budget(budget)
+    check_count("elements", elements, 1)
+    check_count("rounds", rounds, 1)
     made = list(combinations(program))
     tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
     tell = progress or (lambda done, total: None)

@@ -23,6 +23,26 @@ def test_an_unknown_backend_is_an_error(backends):
             work(grown, {"x": (0, 1)}, backends=backends)
 
 
+@pytest.mark.parametrize(
+    ("work", "program", "domain", "options", "said"),
+    [
+        (measure, lambda x: x, {"x": (0, 1)}, {}, "is no program"),
+        (measure, sh.choice("way", {"exp": sh.exp}), {"x": (0, 1)}, {}, "is no program"),
+        (tradeoff, grown.compile("numpy"), {"x": (0, 1)}, {}, "is no program"),
+        (measure, grown, [("x", (0, 1))], {}, "a domain is a dict"),
+        (measure, grown, {"x": (0, 1)}, {"samples": -1}, "samples is an int from 0 on, not -1"),
+        (measure, grown, {"x": (0, 1)}, {"samples": 1.5}, "samples is an int from 0 on, not 1.5"),
+        (tradeoff, grown, {"x": (0, 1)}, {"elements": 0}, "elements is an int from 1 on, not 0"),
+        (tradeoff, grown, {"x": (0, 1)}, {"rounds": 0}, "rounds is an int from 1 on, not 0"),
+    ],
+)
+def test_what_cannot_be_measured_is_an_error(work, program, domain, options, said):
+    budget = {"budget": ulp(4)} if work is tradeoff else {}
+    with pytest.raises(sh.ShpyTypeError, match=said) as caught:
+        work(program, domain, backends="numpy", **budget, **options)
+    assert caught.value.loc.file == __file__
+
+
 def test_an_unknown_mode_is_an_error():
     with pytest.raises(sh.ShpyTypeError, match="math='exact' is unknown"):
         measure(grown, {"x": (0, 1)}, math="exact")
