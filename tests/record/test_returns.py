@@ -246,6 +246,15 @@ def test_another_number_of_values_than_the_annotation_names(function, message, c
     assert caught.value.loc.file == __file__
 
 
+def test_the_cure_for_an_unknown_annotation_of_the_result_is_an_annotation():
+    def number(x: sh.Attrib1f) -> float:
+        return x
+
+    with pytest.raises(sh.ShpyTypeError, match="what it gives back is annotated") as caught:
+        sh.program(number)
+    assert caught.value.cure == "sh.Attrib1f, or another type of shpy, a @sh.struct, a NamedTuple of types"
+
+
 def test_a_tuple_of_as_many_numbers_is_a_vector():
     @sh.program
     def case(x: sh.Attrib1f) -> sh.Attrib2f:
