@@ -63,7 +63,8 @@ def choice(name: str, alternatives: Mapping[str, Callable[..., Any]]) -> Choice:
     A program may call it, and `tradeoff` then records that program with each alternative; or it may be given to
     `tradeoff` itself. Raises ShpyTypeError for no alternatives, or for one that cannot be called.
     """
-    if not alternatives or not all(callable(f) for f in alternatives.values()):
+    named = isinstance(alternatives, Mapping) and len(alternatives) > 0
+    if not (named and all(isinstance(n, str) and callable(f) for n, f in alternatives.items())):
         raise ShpyTypeError(
             f"the choice {name} needs functions to choose from",
             loc=here(),

@@ -60,9 +60,10 @@ def test_choices_inside_choices():
     assert [program(np.float32(0)) for _, program in found] == [0, 1, 2]
 
 
-def test_a_choice_needs_alternatives():
+@pytest.mark.parametrize("alternatives", [{}, {"a": 3}, {1: abs}, [abs, round], None])
+def test_a_choice_needs_alternatives(alternatives):
     with pytest.raises(sh.ShpyTypeError, match="the choice empty needs functions to choose from"):
-        sh.choice("empty", {})
+        sh.choice("empty", alternatives)
 
 
 def test_alternatives_take_part_and_the_budget_is_kept():
