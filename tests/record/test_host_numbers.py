@@ -181,3 +181,20 @@ def test_a_length_that_is_computed_is_refused():
         @sh.program
         def wrong(n: sh.Attrib1i) -> sh.Attrib1f:
             return sh.Array(sh.Attrib1f, n)[0]
+
+
+def test_ints_of_more_than_64_bits_are_floats():
+    assert same(2**64) == same([2**64, -(2**100)])[0] == 2.0**64
+    assert np.asarray(sh.Stream([2**64], sh.Attrib1f, backend="numpy"))[0] == 2.0**64
+    for number, what in ((2**200, "out of the range of floats of 32 bits"), (10**400, "an int out of the range of")):
+        with pytest.raises(sh.ShpyTypeError, match=what):
+            same(number)
+
+
+def test_ints_of_more_than_64_bits_are_out_of_the_range_of_ints():
+    @sh.program
+    def count(n: sh.Attrib1i) -> sh.Attrib1i:
+        return n
+
+    with pytest.raises(sh.ShpyTypeError, match=f"n holds {2**64}, out of the range of ints of 32 bits"):
+        count([1, 2**64])

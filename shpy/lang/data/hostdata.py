@@ -48,6 +48,10 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     kind = array.dtype.kind
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
+    if kind == "O" and array.size and all(type(number) is int for number in array.flat):
+        kind = "i"  # ints of more than 64 bits, which numpy keeps as objects
+        if base in FLOATS:
+            return _floats_of_long_ints(array, what)
     wanted = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
     if kind not in wanted:
         raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
@@ -74,6 +78,16 @@ def as_array(data: Any, what: str) -> NDArray[Any]:
         raise ShpyTypeError(
             f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
         ) from error
+
+
+def _floats_of_long_ints(array: NDArray[Any], what: str) -> NDArray[Any]:
+    """Return ints of any length, in an array of objects, as float64; ShpyTypeError where float64 does not hold one."""
+    try:
+        return array.astype(np.float64)
+    except OverflowError:
+        raise ShpyTypeError(
+            f"{what} holds an int out of the range of floats of 64 bits", loc=here(), cure="np.inf if infinity is meant"
+        ) from None
 
 
 def _cure(kind: str, base: Base) -> str:
