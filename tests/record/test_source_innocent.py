@@ -429,6 +429,23 @@ INNOCENT = {
             t = x
             return t
         """,
+    "tuples of values of each block": """
+        def f(x: sh.Attrib1f):
+            total, pair = sh.Attrib1f(0), (x, 2)
+            total += pair[0]
+            with SH_IF(x > 0):
+                pair = (x, 1)
+                total += pair[0]
+            with SH_FOR(2):
+                pair = [x, total]
+                total += pair[1]
+            pair = (total, 0)
+            for k in range(3):
+                with SH_IF(x > k):
+                    total += pair[0]
+                pair = (x * k, k)
+            return total + pair[0]
+        """,
 }
 
 

@@ -238,6 +238,28 @@ REBOUND = {
         """,
         f"4: `slots[0]` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}slots[0][:] = x",
     ),
+    "a tuple of values in the next iteration": (
+        """
+        def f(x: sh.Attrib1f):
+            pair = (x, x)
+            with SH_FOR(3):
+                pair = (pair[1], pair[0] + 1)
+            return pair[0]
+        """,
+        f"4: `pair` is rebound inside `with SH_FOR(…)` and used in its next iteration (line 4): {AFTER}"
+        "a name before the block for each value that `pair` holds, and `x[:] = …` inside it",
+    ),
+    "a dict that gets values": (
+        """
+        def f(x: sh.Attrib1f):
+            found = {"a": 1}
+            with SH_IF(x > 0):
+                found = {"a": [x * 2, 1]}
+            return x * found["a"][0]
+        """,
+        f"4: `found` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}"
+        "a name before the block for each value that `found` holds, and `x[:] = …` inside it",
+    ),
 }
 
 

@@ -35,6 +35,7 @@ from shpy.lang.values.value import Value
 _ENDS = frozenset({"RETURN_VALUE", "RETURN_CONST", "RERAISE", "RAISE_VARARGS"})
 _NAMES = re.compile(r"(LOAD|STORE|DELETE)_(?:FAST|DEREF|CLOSURE)(?!_AND_CLEAR)")
 _NUMBERS = (int, float, complex, np.number, np.bool_)
+_DISPLAYS = (tuple, list, dict)
 _GONE = object()
 
 
@@ -102,6 +103,8 @@ def _declaration(place: Place, old: Any, new: Any) -> str:
     """Return the cure: a store, and a declaration before the block if the place held no value."""
     if old is None:
         return findings.stored(f"make `{place}` a value", f"{place}[:] = …")
+    if isinstance(old, _DISPLAYS):
+        return findings.stored_each(str(place))
     if not isinstance(old, _NUMBERS):
         return f"{place}[:] = …"
     kind = "b" if isinstance(old, bool | np.bool_) else "i" if isinstance(old, int | np.integer) else "f"
@@ -141,7 +144,13 @@ def _matters(x: Any) -> bool:
     """
     if isinstance(x, Symbolic):
         return not is_value(x) or all(v._frame is None or not v._frame.homes[v._variable].closed for v in leaves_of(x))
-    return x is None or isinstance(x, _NUMBERS)
+    return x is None or isinstance(x, (*_NUMBERS, *_DISPLAYS))
+
+
+def _holds(x: Any, depth: int = 3) -> bool:
+    """Return whether this is a value, or a tuple, list or dict with one."""
+    parts = () if not depth else x.values() if isinstance(x, dict) else x if isinstance(x, tuple | list) else ()
+    return isinstance(x, Symbolic) or any(_holds(part, depth - 1) for part in parts)
 
 
 def _rebound(old: Any, new: Any) -> bool:
@@ -149,6 +158,8 @@ def _rebound(old: Any, new: Any) -> bool:
         return False
     if isinstance(old, Symbolic) or isinstance(new, Symbolic):
         return True
+    if isinstance(old, _DISPLAYS):
+        return isinstance(new, _DISPLAYS) and (_holds(old) or _holds(new))
     return old is not None and isinstance(new, _NUMBERS) and bool(new != old)
 
 

@@ -52,16 +52,19 @@ class Fact:
     repeats: int = 0  # indices to a value that stands several times in a list, see repeats.py
 
     def suspicious(self, *others: Fact) -> bool:
-        """Return whether it matters that the block may not run, or runs again: not for strings, lists and the like.
+        """Return whether it matters that the block may not run, or runs again: not for strings, sets and the like.
 
-        `others` are further assignments that the place may have had before.
+        It does for a tuple, list or dict with values. `others` are further assignments that the place may have had
+        before.
         """
         if self.index or self.known.kind is Kind.VALUE:
             return True
         before = (*self.before, *others)
         if not before and not self.existed:
             return False  # made here first, and not certainly a value: the recorder will know
-        return self.known.kind is not Kind.HOST or any(f.known.kind in (Kind.VALUE, Kind.NUMBER) for f in before)
+        if self.known.kind is not Kind.HOST or self.known.holds:
+            return True
+        return any(f.known.kind in (Kind.VALUE, Kind.NUMBER) or f.known.holds for f in before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +121,8 @@ def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
 
     If the name held no value before the block, the cure also makes one.
     """
+    if fact.known.kind is Kind.HOST and any(f.known.holds for f in (fact, *fact.before)):
+        return findings.stored_each(place)
     inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
         inside = quoted(file, fact.node)

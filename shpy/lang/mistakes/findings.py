@@ -27,6 +27,11 @@ def stored(start: str, inside: str) -> str:
     return f"{start} before the block, `{inside}` inside it"
 
 
+def stored_each(place: str) -> str:
+    """Return the cure for a tuple, list or dict of values that a block rebinds."""
+    return f"a name before the block for each value that `{place}` holds, and `x[:] = …` inside it"
+
+
 def rebound(loc: Loc, place: str, written: str, used: str, cure: str, *, made: bool = False) -> RecordError:
     """Return the error for a place that a block rebinds, or makes; `used` says when and on which line it is used."""
     verb = "made" if made else "rebound"

@@ -46,10 +46,14 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """A kind, and for scalars and vectors the type as the user writes it, where it is known."""
+    """A kind, and for scalars and vectors the type as the user writes it, where it is known.
+
+    `holds` says that another object of Python, such as a tuple, holds a value.
+    """
 
     kind: Kind
     type: str | None = None
+    holds: bool = False
 
 
 VALUE, NUMBER, HOST, UNKNOWN = Known(Kind.VALUE), Known(Kind.NUMBER), Known(Kind.HOST), Known(Kind.UNKNOWN)
@@ -91,7 +95,10 @@ class Judge:
                 return self._call(node)
             case ast.BoolOp() | ast.Await() | ast.Yield() | ast.YieldFrom() | ast.Starred():
                 return UNKNOWN
-            case _:  # displays, comprehensions, strings, lambdas
+            case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Dict(values=parts):
+                found = map(self.kind, parts)
+                return Known(Kind.HOST, holds=any(k.kind is Kind.VALUE or k.holds for k in found))
+            case _:  # sets, comprehensions, strings, lambdas
                 return HOST
 
     def thing(self, thing: object) -> Known:
