@@ -159,12 +159,13 @@ def test_only_modules_and_texts_make_programs_from_ir():
         sh.parse(None)
 
 
-def test_a_program_shows_the_type_of_its_tables():
+def test_a_program_shows_the_type_of_its_tables_and_textures():
     @sh.program
-    def looked_up(a: sh.Table[sh.Attrib1f], b: sh.Table[sh.Attrib4f, 2]) -> sh.Attrib1f:
-        return a[0] + b[0, 0].x
+    def looked_up(a: sh.Table[sh.Attrib1f], b: sh.Table[sh.Attrib4f, 2], c: sh.Texture2D[sh.Color3f]) -> sh.Attrib1f:
+        return a[0] + b[0, 0].x + c((0, 0)).x
 
-    assert repr(looked_up) == "<Program looked_up(a: Table[Attrib1f], b: Table[Attrib4f, 2]) -> Attrib1f>"
+    inputs = "a: Table[Attrib1f], b: Table[Attrib4f, 2], c: Texture2D[Color3f]"
+    assert repr(looked_up) == f"<Program looked_up({inputs}) -> Attrib1f>"
 
 
 def test_a_program_shows_the_types_of_a_tuple_among_its_inputs():

@@ -34,6 +34,9 @@ class TextureType:
 
     cls: type[Value]
 
+    def __repr__(self) -> str:
+        return f"Texture2D[{self.cls.__name__}]"
+
 
 class Texture:
     """An image of `AXES` axes, (*shape) or (*shape, c), with c channels; `texture(uv)` reads it.
