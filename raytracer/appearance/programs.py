@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from inspect import signature
 from typing import Any, get_type_hints
 
 import shpy as sh
@@ -165,7 +166,7 @@ def ask_surface(program: Callable[..., Any], hit: Hit) -> Surface:
             )
         values = given if isinstance(given, Mapping) else {name: getattr(given, name) for name in names}
         return Surface(**values)
-    found = program(hit)
+    found = _called(program, "a surface takes one input, a Hit", hit)
     if not isinstance(found, Surface):
         raise SceneError(
             f"{place_of(program)}: a surface gives a raytracer.Surface, not {_kind(found)}: return Surface(color=...)"
@@ -178,7 +179,8 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
     if isinstance(program, sh.Program):
         found = _run(program, {**_readers(surface), "light": lambda: light}, "a Surface with its light")
     else:
-        found = program(surface, sh.Vector3f(light))
+        what = "a shade takes two inputs, a Surface and the unit vector to a light"
+        found = _called(program, what, surface, sh.Vector3f(light))
     if found is None:
         raise SceneError(f"{place_of(program)}: a shade gives an sh.Color3f, not None: return it")
     return converted(sh.Color3f, found, "what a shade gives", place_of(program))
@@ -189,14 +191,29 @@ def _readers(known: _Known) -> Sources:
     return {name: partial(getattr, known, name) for name in known._sources}
 
 
+def _called(program: Callable[..., Any], what: str, *values: Any) -> Any:
+    """Call a user's function; SceneError, which says `what` it takes, if it does not take these values."""
+    try:
+        signature(program).bind(*values)
+    except TypeError as error:
+        raise SceneError(f"{place_of(program)}: {what} ({error})") from None
+    except ValueError:  # a function of C, which has no signature
+        pass
+    return program(*values)
+
+
 def _run(program: Any, sources: Sources, what: str) -> Any:
-    wrong = [name for name in program.inputs if name not in sources]
+    inputs = [name for name in program.inputs if name in sources or name not in program.recorded.defaults]
+    wrong = [name for name in inputs if name not in sources]
     if wrong:
         raise SceneError(
             f"{place_of(program)}: {', '.join(wrong)} is nothing that {what} has, which has {', '.join(sources)}: "
             "rename the input, or bind it to a number"
         )
-    return program(**{name: sources[name]() for name in program.inputs})
+    try:
+        return program(**{name: sources[name]() for name in inputs})
+    except sh.ShpyTypeError as error:
+        raise SceneError(f"{place_of(program)}: {error.message}, as {what} has it") from None
 
 
 def examine_surface(program: Callable[..., Any]) -> Examined:

@@ -321,6 +321,16 @@ def glowing(position: sh.Point3f) -> Glowing:
 
 
 @sh.program
+def wide(uv: sh.Attrib3f) -> sh.Color3f:
+    return sh.Color3f(uv)
+
+
+@sh.program
+def striped(position: sh.Point3f, width: sh.Attrib1f = 0.25) -> sh.Color3f:
+    return sh.Color3f(sh.fract(position.x / width))
+
+
+@sh.program
 def lambert(light: sh.Vector3f, color: sh.Color3f, normal: sh.Normal3f) -> sh.Color3f:
     return color * sh.max(sh.dot(normal, light), 0)
 
@@ -362,12 +372,20 @@ WRONG = {
     "bare: .* needs uv coordinates": {"surface": checker},
     "bare: a Texture needs uv coordinates": {"color": Texture(PICTURE)},
     "x, gain is nothing that a Hit has": {"surface": tones},
+    r"wide \(test_surfaces.py:\d+\): the input uv takes 3 components or one, not 2": {"surface": wide},
+    r"a surface takes one input, a Hit \(too many": {"surface": lambda: Surface()},
+    r"a shade takes two inputs, a Surface and the unit vector to a light \(too many": {"shade": lambda surface: 1.0},
     "outputs of a surface are named .*, not glow": {"surface": glowing},
     "a shade gives an sh.Color3f, not None": {"shade": lambda surface, light: None},
     "what a shade gives is an sh.Color3f": {"shade": lambda surface, light: "red"},
     "this Surface has no hue: it has color": {"shade": lambda surface, light: surface.hue},
     "gain is nothing that a Surface with its light has": {"shade": tones.rename(x="diffuse")},
 }
+
+
+def test_an_input_with_a_default_may_be_left_out():
+    found, bound = (shown(BARE, Material(surface=program)) for program in (striped, striped.bind(width=0.25)))
+    same(found, bound)
 
 
 @pytest.mark.parametrize("message", WRONG)
