@@ -31,6 +31,7 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
+_BRIGHTEST: Final = float(np.finfo(np.float32).max)
 AT_ONCE: Final = 1 << 16
 """Pixels that are converted at once."""
 MOST_SCANS: Final = 100
@@ -169,8 +170,8 @@ def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.fl
     if pixels.dtype.kind not in "iubf" or (whole and pixels.dtype != np.uint8):
         raise SceneError(f"{name} holds floats or uint8, not {pixels.dtype}")
     encoded = whole if srgb is None else srgb
-    if not whole and (not np.all(np.isfinite(pixels[..., :3])) or pixels[..., :3].min() < 0):
-        raise SceneError(f"{name} holds numbers that are negative or not finite")
+    if not whole and not ((pixels[..., :3] >= 0) & (pixels[..., :3] <= _BRIGHTEST)).all():
+        raise SceneError(f"{name} holds numbers that are negative, not finite, or out of the range of binary32")
     return linear(pixels, encoded=encoded)
 
 

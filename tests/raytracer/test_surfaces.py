@@ -418,6 +418,8 @@ def test_materials_that_are_none(given, message):
         (np.ones((0, 2, 3)), {}, "shape"),
         (-np.ones((2, 2)), {}, "negative"),
         (np.full((2, 2), np.inf), {}, "not finite"),
+        (np.full((2, 2), np.nan), {}, "not finite"),
+        (np.full((2, 2), 1e39), {}, "out of the range of binary32"),
         (np.ones((2, 2), np.int32), {}, "int32"),
         (np.ones((1, 20000)), {}, "16384"),
         (__file__, {}, "not a readable picture"),
