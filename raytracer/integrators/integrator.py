@@ -15,6 +15,8 @@ from dataclasses import dataclass, fields
 from math import isqrt
 from typing import Any, ClassVar, Final, TypedDict
 
+import numpy as np
+
 from raytracer.accel.choice import HIERARCHIES, check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.errors import SceneError
@@ -51,6 +53,9 @@ class Integrator:
     _structure: ClassVar[str] = "bvh"
 
     def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            if isinstance(value := getattr(self, name), np.generic):
+                object.__setattr__(self, name, value.item())
         if not _is_whole(self.bounces, 0, MOST_BOUNCES):
             raise SceneError(f"bounces is a number from 0 to {MOST_BOUNCES}, not {self.bounces!r}")
         self._check_samples()
@@ -225,4 +230,4 @@ def _check_cube(integrator: Whitted | Path) -> None:
 
 
 def _is_whole(value: Any, low: int, high: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and low <= int(value) <= high

@@ -33,7 +33,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.tracer import Pixel, Tracer
-from raytracer.scene.camera import Camera
+from raytracer.scene.camera import Camera, known
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
@@ -376,8 +376,7 @@ class Renderer:
 
     def _aim(self, camera: Camera | None, width: int, height: int) -> None:
         """Set the eye rays of a camera, None for the scene's."""
-        camera = camera or self.scene.camera
-        assert camera is not None  # a scene frames one if it has none
+        camera = known(self.scene.camera if camera is None else camera)
         assert self.layout is not None
         self._choose(camera)
         layout = self.layout

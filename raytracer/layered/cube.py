@@ -114,6 +114,8 @@ class LayeredCube:
         """
         backend = backend or sh.default_backend()
         _check(mesh_or_scene, resolution, block, hit, tolerance)
+        resolution, block = int(resolution), int(block)  # from numpy's, as is the tolerance
+        tolerance = None if tolerance is None else float(tolerance)
         _check_builder(builder, backend)
         if shading not in SHADINGS:
             raise SceneError(f"shading is one of {', '.join(map(repr, SHADINGS))}, not {shading!r}")
@@ -229,7 +231,7 @@ def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance:
     if not isinstance(mesh_or_scene, Mesh | HasMeshes):
         raise SceneError(f"a LayeredCube is that of a Mesh or a Scene, not of {type(mesh_or_scene).__name__}")
     for what, number in (("resolution", resolution), ("block", block)):
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MAX_RESOLUTION:
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 1 <= number <= MAX_RESOLUTION:
             raise SceneError(f"{what} is a whole number from 1 to {MAX_RESOLUTION}, not {number!r}")
     if hit not in HITS:
         raise SceneError(f"hit is one of {', '.join(map(repr, HITS))}, not {hit!r}")
@@ -237,7 +239,7 @@ def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance:
         return
     if hit != "sample":
         raise SceneError(f'tolerance is for hit="sample": hit={hit!r} needs none')
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0 <= tolerance < np.inf:
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number) or not 0 <= tolerance < np.inf:
         raise SceneError(f"tolerance is a length of 0 or more, not {tolerance!r}")
 
 

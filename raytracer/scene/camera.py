@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.space import placed
 from raytracer.appearance.materials import Triple, finite_triple
+from raytracer.arrays import numbers
 from raytracer.errors import SceneError
 
 Vector = NDArray[np.float64]
@@ -173,7 +174,8 @@ class Camera:
         to the right, y down and z forward (Hartley and Zisserman 2004, section 6.1). A picture of another size shows
         the same part of the scene. Raises SceneError for other shapes and matrices that are no calibration or pose.
         """
-        matrix, place = np.asarray(K, dtype=np.float64), np.asarray(pose, dtype=np.float64)
+        matrix, place = numbers("the numbers of K", K), numbers("the numbers of a pose", pose)
+        matrix, place = matrix.astype(np.float64), place.astype(np.float64)
         if matrix.shape != (3, 3) or place.shape not in ((4, 4), (3, 4)):
             raise SceneError(f"K is (3, 3) and a pose (4, 4) or (3, 4), not {matrix.shape} and {place.shape}")
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(place))):
@@ -185,13 +187,16 @@ class Camera:
         turn = place[:3, :3]
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-4 or np.linalg.det(turn) < 0:
             raise SceneError("the first three columns of a pose are a rotation: orthogonal, of determinant 1")
-        width, height = size
+        try:
+            width, height = map(int, size)
+        except (TypeError, ValueError):
+            width = height = 0
         if not (width > 0 and height > 0):
             raise SceneError(f"a size is (width, height) in pixels, not {size!r}")
         x, y, z = place[:3, 3].tolist()
         forward, up = place[:3, 2].tolist(), (-place[:3, 1]).tolist()
         fov = math.degrees(2 * math.atan(min(width / matrix[0, 0], height / matrix[1, 1]) / 2))
-        held = Intrinsics(tuple((turn @ np.linalg.inv(matrix)).reshape(-1).tolist()), (int(width), int(height)))
+        held = Intrinsics(tuple((turn @ np.linalg.inv(matrix)).reshape(-1).tolist()), (width, height))
         return cls(
             (x, y, z), (x + forward[0], y + forward[1], z + forward[2]), tuple(up), fov,
             aperture=aperture, focus=focus, intrinsics=held,
@@ -207,3 +212,10 @@ class Camera:
         x, y, z = position.tolist()
         a, b, c = middle.tolist()
         return cls((x, y, z), (a, b, c), fov=fov)
+
+
+def known(camera: Any) -> Camera:
+    """Return a camera; SceneError for anything else."""
+    if not isinstance(camera, Camera):
+        raise SceneError(f"the camera of a scene is a Camera, such as Camera((0, 0, 5)), not {camera!r}")
+    return camera

@@ -27,7 +27,7 @@ from raytracer.meshes.folder import Notices, named
 from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
-from raytracer.scene.camera import Camera
+from raytracer.scene.camera import Camera, known
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
@@ -67,7 +67,7 @@ class Scene:
             raise SceneError("a scene has at most one EnvironmentLight")
         if self.camera is None:
             object.__setattr__(self, "camera", fitted(self.meshes, np.eye(3)))
-        _known(self.camera)
+        known(self.camera)
 
     @property
     def triangles(self) -> int:
@@ -194,14 +194,7 @@ def _lights(given: Any) -> tuple[Light, ...]:
 
 def _camera(given: Camera | Callable[[Camera], Camera] | None, found: Camera) -> Camera:
     """Return the camera that is given, or what the given function makes of the one that was found."""
-    return _known(given(found) if callable(given) else found if given is None else given)
-
-
-def _known(camera: Any) -> Camera:
-    """Return a camera; SceneError for anything else."""
-    if not isinstance(camera, Camera):
-        raise SceneError(f"the camera of a scene is a Camera, such as Camera((0, 0, 5)), not {camera!r}")
-    return camera
+    return known(given(found) if callable(given) else found if given is None else given)
 
 
 def placed(things: Any) -> tuple[Mesh, ...]:

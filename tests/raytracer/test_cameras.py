@@ -198,6 +198,7 @@ def test_cameras_that_are_none(given, message):
     ("K", "pose", "message"),
     [
         (np.eye(4), np.eye(4), r"K is \(3, 3\)"),
+        ([[1, 0, 0], [0, 1]], np.eye(4), "the numbers of K are rows of different lengths"),
         (np.zeros((3, 3)), np.eye(4), "positive fx and fy"),
         (np.eye(3), 2 * np.eye(4), "rotation"),
         (np.eye(3), np.diag([-1.0, 1, 1, 1]), "rotation"),
@@ -207,6 +208,12 @@ def test_cameras_that_are_none(given, message):
 def test_calibrations_that_are_none(K, pose, message):
     with pytest.raises(SceneError, match=message):
         Camera.from_intrinsics(K, pose, (8, 8))
+
+
+@pytest.mark.parametrize("size", [8, (8,), "8x8", (0, 8)])
+def test_sizes_of_a_calibration_that_are_none(size):
+    with pytest.raises(SceneError, match=r"a size is \(width, height\) in pixels, not"):
+        Camera.from_intrinsics(np.eye(3), np.eye(4), size)
 
 
 def test_falloffs_that_are_none():

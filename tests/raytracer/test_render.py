@@ -8,7 +8,22 @@ import pytest
 from oracle import Picture
 
 import shpy as sh
-from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer import (
+    Camera,
+    DirectionalLight,
+    LayeredCube,
+    Material,
+    Mesh,
+    Path,
+    PointLight,
+    Renderer,
+    Scene,
+    SceneError,
+    Staged,
+    Whitted,
+    render,
+)
+from raytracer.animation import animate
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from raytracer.scenes import SCENES
 
@@ -218,6 +233,16 @@ def test_sizes_that_make_no_picture(size):
 def test_numbers_that_make_no_picture(wrong):
     with pytest.raises(SceneError, match=next(iter(wrong))):
         render(small(), (4, 4), backend="numpy", **wrong)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path):
+    given = Whitted(bounces=np.int64(2), samples=np.uint8(4), accel="grid", grid=np.int32(3))
+    assert given == Whitted(bounces=2, samples=4, accel="grid", grid=3)
+    assert repr(Path(seed=np.int64(7))) == repr(Path(seed=7))
+    assert Staged(threshold=np.float32(0.5)) == Staged(threshold=0.5)
+    cube = LayeredCube.of(box(), np.int64(8), np.int32(4), "numpy", "sample", tolerance=np.float32(0.5))
+    assert cube.options == LayeredCube.of(box(), 8, 4, "numpy", "sample", tolerance=0.5).options
+    assert len(list(animate(lambda time: small(), tmp_path / "a.gif", np.int64(1), size=(4, 4), backend="numpy"))) == 1
 
 
 def test_unknown_backend():

@@ -8,7 +8,19 @@ import trimesh
 from PIL import Image as pillow
 
 import shpy as sh
-from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Scene, SceneError, Texture, render
+from raytracer import (
+    Camera,
+    DirectionalLight,
+    Instance,
+    Material,
+    Mesh,
+    PointLight,
+    Renderer,
+    Scene,
+    SceneError,
+    Texture,
+    render,
+)
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 TRIANGLE = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="sail")
@@ -110,6 +122,10 @@ def test_what_is_no_part_of_a_scene(wrong, words):
         (lambda: Scene(TRIANGLE, [(0, 0, 1)]), r"each a PointLight, .*, not \[\(0, 0, 1\)\]"),
         (lambda: Scene(TRIANGLE, None), "are a list of lights.*, not None"),
         (lambda: Scene(TRIANGLE, camera=(0, 0, 5)), r"is a Camera, such as .*, not \(0, 0, 5\)"),
+        (
+            lambda: Renderer(Scene(TRIANGLE), backend="numpy").render(camera=(0, 0, 5)),
+            r"is a Camera, .*, not \(0, 0, 5\)",
+        ),
         (lambda: Scene.framed(TRIANGLE, camera=(0, 0, 5)), r"is a Camera, such as .*, not \(0, 0, 5\)"),
         (lambda: Scene.framed(TRIANGLE, camera=lambda camera: None), "is a Camera, such as .*, not None"),
         (lambda: Scene.framed(TRIANGLE, up="z"), "up is a direction of three finite numbers .*, not 'z'"),
