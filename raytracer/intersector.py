@@ -87,7 +87,7 @@ class Intersector:
 
     `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute" (see `Whitted`), which differ in time alone;
     `backend` one of `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError for
-    what is neither mesh nor scene, and for another accelerator.
+    what is neither mesh nor scene, and for another accelerator or precision.
 
     `accel` may also be a `LayeredCube` of the mesh, or "ldc", "ldc:resolution" or "ldc:resolution:hit", which make one:
     `intersect` and `occluded` are then as exact as the cube is; `count` and `all_hits` raise SceneError.
@@ -115,6 +115,8 @@ class Intersector:
     ) -> None:
         if not isinstance(mesh_or_scene, Mesh | Scene):
             raise SceneError(f"an Intersector takes a Mesh or a Scene, not {type(mesh_or_scene).__name__}")
+        if precision not in WORKING:
+            raise SceneError(f"the precision is one of {', '.join(map(repr, WORKING))}, not {precision!r}")
         layered = isinstance(accel, LayeredCube) or is_layered(accel)
         if layered and precision != "f32":
             raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
@@ -126,7 +128,7 @@ class Intersector:
         self._pose: Pose | None = None
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
-        self._precision, self._floats = precision, WORKING.get(precision, np.float32)
+        self._precision, self._floats = precision, WORKING[precision]
         self._frame = Frame(np.zeros(3), 1.0, precision)
         self._kernels: dict[Any, Any] = {}
         self._structure: Structure | None = None

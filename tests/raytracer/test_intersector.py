@@ -172,6 +172,8 @@ def test_arguments_that_cannot_be():
         SceneError, match="one of 'bvh', 'bvh:sah', 'bvh:ploc', 'grid', 'brute', 'ldc:1024', not 'octree'"
     ):
         Intersector(box(), accel="octree")
+    with pytest.raises(SceneError, match="the precision is one of 'f16', 'f32', 'f64', not 'f8'"):
+        Intersector(box(), precision="f8")
     with pytest.raises(SceneError, match="Mesh or a Scene, not ndarray"):
         Intersector(np.zeros((3, 3)))
 
