@@ -114,7 +114,7 @@ def passes(
 def resumed(
     resume: Image | str | PathLike[str], size: tuple[int, int], origin: str, samples: int
 ) -> tuple[Layers, int]:
-    """Return the layers of a picture to continue and the number of its samples; SceneError for another picture."""
+    """Copy the layers of a picture to continue; return them and its samples. SceneError for another picture."""
     image = resume if isinstance(resume, Image) else Image.load(resume)
     height, width = image.depth.shape
     name = "the picture to resume" if isinstance(resume, Image) else str(resume)
@@ -124,4 +124,4 @@ def resumed(
         raise SceneError(f"{name} was not path traced from this scene, camera, seed and bounces: begin a new one")
     if image.samples > samples:
         raise SceneError(f"{name} has {image.samples:,} samples already, more than {samples:,}")
-    return image.layers, image.samples
+    return {name: layer.copy() for name, layer in image.layers.items()}, image.samples
