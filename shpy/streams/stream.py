@@ -124,11 +124,10 @@ class Stream(StreamReductions, Shown):
         (*S, N) for N components, (*S,) for one; a texture is (height, width). `type` None is an Attrib of that many
         components. Raises ShpyTypeError for memory that is not contiguous, of another dtype, or of another context.
         """
-        widths: dict[Any, Precision] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
         owner = backend_named(backend or owner_of(native))
         device = next((k for k in range(len(owner.devices())) if owner.space(k).owns(native)), 0)
-        place = Place(owner.name, device, widths.get(getattr(native, "dtype", None), "f32"))
-        shape, found = extents_of(native, type)
+        shape, found, precision = extents_of(native, type)
+        place = Place(owner.name, device, precision)
         memory = place.space.wrap(native, found.type, np.dtype(dtypes_at(place.precision)[found.base]))
         made = cls.over(found, shape, place, [memory])
         made._owned = False

@@ -3,20 +3,25 @@
 Stage: run.
 
     owner_of(array)               # "numpy"
-    extents_of(array, None)       # ((4,), Attrib3f) for a float32 array (4, 3)
+    extents_of(array, None)       # ((4,), Attrib3f, "f32") for a float32 array (4, 3)
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of
 from shpy.lang.values.value import CLASSES
+from shpy.passes.modes import Precision
 
 Shape = tuple[int, ...]
+_PRECISIONS: Final[dict[Any, Precision]] = {np.dtype(np.float64): "f64", np.dtype(np.float16): "f16"}
+"""The working precisions by the dtypes of floats; a texture's floats have 32 bits."""
 
 
 def owner_of(native: Any) -> str:
@@ -33,11 +38,17 @@ def owner_of(native: Any) -> str:
     return known[module]
 
 
-def extents_of(native: Any, type_: Any) -> tuple[Shape, Any]:
-    """Return the element shape of a library's array or texture, and the type of an element.
+def extents_of(native: Any, type_: Any) -> tuple[Shape, Any, Precision]:
+    """Return the element shape of a library's array or texture, the type of an element, and the working precision.
 
-    Raises ShpyTypeError where no type has such elements.
+    Raises ShpyTypeError where no type has such elements, and for a type of several leaves.
     """
+    if type_ is not None and not isinstance(layout_of(type_, "a stream"), Leaf):
+        raise ShpyTypeError(
+            f"one array or texture is the memory of scalars or vectors, and {type_.__name__} has several leaves",
+            loc=here(),
+            cure="sh.Stream(array, type), which copies",
+        )
     if hasattr(native, "components"):
         width, height = native.size
         base: Any = {"f": Base.F, "i": Base.I, "u": Base.U}.get(native.dtype[0])
@@ -56,10 +67,11 @@ def extents_of(native: Any, type_: Any) -> tuple[Shape, Any]:
             loc=here(),
             cure="an array of float32, float64, float16, int32, uint32 or bool, of at most 4 components",
         )
-    if not isinstance(layout_of(found, "a stream"), Leaf) or found.type.size != size:
+    if found.type.size != size:
         raise ShpyTypeError(
             f"this memory holds elements of {size} components, which is no {found.__name__}",
             loc=here(),
             cure="a type of as many components, or sh.Stream(array, type), which copies",
         )
-    return shape, found
+    precision = _PRECISIONS.get(native.dtype, "f32") if found.base is Base.F else "f32"
+    return shape, found, precision

@@ -243,6 +243,21 @@ def test_memory_of_another_dtype_is_not_shared():
     assert sh.Stream.wrap(np.zeros(4, np.float16)).precision == "f16"
 
 
+@pytest.mark.parametrize(("type_", "dtype"), [(sh.Attrib1d, np.float64), (sh.Attrib1h, np.float16)])
+def test_doubles_and_halves_are_shared_at_the_working_precision(type_, dtype):
+    x = np.ones(4, dtype)
+    stream = sh.Stream.wrap(x, type_)
+    assert stream.place == sh.Stream(x, type_, "numpy").place
+    stream.update(x * 2)
+    assert x.tolist() == [2] * 4
+
+
+@pytest.mark.parametrize("type_", [sh.Matrix2f, Ray])
+def test_several_leaves_do_not_share_one_array(type_):
+    with refused(f"one array or texture is the memory of scalars or vectors, and {type_.__name__} has several leaves"):
+        sh.Stream.wrap(np.zeros((4, 2, 2), np.float32), type_)
+
+
 def test_arrays_of_f64_on_a_device_are_shared():
     native = sh.Stream([1.0, 0.1], sh.Attrib1f, "opencl", precision="f64").native()
     wrapped = sh.Stream.wrap(native)
