@@ -24,7 +24,7 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.tabledata import TableData
 from shpy.lang.data.tables import CompoundTable, Table, fits_type
 from shpy.lang.data.textures import Texture2D
-from shpy.lang.recording.location import here
+from shpy.lang.recording.location import here, located
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
 from shpy.passes.modes import Precision
@@ -62,6 +62,7 @@ class Stream(StreamReductions, Shown):
     """
 
     @in_ieee_arithmetic
+    @located
     def __init__(
         self,
         array: Any,
@@ -108,6 +109,7 @@ class Stream(StreamReductions, Shown):
         return made
 
     @classmethod
+    @located
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
         """Return a stream of a shape at a place whose elements are not set, for a kernel that writes all of them."""
         dtypes = dtypes_at(place.precision)
@@ -118,6 +120,7 @@ class Stream(StreamReductions, Shown):
         return cls.over(element, shape, place, memories)
 
     @classmethod
+    @located
     def wrap(cls, native: Any, type: Any = None, backend: str | None = None) -> Stream:
         """Make a stream over a numpy array, a `pyopencl.array.Array` or a `moderngl.Texture`, without a copy.
 
@@ -225,13 +228,10 @@ class Stream(StreamReductions, Shown):
 
     def copy(self) -> Stream:
         """Return a stream with the same elements on the same device."""
-        space = self.place.space
-        memories = []
-        for memory in self._memories:
-            made = space.allocate(memory.count, memory.type, memory.dtype)
-            space.copy(memory, made)
-            memories.append(made)
-        return Stream.over(self._type, self._shape, self.place, memories)
+        made = Stream.fresh(self._shape, self._type, self.place)
+        for memory, copied in zip(self._memories, made._memories, strict=True):
+            self.place.space.copy(memory, copied)
+        return made
 
     def reshape(self, *shape: Any) -> Stream:
         """Return a view of another shape, in C order: a write to the stream or the view changes both. No copy is made.
@@ -260,12 +260,10 @@ class Stream(StreamReductions, Shown):
         place = _place(backend, device, self.place.precision)
         if place == self.place:
             return self
-        memories = []
-        for memory in self._memories:
-            made = place.space.allocate(memory.count, memory.type, memory.dtype)
-            made.write(memory.read())
-            memories.append(made)
-        return Stream.over(self._type, self._shape, place, memories)
+        made = Stream.fresh(self._shape, self._type, place)
+        for memory, copied in zip(self._memories, made._memories, strict=True):
+            copied.write(memory.read())
+        return made
 
     def native(self) -> Any:
         """Return the array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.

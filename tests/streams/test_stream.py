@@ -302,6 +302,22 @@ def test_no_cure_reshapes_numbers_that_do_not_fill_matrices():
     assert caught.value.cure == "an array whose last two axes have 3 components each"
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: sh.Stream([1.0], sh.Attrib1d, "glsl"),
+        lambda: sh.Stream.empty(3, sh.Attrib1f, "glsl", precision="f64"),
+        lambda: sh.Stream([1.0], sh.Attrib1f, "numpy", precision="f64").to("glsl"),
+        lambda: sh.Stream.empty(2**50, sh.Attrib1f, "opencl"),
+        lambda: sh.Stream.wrap(np.zeros(3)[::2]),
+    ],
+)
+def test_errors_of_a_device_name_the_users_line(call):
+    with pytest.raises(sh.ShpyError) as caught:
+        call()
+    assert str(caught.value).startswith(f"{__file__}:{call.__code__.co_firstlineno}: ")
+
+
 def test_errors_name_the_cure():
     stream = sh.Stream(points(4), sh.Point3f, "opencl")
     with refused("scale is compiled for numpy, and <Stream (4,) of Point3f on opencl> is not there") as caught:

@@ -5,18 +5,23 @@ Stage: record. Costs well under a microsecond, so every node can carry its line.
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from types import FrameType
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
-from shpy.errors import is_standard
+from shpy.errors import ShpyError, is_standard
 from shpy.ir.nodes import Loc
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _HOUSE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))) + os.sep
 _LIBRARIES = (os.path.join(_HOUSE, "lang", "library.py"), os.path.join(_HOUSE, "library", ""))
@@ -138,3 +143,18 @@ def here() -> Loc | None:
     if frame is None:
         return None
     return loc_in(frame.f_code.co_filename, frame.f_lineno)
+
+
+def located(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function so that errors of a device, which knows no line, name the user's line that is running."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **named: P.kwargs) -> T:
+        try:
+            return function(*args, **named)
+        except ShpyError as error:
+            if error.loc is None:
+                ShpyError.__init__(error, error.message, loc=here(), cure=error.cure)
+            raise
+
+    return run
