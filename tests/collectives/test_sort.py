@@ -88,7 +88,13 @@ def test_ints_and_bools(moved, cls, dtype):
             assert_same_bits(sh.sort(given, descending=descending), x[order])
 
 
-@pytest.mark.parametrize("below", [1, 2, np.int16(2048), 4096, 4097, 2**31])
+def test_bools_of_any_byte_are_equal(moved):
+    given = stream(np.uint8([255, 2, 0, 7, 1]).view(np.bool_), sh.Attrib1b, moved)
+    assert sh.argsort(given).numpy().tolist() == [2, 0, 1, 3, 4]
+    assert sh.argsort(given, descending=True).numpy().tolist() == [0, 1, 3, 4, 2]
+
+
+@pytest.mark.parametrize("below", [1, 2, np.int64(2048), 4096, 4097, 2**31])
 def test_keys_below_a_number(moved, below):
     """Keys that are out of range count as the nearest one in range."""
     rng = np.random.default_rng(below)

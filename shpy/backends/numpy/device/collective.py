@@ -50,6 +50,8 @@ def _keys(keys: Any, descending: bool) -> Array:
         found[np.isnan(array)] = ~word.type(0)
     elif array.dtype.kind == "i":
         found = array.view(word) ^ word.type(1 << (8 * array.itemsize - 1))
+    elif array.dtype.kind == "b":
+        found = (array.view(word) != 0).view(word)  # a bool of numpy may have any byte for True
     else:
         found = array.view(word)
     return ~found if descending else found
