@@ -309,6 +309,15 @@ MISPLACED = {
         """,
         "2: `x == None` compares a value with None, component by component\n  write instead: x is None",
     ),
+    "None != x": (
+        """
+        def f(x: sh.Attrib1f):
+            if None != x:
+                x += 1
+            return x
+        """,
+        "2: `None != x` compares a value with None, component by component\n  write instead: x is not None",
+    ),
     "numpy's functions": (
         """
         def f(x: sh.Attrib1f):

@@ -91,9 +91,11 @@ class Expressions:
             self.visit(part)
         self.places.asking_none = before
         if isinstance(node.ops[0], ast.Eq | ast.NotEq) and len(node.ops) == 1:
-            against_none = isinstance(node.comparators[0], ast.Constant) and node.comparators[0].value is None
-            if against_none and self.places.judge.kind(node.left).kind is Kind.VALUE:
-                raise findings.none_compared(self.scope.file, node)
+            sides = (node.left, node.comparators[0])
+            for none, value in (sides, sides[::-1]):
+                against_none = isinstance(none, ast.Constant) and none.value is None
+                if against_none and self.places.judge.kind(value).kind is Kind.VALUE:
+                    raise findings.none_compared(self.scope.file, node, value)
 
     def _call(self, node: ast.Call) -> None:
         self.visit(node.func)

@@ -124,11 +124,11 @@ def until_not_last(file: str, node: ast.stmt, following: ast.stmt) -> RecordErro
     )
 
 
-def none_compared(file: str, node: ast.Compare) -> RecordError:
-    """Return the error for `x == None` on a value."""
+def none_compared(file: str, node: ast.Compare, value: ast.expr) -> RecordError:
+    """Return the error for `x == None`, or `None == x`, on a value."""
     verb = "is" if isinstance(node.ops[0], ast.Eq) else "is not"
     return RecordError(
         f"`{quoted(file, node)}` compares a value with None, component by component",
         loc=at(file, node),
-        cure=f"{ast.unparse(node.left)} {verb} None",
+        cure=f"{ast.unparse(value)} {verb} None",
     )
