@@ -108,10 +108,11 @@ def _element(array: Any, key: Any, name: str) -> Any:
 
 
 def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:
+    from shpy.backends.numpy.device.collective import words_in_order  # importing shpy loads no backend
+
     cls, keys_of = pickle.loads(packed)
     stream = Stream(block, cls)
-    keys = _unsigned(keys_of(stream))
-    keys = ~keys if descending else keys
+    keys = words_in_order(keys_of(stream), descending)
     order = np.argsort(keys, kind="stable")
     return keys[order], order + start, stream.numpy()[order] if keeps else np.empty((len(order), 0))
 
@@ -121,18 +122,3 @@ def _merged(low: Part, high: Part) -> tuple[Part, Part]:
     order, n = np.lexsort((places, keys)), len(low[0])
     first, second = order[:n], order[n:]
     return (keys[first], places[first], elements[first]), (keys[second], places[second], elements[second])
-
-
-def _unsigned(keys: NDArray[Any]) -> NDArray[Any]:
-    """Return the keys as unsigned ints with the same order as in sh.sort: a NaN is the greatest, -0 equals +0."""
-    if keys.dtype.kind == "i":
-        return keys.astype(np.int32).view(np.uint32) ^ np.uint32(1 << 31)
-    if keys.dtype.kind != "f":
-        return keys.astype(np.uint32)
-    word = np.dtype(f"u{keys.itemsize}").type
-    sign, bits = word(1 << 8 * keys.itemsize - 1), keys.view(word)
-    size = bits & ~sign
-    ordered: NDArray[Any] = np.where(bits > size, ~bits, bits | sign)
-    ordered[size == 0] = sign
-    ordered[size > np.array(np.inf, keys.dtype).view(word)] = ~word(0)
-    return ordered

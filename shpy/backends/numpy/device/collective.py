@@ -39,9 +39,8 @@ def _put(values: Any, index: Any, target: Any) -> None:
     target.array[found] = values.array[winners[found]]
 
 
-def _keys(keys: Any, descending: bool) -> Array:
-    """Unsigned integers in the order of the numbers: NaN is the greatest, both zeros are equal."""
-    array = keys.array
+def words_in_order(array: Array, descending: bool) -> Array:
+    """Return unsigned integers in the order of the numbers: NaN is the greatest, both zeros are equal."""
     word = np.dtype(_WORDS[array.itemsize])
     if array.dtype.kind == "f":
         top = word.type(1 << (8 * array.itemsize - 1))
@@ -60,7 +59,7 @@ def _keys(keys: Any, descending: bool) -> Array:
 def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
     if below is not None:
         keys = NumpyMemory(keys.array.clip(0, below - 1), keys.type)
-    found = _keys(keys, descending)
+    found = words_in_order(keys.array, descending)
     if found.itemsize != 4:
         return _indices(np.argsort(found, kind="stable"))
     # Pairs are sorted many times as fast as indices are.
