@@ -179,7 +179,9 @@ class Renderer:
         return None if structure in HIERARCHIES else f"accel={structure!r}"
 
     def _follow_motion(self) -> None:
-        """Update tables and accelerators to the present places of the objects."""
+        """Update tables and accelerators to the present places of the objects, and samples to their programs' data."""
+        if self.layout is not None and self._tracer.surfaces.sampled is not None:
+            self._tracer.surfaces.sampled.follow()
         if not self._motion.changed:
             return
         with all_or_nothing(self):

@@ -47,20 +47,32 @@ class SampledSurfaces:
     def __init__(self, surfaces: SurfaceTables, cube: LayeredCube | PlacedCubes, backend: str) -> None:
         _check(surfaces)
         self._inputs = cube.records[:, -1].view(np.int32), cube.weights
-        self._kernel = _program(surfaces).compile(backend, loop_limit=None)
+        self._program = _program(surfaces)
+        self._kernel = self._program.compile(backend, loop_limit=None)
         self._table = sh.Table(self._made(), sh.Attrib2u, "shades")
+        self._shaded_with = self._data()
 
     def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
         """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
         if ranges is None:
             self._table.update(self._made())
-            return
         triangles = self._inputs[0]
-        for first, past in ranges:
+        for first, past in ranges or ():
             found = np.flatnonzero((triangles >= first) & (triangles < past))
             if len(found):  # an object's samples lie together
                 span = slice(found[0], found[-1] + 1)
                 self._table.update(self._made(span), start=int(found[0]))
+        self._shaded_with = self._data()
+
+    def follow(self) -> None:
+        """Shade all samples anew if a Param or a Table of their programs has changed since they were shaded."""
+        if self._data() != self._shaded_with:
+            self.renew()
+
+    def _data(self) -> list[Any]:
+        """Return the values of Params and the versions of Tables that samples are shaded with."""
+        values = [np.asarray(param).tobytes() for param in self._program.recorded.params.values()]
+        return [*values, *(table.data(np.float32).version for table in self._program.recorded.tables.values())]
 
     def at(self, sample: Any) -> tuple[Any, Any]:
         """Return the normal on the front of the surface, and the colour."""

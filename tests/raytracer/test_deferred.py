@@ -138,6 +138,27 @@ def test_samples_follow_objects_that_move_and_colours_that_change():
     same(renderer.render(SIZE), render(repainted, SIZE, accel="ldc:128:triangle:deferred", backend="numpy", bounces=2))
 
 
+def test_samples_follow_the_data_of_their_programs():
+    tint = sh.Param(sh.Color3f, (0.9, 0.3, 0.2), name="tint")
+    gain = sh.Table([0.5], sh.Attrib1f)
+
+    def tinted(hit):
+        return Surface(color=tint * gain[0])
+
+    def made():
+        cube = {"accel": "ldc:64:triangle:deferred", "backend": "numpy", "bounces": 1}
+        return Renderer(scene(ball=Material(surface=tinted)), **cube)
+
+    renderer = made()
+    pictures = [renderer.render(SIZE)]
+    for change in (lambda: setattr(tint, "value", (0.1, 0.3, 0.9)), lambda: gain.update([1.0])):
+        change()
+        pictures.append(renderer.render(SIZE))
+        same(pictures[-1], made().render(SIZE))
+        assert not np.array_equal(pictures[-1].pixels, pictures[-2].pixels)
+    assert renderer.builds == 1
+
+
 def test_only_samples_of_objects_that_move_are_shaded_anew(monkeypatch):
     made = scene(ball=Material(surface=striped))
     renderer = Renderer(made, accel="ldc:64:triangle:deferred", backend="numpy", bounces=2)
