@@ -48,8 +48,8 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     kind = array.dtype.kind
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
-    if kind == "O" and array.size and all(type(number) is int for number in array.flat):
-        kind = "i"  # ints of more than 64 bits, which numpy keeps as objects
+    if kind == "O" and not hasattr(data, "dtype") and array.size and all(type(n) is int for n in array.flat):
+        kind = "i"  # ints of Python of more than 64 bits, of which numpy makes objects
         if base in FLOATS:
             return _floats_of_long_ints(array, what)
     wanted = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
