@@ -113,6 +113,16 @@ def test_a_program_that_says_what_a_material_says_changes_nothing():
     np.testing.assert_allclose(turned.pixels, shown(ball, plain).pixels, atol=1e-6)
 
 
+def test_params_and_tables_of_a_program_may_be_called_as_those_of_the_tracer_are():
+    background, scale, normals = (
+        sh.Param(sh.Color3f, (0.3, 0.6, 0.9)),
+        sh.Param(sh.Attrib1f, 1),
+        sh.Table([1.0], sh.Attrib1f),
+    )
+    program = Material(surface=lambda hit: Surface(color=background * scale * normals[0]))
+    same(shown(BARE, program), shown(BARE, Material((0.3, 0.6, 0.9))))
+
+
 def test_a_shade_takes_the_place_of_phongs_model():
     def lambert(surface, light):
         return surface.diffuse * sh.max(sh.dot(surface.normal, light), 0) * surface.color

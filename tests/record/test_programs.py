@@ -426,3 +426,34 @@ def test_precision():
     half = divide.compile("numpy", precision="f16")([1.0])
     assert half.dtype == np.float16
     assert half[0] == np.float16(np.float16(1) / np.float16(3)) + np.float16(0.1)
+
+
+def test_given_names_are_those_of_params_and_tables_whatever_is_read_first():
+    gain = sh.Param(sh.Attrib1f, 2)
+    given = sh.Param(sh.Attrib1f, 3, name="gain")
+    steps = sh.Table([1, 2], sh.Attrib1f)
+    named = sh.Table([5, 6], sh.Attrib1f, name="steps")
+
+    @sh.subroutine
+    def both(x):
+        return x * gain + given
+
+    @sh.program
+    def f(x: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
+        return both(x), steps[0] * 10 + named[1], gain * 10 + given
+
+    assert f.params == {"gain_2": gain, "gain": given}
+    assert f.recorded.tables == {"steps_2": steps, "steps": named}
+    assert [float(found) for found in f(1)] == [5, 16, 23]
+    given.value, gain.value = 7, 4
+    assert [float(found) for found in f(1)] == [11, 16, 47]
+    assert sh.parse(str(f.ir)) == f.ir
+
+
+def test_two_given_names_are_an_error():
+    gain, first, second = sh.Param(sh.Attrib1f, 1), *(sh.Param(sh.Attrib1f, 1, name="gain") for _ in range(2))
+    with pytest.raises(sh.RecordError, match="two params are named 'gain'\n  write instead: give one another name"):
+
+        @sh.program
+        def f(x: sh.Attrib1f) -> sh.Attrib1f:
+            return x * gain + first + second

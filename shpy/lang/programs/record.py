@@ -178,14 +178,14 @@ def record_body(
         returns.finish(result)
     if returns.layout is None or not returns.slots:
         raise RecordError(f"{made.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)")
-    entry = frame.finish(tuple(inputs), tuple(returns.slots))
+    functions = made.settled((*made.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
     module = Module(
         made.name,
         tuple(ports),
         tuple(Port(name, kind) for name, kind in returns.ports),
         tuple(_declare_param(name, p) for name, p in made.params.items()),
         tuple(_declare_table(name, t) for name, t in made.tables.items()),
-        (*made.functions, entry),
+        functions,
     )
     verify(module)
     return Recorded(module, dict(types), returns.layout, dict(made.params), dict(made.tables))

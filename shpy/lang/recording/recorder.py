@@ -10,9 +10,10 @@ subroutines called from it, innermost last). A frame holds the region that is op
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
 from shpy.errors import RecordError
 from shpy.ir.nodes import (
@@ -31,13 +32,16 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.ops import result_type
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import rewrite, walk
 from shpy.ir.types import Type
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.names import name_for, unpacked_name
 
 if TYPE_CHECKING:
     from shpy.ir.nodes import Region, Stmt
+
+_GIVEN: Final = " given"
+"""Follows a given name while a param or table without one holds that name."""
 
 
 class Scope:
@@ -223,7 +227,8 @@ class Recording:
     def use(self, kind: str, declared: dict[str, Any], thing: Any) -> str:
         """Enter a param or table under a name that no other has; return the name.
 
-        Two with one given name are an error; names that were only read off the user's assignments are numbered.
+        Two with one given name are an error; names that were only read off the user's assignments are numbered. So one
+        of these that holds a given name already gets a number in the end, by `settled`.
         """
         name: str | None = thing.name
         for known, other in declared.items():
@@ -231,18 +236,34 @@ class Recording:
                 return known
         if name is not None:
             if name in declared and thing.named:
-                raise RecordError(
-                    f"two {kind}s are named {name!r}", loc=here(), cure=f'give one another name: name="{name}2"'
-                )
+                if declared[name].named or f"{name}{_GIVEN}" in declared:
+                    raise RecordError(
+                        f"two {kind}s are named {name!r}", loc=here(), cure=f'give one another name: name="{name}2"'
+                    )
+                declared[f"{name}{_GIVEN}"] = thing
+                return f"{name}{_GIVEN}"
             if name not in declared:
                 declared[name] = thing
                 return name
-        base, count = name or kind, 2
-        free = base
-        while free in declared:
-            free, count = f"{base}_{count}", count + 1
+        free = _free(name or kind, declared)
         declared[free] = thing
         return free
+
+    def settled(self, functions: tuple[Function, ...]) -> tuple[Function, ...]:
+        """Return the recorded functions in which params and tables with a given name have that name."""
+        params, tables = _settle(self.params), _settle(self.tables)
+        if not (params or tables):
+            return functions
+
+        def renamed(statement: Stmt) -> Stmt:
+            match statement:
+                case Let(_, "param", _, str(name)) if name in params:
+                    return replace(statement, attr=params[name])
+                case Let(_, "table" | "table_size", _, str(name)) if name in tables:
+                    return replace(statement, attr=tables[name])
+            return statement
+
+        return tuple(replace(f, body=rewrite(f.body, renamed)) for f in functions)
 
     def referenced(self, call: Call) -> set[int]:
         """Return the variables that a call may store."""
@@ -251,11 +272,30 @@ class Recording:
 
     def function_name(self, wanted: str) -> str:
         """Return a function's name that no other has."""
-        name, count = wanted, 2
-        while name in self.function_names:
-            name, count = f"{wanted}_{count}", count + 1
+        name = _free(wanted, self.function_names)
         self.function_names.add(name)
         return name
+
+
+def _free(base: str, declared: Collection[str]) -> str:
+    """Return the name, or the first one with a number from 2 on, that is not declared."""
+    name, count = base, 2
+    while name in declared:
+        name, count = f"{base}_{count}", count + 1
+    return name
+
+
+def _settle(declared: dict[str, Any]) -> dict[str, str]:
+    """Give each name that was given to the thing that has it, in place; return the new names by the old ones."""
+    names: dict[str, str] = {}
+    for given in [name for name in declared if name.endswith(_GIVEN)]:
+        name = given.removesuffix(_GIVEN)
+        names |= {given: name, name: _free(name, {*declared, *names.values()})}
+    entries = [(names.get(name, name), thing) for name, thing in declared.items()]
+    if names:
+        declared.clear()
+        declared.update(entries)
+    return names
 
 
 _local = threading.local()
