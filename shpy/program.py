@@ -262,6 +262,12 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         return f"<Program {self.name}({inputs}) -> {outputs}>"
 
 
+def check_program(thing: Any) -> None:
+    """Raise ShpyTypeError for anything but a Program."""
+    if not isinstance(thing, Program):
+        raise ShpyTypeError(f"{thing!r} is no program", loc=here(), cure="a function under @sh.program")
+
+
 def _is_int(value: Any) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 

@@ -21,7 +21,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
-from shpy.program import Program
+from shpy.program import Program, check_program
 from shpy.streams.elements import dtypes_at
 
 Array = NDArray[Any]
@@ -84,8 +84,7 @@ def draw(
     an input, or has one that the program does not. A program whose inputs are tables alone, or that has none, runs
     one element.
     """
-    if not isinstance(program, Program):
-        raise ShpyTypeError(f"{program!r} is no program", loc=here(), cure="a function under @sh.program")
+    check_program(program)
     if not isinstance(domain, Mapping):
         what = f"a domain is a dict that says of each input where it lies, not {reprlib.repr(domain)}"
         raise ShpyTypeError(what, loc=here(), cure='{"x": (-1, 1)}')

@@ -26,7 +26,7 @@ from shpy.ir.traverse import limited_loops
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math, Precision
 from shpy.passes.pipeline import with_strict_functions
-from shpy.program import Program
+from shpy.program import Program, check_program
 from shpy.run.kernel import Kernel
 
 INTERPRETER = "interpreter"
@@ -135,8 +135,7 @@ _OPTIONS = frozenset(inspect.signature(Program.compile).parameters) - {"self", "
 
 def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split the keyword arguments into inputs of the program and options of its compilation."""
-    if not isinstance(program, Program):
-        raise ShpyTypeError(f"{program!r} is no program", loc=here(), cure="a function under @sh.program")
+    check_program(program)
     inputs = {name: value for name, value in given.items() if name in program.inputs}
     options = {name: value for name, value in given.items() if name not in inputs}
     unknown = sorted(options.keys() - _OPTIONS)
