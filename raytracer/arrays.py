@@ -6,6 +6,7 @@ dtype('float64')
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,3 +36,14 @@ def numbers(what: str, values: Any) -> NDArray[np.floating[Any]]:
         return array.astype(np.float64, copy=False)
     except (TypeError, ValueError):
         raise SceneError(f"{what} are real numbers, not {array.dtype}") from None
+
+
+def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
+    """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
+    try:
+        x, y, z = map(float, values if not isinstance(values, str) else ())
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        raise SceneError(f"{what} is three finite numbers, not {values!r}")
+    return x, y, z

@@ -151,16 +151,5 @@ class Material:
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
 
 
-def finite_triple(what: str, values: Any) -> Triple:
-    """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
-    try:
-        x, y, z = map(float, values if not isinstance(values, str) else ())
-    except (TypeError, ValueError):
-        x = y = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-        raise SceneError(f"{what} is three finite numbers, not {values!r}")
-    return x, y, z
-
-
 PLAIN: Final = Material()
 """The default material of a mesh."""

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.space import placed
-from raytracer.appearance.materials import Triple, finite_triple
-from raytracer.arrays import numbers
+from raytracer.appearance.materials import Triple
+from raytracer.arrays import finite_triple, numbers
 from raytracer.errors import SceneError
 
 Vector = NDArray[np.float64]

@@ -17,9 +17,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from raytracer.appearance.materials import Triple, finite_triple
+from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture
-from raytracer.arrays import array_of
+from raytracer.arrays import array_of, finite_triple
 from raytracer.errors import SceneError
 
 Falloff = Literal["none", "square"]

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Material, Triple, finite_triple
+from raytracer.appearance.materials import Material, Triple
+from raytracer.arrays import finite_triple
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
 from raytracer.meshes.folder import Notices, named
