@@ -33,7 +33,7 @@ from shpy.lang.programs.claims import checked
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method
 from shpy.lang.programs.record import Recorded, record
-from shpy.lang.recording.location import here
+from shpy.lang.recording.location import here, located
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
@@ -153,6 +153,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         """Compile for a device, at the precision of the streams there."""
         return self.compile(place.backend, device=place.device or None, precision=place.precision)
 
+    @located
     def compile(
         self,
         backend: str | None = None,

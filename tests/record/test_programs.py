@@ -392,8 +392,9 @@ def test_choosing_a_backend(monkeypatch):
     assert sh.default_backend() in ("numpy", "opencl", "glsl")
     monkeypatch.setenv("SHPY_BACKEND", "numpy")
     assert shift.compile().backend == "numpy"
-    with pytest.raises(sh.BackendUnavailable, match="no backend 'cuda'"):
+    with pytest.raises(sh.BackendUnavailable, match="no backend 'cuda'") as caught:
         shift.compile("cuda")
+    assert (caught.value.loc.file, caught.value.loc.line) == (__file__, caught.tb.tb_lineno)
     assert [b.name for b in sh.backends()] == ["numpy", "opencl", "glsl"]
     with pytest.raises(TypeError):
         shift.compile(mode="fast")

@@ -15,10 +15,11 @@ certain mistakes are reported, nothing that is legitimate in some program; the r
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from types import CodeType
 
-from shpy.errors import warn
+from shpy.errors import RecordError, warn
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.flow import Flow
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
@@ -42,6 +43,8 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         if plain.__code__ in seen or not (is_program or uses_shpy(plain)):
             continue
         seen.add(plain.__code__)
+        if is_program:
+            _check_kind(plain.__code__)
         node = definition(plain.__code__)
         if node is None:
             continue
@@ -49,10 +52,27 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         try:
             flow.check()
         except RecursionError:
-            loc = Loc(plain.__code__.co_filename, plain.__code__.co_firstlineno)
+            loc = _first_line(plain.__code__)
             warn(
                 f"{loc}: {plain.__name__} holds an expression that is nested too deep for shpy's check of names that "
                 "Python binds anew in a block; write it in several lines"
             )
             continue
         waiting.extend(flow.called)
+
+
+def _first_line(code: CodeType) -> Loc:
+    return Loc(code.co_filename, code.co_firstlineno)
+
+
+def _check_kind(code: CodeType) -> None:
+    """Raise RecordError for a coroutine or a generator: a call of it returns before its body runs."""
+    if code.co_flags & (inspect.CO_COROUTINE | inspect.CO_ASYNC_GENERATOR):
+        kind, cure = "coroutine", f"def {code.co_name}"
+    elif code.co_flags & inspect.CO_GENERATOR:
+        kind, cure = "generator", "return a, b"
+    else:
+        return
+    raise RecordError(
+        f"{code.co_name} is a {kind}, and its body does not run when it is called", loc=_first_line(code), cure=cure
+    )
