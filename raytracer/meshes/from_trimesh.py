@@ -112,7 +112,7 @@ def _name(part: Any) -> str:
 def _mesh(part: Any, material: Material | None, name: str, pictures: Pictures, notices: Notices) -> Mesh:
     if not (hasattr(part, "faces") and hasattr(part, "visual")):
         raise SceneError(f"a mesh is made from a trimesh.Trimesh, not from {type(part).__name__}")
-    colors, uv = _colors(part.visual), np.asarray(getattr(part.visual, "uv", None))
+    colors, uv = _colors(part.visual, notices), np.asarray(getattr(part.visual, "uv", None))
     has_uv = uv.shape == (len(part.vertices), 2)
     if material is None:
         material = _material(getattr(part.visual, "material", None), pictures, notices)
@@ -127,11 +127,13 @@ def _mesh(part: Any, material: Material | None, name: str, pictures: Pictures, n
     return mesh if normals is not None else mesh.smoothed()
 
 
-def _colors(visual: Any) -> NDArray[np.float64] | None:
+def _colors(visual: Any, notices: Notices) -> NDArray[np.float64] | None:
     """Return linear colours, (V, 3) or (F, 3, 3)."""
-    if visual.kind == "vertex":
-        return _linear(visual.vertex_colors)
-    if visual.kind == "face":
+    if visual.kind in ("vertex", "face"):
+        if visual.transparency:
+            notices.ignore(f"alpha of {visual.kind} colours")
+        if visual.kind == "vertex":
+            return _linear(visual.vertex_colors)
         return np.repeat(_linear(visual.face_colors)[:, None], 3, axis=1)
     given = getattr(visual, "vertex_attributes", {}).get("color") if visual.kind == "texture" else None
     return None if given is None else _linear(given)

@@ -204,6 +204,20 @@ def test_alpha_of_vertex_colours_is_ignored_aloud(tmp_path):
         assert loaded(file.save(tmp_path / "one.glb"), *ignored).cutout is None
 
 
+@pytest.mark.parametrize("kind", ["vertex", "face"])
+@pytest.mark.parametrize("alpha", [255, 100])
+def test_alpha_of_the_colours_of_ply_files_and_of_trimesh_is_ignored_aloud(kind, alpha, tmp_path):
+    made = trimesh.creation.icosahedron()
+    setattr(made.visual, f"{kind}_colors", [255, 0, 0, alpha])
+    made.export(tmp_path / "one.ply")
+    ignored = [f"alpha of {kind} colours (1)"] if alpha < 255 else []
+    loaded(tmp_path / "one.ply", *ignored)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Mesh.from_trimesh(made)
+    assert [str(w.message) for w in caught] == [f"mesh: ignored: {text}" for text in ignored]
+
+
 def test_trimesh_materials_shine_and_have_holes():
     made = trimesh.creation.box()
     uv = np.zeros((len(made.vertices), 2))
