@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
-from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 from shpy.lang.values.structure import Group, Leaf
@@ -116,23 +115,21 @@ def observer(setting: Setting, target: str, element: int) -> Observer:
     return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
 
 
-def _seen(watched: Watched, found: Mapping[str, Any]) -> Seen:
+def _seen(watched: Watched, found: Mapping[str, Any], precision: Any) -> Seen:
     if not found["site"]:
         return Seen(None)
     site = watched.sites[int(found["site"]) - 1]
-    kept = [_kept(found, f"operand{n}", type) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
+    dtypes = dtypes_at(precision)
+    kept = [_kept(found, f"operand{n}", type, dtypes) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
     iterations = tuple(int(n) for n in found["iterations"][: len(site.loops)])
-    return Seen(site, iterations, _kept(found, "value", site.type), tuple(kept))
+    return Seen(site, iterations, _kept(found, "value", site.type, dtypes), tuple(kept))
 
 
-def _kept(found: Mapping[str, Any], place: str, type: Type) -> Any:
-    """Return a value out of the slot of its family, in its own type."""
+def _kept(found: Mapping[str, Any], place: str, type: Type, dtypes: Mapping[Base, Any]) -> Any:
+    """Return a value out of the slot of its family, in its own type at the setting's precision."""
     family = {Base.D: "d", Base.F: "f", Base.H: "f"}.get(type.base, "u")
     array = found[f"{place}_{family}"][: type.size]
-    if type.base is Base.I:
-        array = array.view(np.int32)
-    elif type.base is not Base.F:
-        array = array.astype(DTYPES[type.base])
+    array = array.view(np.int32) if type.base is Base.I else array.astype(dtypes[type.base])
     return array if type.size > 1 else array[0]
 
 
@@ -165,7 +162,7 @@ class _Backend:
         return _Backend(self.setting, self.target, self.element, sites)
 
     def seen(self, event: int) -> Seen:
-        return _seen(self.watched, self._run(event))
+        return _seen(self.watched, self._run(event), self.setting.precision)
 
     def _run(self, target: int) -> dict[str, Any]:
         """Return the added outputs of the element, by name."""
@@ -211,7 +208,7 @@ class _Interpreter:
         return _Interpreter(self.setting, self.element, sites)
 
     def seen(self, event: int) -> Seen:
-        return _seen(self.watched, self._run(event))
+        return _seen(self.watched, self._run(event), self.setting.precision)
 
     def _run(self, target: int, trace: Any = None) -> dict[str, Any]:
         s = self.setting

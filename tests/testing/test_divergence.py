@@ -146,6 +146,19 @@ def test_other_precisions(monkeypatch, precision):
     assert found.second == found.first + 1
 
 
+@pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
+def test_values_beside_elementary_functions_have_the_type_of_the_precision(monkeypatch, precision):
+    with_fault(monkeypatch, "numpy", op("exp", "log"))
+
+    @sh.program
+    def grown(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.exp(x)
+
+    found = sh.testing.first_divergence(grown, [2], backends=("interpreter", "numpy"), precision=precision)
+    assert found.first.dtype == found.second.dtype == found.operands["x"].dtype == f"f{int(precision[1:]) // 8}"
+    assert found.ulp == sh.units.steps(found.first[None], found.second[None])
+
+
 def test_the_last_bit_of_a_double_counts(monkeypatch):
     with_fault(monkeypatch, "numpy", op("max", "min"))
 
