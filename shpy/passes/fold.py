@@ -22,7 +22,7 @@ import numpy as np
 from shpy.ir.constants import DTYPES, from_array, to_array
 from shpy.ir.meaning import convert
 from shpy.ir.nodes import EXITS, Break, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store
-from shpy.ir.ops import LANE_OPS, OPS
+from shpy.ir.ops import LANE_OPS, OPS, TRANSCENDENTALS
 from shpy.ir.traverse import variables_of
 from shpy.ir.types import Base
 from shpy.passes.identities import simplify
@@ -33,7 +33,7 @@ from shpy.passes.vectors import rearrange
 def fold(module: Module, *, fixed: bool = True) -> Module:
     """Return the module with its constants computed.
 
-    `fixed`: the working precision is fixed. Without it, arithmetic on base f is not folded.
+    `fixed`: working precision and mode are fixed. Without it, arithmetic on base f and transcendentals are not folded.
     """
     sizes = {t.name: t.size for t in module.tables if t.size is not None}
     return each_function(module, lambda f, functions: _Fold(f, functions, sizes, fixed).run())
@@ -74,7 +74,8 @@ class _Fold(Rewriter):
         types = [self.types[a] for a in let.args]
         if any(c is None for c in constants):
             return None
-        if not self.fixed and Base.F in {t.base for t in (*types, let.value.type)} and let.op != "cond":
+        bases = {t.base for t in (*types, let.value.type)}
+        if not self.fixed and (let.op in TRANSCENDENTALS or (Base.F in bases and let.op != "cond")):
             return None
         arrays = [to_array(t, c) for t, c in zip(types, constants, strict=True) if c is not None]
         with np.errstate(all="ignore"):

@@ -147,7 +147,7 @@ def with_strict_functions(module: Module, precision: Precision, math: Math = "st
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:
-    """Simplify a module. Without `fixed`, its working precision is unknown, and arithmetic on base f is not folded."""
+    """Simplify a module. Without `fixed`, working precision and mode are unknown; see `fold`."""
     for _ in range(_ROUNDS):
         before = _control(module := promote(module))
         module = inline_independent(fold(module, fixed=fixed))
