@@ -1,5 +1,6 @@
 """Distances in units in the last place, by hand."""
 
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -37,6 +38,14 @@ def test_distance_from_the_exact_number(found, exact, expected):
 
 def test_what_binary64_leaves_of_the_exact_number_counts():
     assert ulps(np.float64([1]), np.float64([1]), rest=np.float64([2**-54])) == 0.25
+
+
+def test_an_exact_number_wider_than_binary64_counts_whole():
+    with mp.workprec(100):
+        exact = [1 + mp.mpf(0.75) * mp.mpf(2) ** -52, mp.mpf("-inf"), mp.mpf("nan"), mp.mpf(10) ** 400]
+    found = np.float64([1, -np.inf, np.nan, np.inf])
+    assert sh.accuracy.ulp(found, exact).tolist() == [0.75, 0, 0, 0]
+    assert sh.accuracy.ulp(found[0], np.longdouble(1) + np.longdouble(2) ** -54) == 0.25
 
 
 def test_the_unit_may_be_that_of_another_type():
