@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import linecache
 import types
+import zipfile
 from typing import Any
 
 import pytest
@@ -114,6 +116,42 @@ def test_without_text_nothing_is_said() -> None:
     check_source(lambda x: x + 1, is_value=is_value)
     check_source(len, is_value=is_value)
     check_source(object(), is_value=is_value)
+
+
+ARCHIVED = """import shpy as sh
+first = sh.Param(sh.Attrib1f, 1)
+second = sh.Param(sh.Attrib1f, 2)
+@sh.program
+def sum_of_both(x: sh.Attrib1f) -> sh.Attrib1f:
+    return x * first + second
+"""
+HELPER = """def aliased(x: sh.Attrib1f):
+    y = x
+    y += 1
+    return x * y
+"""
+
+
+def test_modules_in_an_archive_have_their_text(tmp_path, monkeypatch) -> None:
+    """Text gives Params their names, and shows mistakes: here in a module of which nothing has run yet."""
+    with zipfile.ZipFile(tmp_path / "modules.zip", "w") as archive:
+        archive.writestr("archived_program.py", ARCHIVED)
+        archive.writestr("archived_helper.py", "import shpy as sh\n" + HELPER)
+    monkeypatch.syspath_prepend(str(tmp_path / "modules.zip"))
+    program = importlib.import_module("archived_program").sum_of_both
+    assert list(program.params) == ["first", "second"]
+    helper = importlib.import_module("archived_helper").aliased
+    with pytest.raises(RecordError, match=r"archived_helper\.py:3: `y = x` gives one value two names") as raised:
+        check_source(helper, is_value=is_value)
+    assert raised.value.cure == "y = sh.Attrib1f(x)"
+
+
+def test_code_that_was_compiled_in_a_module_is_not_read_from_the_file_of_the_module(monkeypatch, tmp_path) -> None:
+    (tmp_path / "module_of_exec.py").write_text("import shpy as sh\n" + HELPER)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    module = importlib.import_module("module_of_exec")
+    exec(compile("\n" + HELPER, "some cell", "exec"), vars(module))
+    check_source(module.aliased, is_value=is_value)
 
 
 def test_text_that_has_changed_since_is_not_trusted() -> None:

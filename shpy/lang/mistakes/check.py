@@ -22,6 +22,7 @@ from types import CodeType
 from shpy.errors import RecordError, warn
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.flow import Flow
+from shpy.lang.recording.location import enter_text
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
 from shpy.lang.recording.tree import definition
 
@@ -45,6 +46,7 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         seen.add(plain.__code__)
         if is_program:
             _check_kind(plain.__code__)
+        enter_text(plain.__code__.co_filename, plain.__globals__)
         node = definition(plain.__code__)
         if node is None:
             continue

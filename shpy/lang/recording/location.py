@@ -6,6 +6,7 @@ Stage: record. Costs well under a microsecond, so every node can carry its line.
 from __future__ import annotations
 
 import functools
+import linecache
 import os
 import sys
 import threading
@@ -13,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from types import FrameType
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -76,10 +77,21 @@ def user_frame() -> FrameType | None:
         skipped = _skipped.get(file)
         if skipped is None:
             skipped = _skipped[file] = _look_inside(file) or is_standard(file)
+            enter_text(file, frame.f_globals)
         if not skipped or (library and file.startswith(_LIBRARIES)):
             return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None
+
+
+def enter_text(file: str, module: dict[str, Any]) -> None:
+    """Let linecache find the text of a module that lies in an archive: the module's loader reads it.
+
+    `module` holds the globals of the code. Code that `exec` compiled in the module has another file's name, and the
+    loader does not know its text.
+    """
+    if module.get("__file__") == file:
+        linecache.lazycache(file, module)
 
 
 @cache
