@@ -51,8 +51,14 @@ class Expr:
     @property
     def parts(self) -> tuple[Expr, ...]:
         """The expressions directly inside: all fields that hold some."""
-        held = [getattr(self, name) for name in self.__match_args__]
-        return tuple([e for h in held for e in (h if isinstance(h, tuple) else (h,)) if isinstance(e, Expr)])
+        made: list[Expr] = []
+        for name in self.__match_args__:
+            held = getattr(self, name)
+            if isinstance(held, Expr):
+                made.append(held)
+            elif isinstance(held, tuple):
+                made += [e for e in held if isinstance(e, Expr)]
+        return tuple(made)
 
     @property
     def splat(self) -> Expr | None:
@@ -72,6 +78,10 @@ class Literal(Expr):
     """A number of a scalar type."""
 
     value: float | int | bool
+
+
+_LEAVES = (Name, Literal)
+"""The expressions without parts that are most frequent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,9 +339,12 @@ def negation(e: Expr) -> Expr:
 
 def walk(e: Expr) -> Iterator[Expr]:
     """Yield the expression and all expressions inside it."""
-    yield e
-    for part in e.parts:
-        yield from walk(part)
+    pending = [e]
+    while pending:
+        e = pending.pop()
+        yield e
+        if not isinstance(e, _LEAVES):
+            pending += e.parts[::-1]
 
 
 def statements_of(block: Block) -> Iterator[Stmt]:

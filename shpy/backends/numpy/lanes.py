@@ -218,8 +218,9 @@ def put_aside(whole: Array, lane: Array, leaving: Array, value: Array) -> None:
 
 def compact(live: Array, *values: Array) -> list[Array]:
     """Return the live lanes of each value; a uniform value, without lanes, stays as it is."""
-    index = live.nonzero()[0]
-    return [v.take(index, axis=-1) if lane_count(v) == live.size else v for v in values]
+    index, lanes = live.nonzero()[0], live.size
+    # Shapes are asked for in place: a call of lane_count for each value takes longer than all else.
+    return [v.take(index, axis=-1) if (v.shape[-1] if v.ndim else 1) == lanes else v for v in values]
 
 
 @lru_cache(maxsize=16)
