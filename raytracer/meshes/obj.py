@@ -34,6 +34,11 @@ _KINDS: Final = ("vertex", "texture vertex", "normal")
 _SKIPPED: Final = {
     "l": "lines", "p": "points", "curv": "free-form curves", "curv2": "free-form curves", "surf": "free-form surfaces",
 }  # fmt: skip
+_WITHOUT_SHAPE: Final = frozenset(
+    "s mg lod bevel c_interp d_interp shadow_obj trace_obj ctech stech usemap maplib "
+    "vp cstype deg bmat step parm trim hole scrv sp end con".split()
+)
+"""Statements that add no shape: those of looks, and those that belong to free-form curves and surfaces."""
 _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 """Options of a picture that take numbers, up to so many; the others take one word."""
 
@@ -113,6 +118,8 @@ def read_obj(text: str) -> Obj:
             obj.libraries.append(line[len(key) :].strip())
         elif key in _SKIPPED:
             obj.skipped[_SKIPPED[key]] += 1
+        elif key not in _WITHOUT_SHAPE:
+            obj.skipped[f"unknown statements {key}"] += 1
     return obj
 
 

@@ -86,7 +86,10 @@ def test_parts_have_names_and_materials(chair):
 
 def test_files_that_are_not_there(chair):
     (chair.parent / "brown paint.png").unlink()
-    with pytest.warns(sh.ShpyWarning, match=r"plain colours: brown paint.png \(there is no such file\)"):
+    with (
+        pytest.warns(sh.ShpyWarning, match=r"plain colours: brown paint.png \(there is no such file\)"),
+        pytest.warns(sh.ShpyWarning, match="ignored: "),
+    ):
         scene = Scene.load(chair)
     assert scene.meshes[0].material.color == (1, 0.5, 0.25)
     (chair.parent / "chair parts.mtl").unlink()
@@ -103,7 +106,10 @@ def test_libraries_and_pictures_outside_of_the_folder(chair):
     with pytest.warns(sh.ShpyWarning, match=r"lies outside of the file's folder: put it there"):
         assert Scene.load(path).meshes[0].material == CLAY
     (inner / "chair parts.mtl").write_text(MTL.replace("brown paint.png", str(chair.parent / "brown paint.png")))
-    with pytest.warns(sh.ShpyWarning, match=r"brown paint.png \(it lies outside of the file's folder: put it there\)"):
+    with (
+        pytest.warns(sh.ShpyWarning, match=r"brown paint.png \(it lies outside of the file's folder: put it there\)"),
+        pytest.warns(sh.ShpyWarning, match="ignored: "),
+    ):
         assert Scene.load(path).meshes[0].material.color == (1, 0.5, 0.25)
 
 
@@ -161,7 +167,10 @@ def test_wrong_lines_are_named(tmp_path, text, words):
 
 def test_materials_that_make_no_sense_leave_the_shape(chair):
     (chair.parent / "chair parts.mtl").write_text(MTL.replace("Kd 1 0.5 0.25", "Kd spectral wood.rfl"))
-    with pytest.warns(sh.ShpyWarning, match=r"material wood \(could not convert string to float: 'spectral'\)"):
+    with (
+        pytest.warns(sh.ShpyWarning, match=r"material wood \(could not convert string to float: 'spectral'\)"),
+        pytest.warns(sh.ShpyWarning, match="ignored: "),
+    ):
         assert Scene.load(chair).meshes[0].material == CLAY
 
 
@@ -213,3 +222,10 @@ def test_warnings_name_the_line_of_the_caller(chair):
             warnings.simplefilter("always")
             load(chair)
         assert [w.filename for w in caught] == [__file__]
+
+
+def test_statements_that_are_not_known_are_counted(tmp_path):
+    path = tmp_path / "odd.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\ns off\nface 1 2 3\nF 1 2 3\nface 1 2 3\nf 1 2 3\n")
+    with pytest.warns(sh.ShpyWarning, match=r"ignored: unknown statements face \(2\), unknown statements F \(1\)$"):
+        assert len(Scene.load(path).meshes[0].corners) == 1
