@@ -390,6 +390,20 @@ def test_pocl_without_a_place_for_its_cache_is_told_from_a_missing_driver(tmp_pa
     assert "to mend it: export POCL_CACHE_DIR=FOLDER with a folder that you can write" in done.stderr
 
 
+def test_the_folders_of_pocl_and_shpy_are_enough(tmp_path):
+    """As in a container whose user has no home: pyopencl, too, has a cache there, and fails without a folder for it."""
+    (tmp_path / "file").write_text("")
+    environment = {k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "PYOPENCL_NO_CACHE")}
+    environment |= {
+        "HOME": str(tmp_path / "file"),
+        "POCL_CACHE_DIR": str(tmp_path / "pocl"),
+        "SHPY_CACHE_DIR": str(tmp_path / "shpy"),
+    }
+    run = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
+    assert done.returncode == 0, done.stderr
+
+
 def test_no_driver_is_asked_for_a_binary_that_is_not_kept(monkeypatch):
     """PoCL generates code again to give one."""
     monkeypatch.setenv("SHPY_CACHE_DIR", "")

@@ -34,17 +34,22 @@ def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
     if _POCL not in platforms:
         return None
     folder = _cache_of_pocl()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK | os.X_OK):
-            return None
-        reason = "Permission denied"
-    except OSError as error:
-        reason = error.strerror or str(error)
+    reason = _fault_of(folder)
+    if reason is None:
+        return None
     return BackendUnavailable(
         f"PoCL cannot write its cache in {folder} ({reason}), and runs nothing without it",
         cure="export POCL_CACHE_DIR=FOLDER with a folder that you can write",
     )
+
+
+def can_keep_callers() -> bool:
+    """Return whether pyopencl can keep the functions that it generates to call kernels; without a folder it fails."""
+    shared = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return _fault_of((Path(shared) if shared else Path.home() / ".cache") / "pytools") is None
+    except RuntimeError:  # there is no home
+        return False
 
 
 def reads_header(platform: str) -> bool:
@@ -55,6 +60,15 @@ def reads_header(platform: str) -> bool:
 def keeps_kernels(platform: str) -> bool:
     """Return whether a platform's driver finds the code that it made of a text in an earlier process."""
     return platform == _POCL and os.environ.get("POCL_KERNEL_CACHE", "1").startswith("1")
+
+
+def _fault_of(folder: Path) -> str | None:
+    """Return the reason why files cannot be made in a folder, which is made if it is missing; None if they can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return error.strerror or str(error)
+    return None if os.access(folder, os.W_OK | os.X_OK) else "Permission denied"
 
 
 def _cache_of_pocl() -> Path:

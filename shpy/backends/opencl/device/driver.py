@@ -1,6 +1,6 @@
 """OpenCL devices: contexts, queues, programs in memory, and buffers that are used again.
 
-Stage: run. Everything of pyopencl that the runtime touches is here; it is imported when a device is asked for.
+Stage: run. Everything of pyopencl that the runtime touches is here.
 
     machine = machine_of(None)               # the first device
     program = machine.build(text)            # cached by its text
@@ -10,9 +10,6 @@ Stage: run. Everything of pyopencl that the runtime touches is here; it is impor
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 import threading
 import warnings
 from collections.abc import Sequence
@@ -26,23 +23,22 @@ import numpy as np
 
 from shpy.backends.base import Array, Device
 from shpy.backends.device import store
-from shpy.backends.device.answer import Answer
 from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
-from shpy.backends.device.processes import HEARD, Driver
+from shpy.backends.device.processes import Driver
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
 from shpy.backends.opencl.device.declarations import GUARD, declarations
 from shpy.backends.opencl.device.exactness import EXACTNESS
+from shpy.backends.opencl.device.importing import pyopencl
 from shpy.backends.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backends.opencl.device.waiting import Waiter
 from shpy.backends.opencl.packets.prologue import SIGNS, Abilities
 from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, warn
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
-from shpy.packages import install
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import Math
 from shpy.passes.pipeline import Target
@@ -61,44 +57,6 @@ _FEW: Final = 16
 """The most brief runs for which a wait need not be interruptible."""
 
 
-def _pyopencl() -> Any:
-    os.environ.setdefault("PYOPENCL_COMPILER_OUTPUT", "0")
-    _keep_threads_apart()
-    try:
-        return _imported("pyopencl")
-    except ImportError as e:
-        raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
-
-
-def _imported(name: str) -> Any:
-    """Import a module on another thread: Ctrl-C while an extension in C starts would end the process by SIGABRT."""
-    if name in sys.modules or sys.is_finalizing():
-        return importlib.import_module(name)
-    answer: Answer[Any] = Answer()
-
-    def work() -> None:
-        try:
-            answer.give(importlib.import_module(name))
-        except BaseException as error:
-            answer.refuse(error)
-
-    threading.Thread(target=work, name="shpy-import", daemon=True).start()
-    while not answer.wait(HEARD):
-        pass
-    return answer.result()
-
-
-def _keep_threads_apart() -> None:
-    """Make PoCL bind each of its threads to a core, unless the environment configures its threads.
-
-    Otherwise Linux may run two threads that wake at once on one core for a whole call, which takes twice as long then.
-    PoCL numbers the cores from 0 without regard to the affinity of the process, so this needs all cores to be allowed.
-    """
-    told = {"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"} & os.environ.keys()
-    if sys.platform == "linux" and not told and os.sched_getaffinity(0) >= set(range(os.cpu_count() or 1)):
-        os.environ.setdefault("POCL_AFFINITY", "1")
-
-
 _DRIVER = Driver("opencl")
 
 
@@ -114,7 +72,7 @@ def _found() -> tuple[Any, ...]:
 
 @cache
 def _listed() -> tuple[Any, ...]:
-    cl = _pyopencl()
+    cl = pyopencl()
     platforms = []
     try:
         with ieee_arithmetic():  # a processor's driver starts threads, which compute as this one does
@@ -152,7 +110,7 @@ def _built_silently(program: Any, options: list[str]) -> Any:
 
 
 def _rounds_correctly(device: Any) -> bool:
-    return bool(device.single_fp_config & _pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
+    return bool(device.single_fp_config & pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
 
 
 def machine_of(index: int | None) -> Machine:
@@ -179,7 +137,7 @@ class Machine:
         fault = explain_cache([device.platform.name.strip()])
         if fault is not None:
             raise fault
-        self.cl = _pyopencl()
+        self.cl = pyopencl()
         self.device = device
         with ieee_arithmetic():
             self.context = self.cl.Context([device])
