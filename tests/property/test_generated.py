@@ -1,7 +1,7 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-160 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
-360 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
+80 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
+440 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
 """
@@ -26,8 +26,10 @@ from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
 INPUTS = elements(24)
 RUN = 10
 """Programs of one run of Hypothesis. From the eleventh on it repeats parts of earlier ones, five times each."""
-RUNS = 2
+PARTS = range(2)
 """Runs of a shard."""
+
+each_part = pytest.mark.parametrize("part", PARTS)
 
 quietly = settings(
     max_examples=RUN,
@@ -38,8 +40,10 @@ quietly = settings(
 )
 
 
-def agree(shard: int, backends: tuple[str, ...], *, endless: bool = False, precision: Precision = "f32") -> None:
-    """18 programs of their own for each number, and the simplest one.
+def agree(
+    shard: int, part: int, backends: tuple[str, ...], *, endless: bool = False, precision: Precision = "f32"
+) -> None:
+    """9 programs of their own for each part of each number, and the simplest one.
 
     In every third shard a driver's compiler can derive numbers.
     """
@@ -49,8 +53,7 @@ def agree(shard: int, backends: tuple[str, ...], *, endless: bool = False, preci
     def run(program: Tree) -> None:
         check(program, INPUTS, backends, precision)
 
-    for part in range(RUNS):
-        seed(f"{shard}.{part}")(run)()
+    seed(f"{shard}.{part}")(run)()
 
 
 ROTATION = ("opencl-1", "opencl-8", "opencl-1", "opencl-4", "opencl-1", "opencl-16")
@@ -63,49 +66,54 @@ def rotated(shard: int) -> tuple[str, ...]:
     return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], glsl)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
+@each_part
 @pytest.mark.parametrize("shard", range(12))
-def test_programs_agree(shard: int) -> None:
-    agree(shard, rotated(shard))
+def test_programs_agree(shard: int, part: int) -> None:
+    agree(shard, part, rotated(shard))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
+@each_part
 @pytest.mark.parametrize("shard", range(6))
-def test_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
-    agree(shard, rotated(shard), endless=True)
+def test_programs_with_loops_beyond_their_limit_agree(shard: int, part: int) -> None:
+    agree(shard, part, rotated(shard), endless=True)
 
 
 CONSTANT = (("a",), ("n", "h"), ("a", "v"), ("a", "v", "n"), ("v", "n", "h"), ("h",))
 """Inputs that become constants of a program."""
 
 
-def agree_specialized(shard: int, backends: tuple[str, ...]) -> None:
-    """18 programs for each number, in which some inputs and every uniform are constants."""
+def agree_specialized(shard: int, part: int, backends: tuple[str, ...]) -> None:
+    """9 programs for each part of each number, in which some inputs and every uniform are constants."""
 
     @quietly
     @given(trees(), integers(0, len(INPUTS[0]) - 1))
     def run(program: Tree, first: int) -> None:
         check(program, [np.roll(a, -first, axis=0) for a in INPUTS], backends, constant=CONSTANT[shard % len(CONSTANT)])
 
-    for part in range(RUNS):
-        seed(f"specialized {shard}.{part}")(run)()
+    seed(f"specialized {shard}.{part}")(run)()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
+@each_part
 @pytest.mark.parametrize("shard", range(6))
-def test_specialized_programs_agree(shard: int) -> None:
-    agree_specialized(shard, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)))
+def test_specialized_programs_agree(shard: int, part: int) -> None:
+    agree_specialized(shard, part, ("prepared", "numpy", *["glsl"] * (shard % 3 == 0)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shard", range(1000, 1045))
 def test_many_specialized_programs_agree(shard: int) -> None:
-    agree_specialized(shard, EVERYWHERE)
+    for part in PARTS:
+        agree_specialized(shard, part, EVERYWHERE)
 
 
+@pytest.mark.sampled(2)
+@each_part
 @pytest.mark.parametrize("precision", ["f16", "f64"])
-def test_programs_agree_at_other_precisions(precision: Precision) -> None:
-    agree(0, narrowed(precision, ("opencl-8",)), precision=precision)
+def test_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:
+    agree(0, part, narrowed(precision, ("opencl-8",)), precision=precision)
 
 
 def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:
@@ -119,26 +127,30 @@ EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl", WIT
 @pytest.mark.slow
 @pytest.mark.parametrize("shard", range(1000, 1180))
 def test_many_programs_agree(shard: int) -> None:
-    agree(shard, EVERYWHERE)
+    for part in PARTS:
+        agree(shard, part, EVERYWHERE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shard", range(1000, 1090))
 def test_many_programs_with_loops_beyond_their_limit_agree(shard: int) -> None:
-    agree(shard, EVERYWHERE, endless=True)
+    for part in PARTS:
+        agree(shard, part, EVERYWHERE, endless=True)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shard", range(2000, 2006))
 def test_many_programs_agree_in_wide_packets(shard: int) -> None:
-    agree(shard, tuple(WIDE))
+    for part in PARTS:
+        agree(shard, part, tuple(WIDE))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 @pytest.mark.parametrize("shard", range(1000, 1015))
 def test_many_programs_agree_at_other_precisions(shard: int, precision: Precision) -> None:
-    agree(shard, narrowed(precision, tuple(LANES)), precision=precision)
+    for part in PARTS:
+        agree(shard, part, narrowed(precision, tuple(LANES)), precision=precision)
 
 
 def test_every_row_of_the_table_is_drawn() -> None:
