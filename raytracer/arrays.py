@@ -1,4 +1,4 @@
-"""Arrays that a user gives: what numpy would refuse with an error of its own, or take otherwise than it is meant.
+"""Arrays and numbers of the user, checked: numpy would refuse some with errors of its own, and misread others.
 
 >>> numbers("vertices", [[0, 0, 1]]).dtype
 dtype('float64')
@@ -7,7 +7,7 @@ dtype('float64')
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,3 +47,8 @@ def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         raise SceneError(f"{what} is three finite numbers, not {values!r}")
     return x, y, z
+
+
+def is_whole(value: object, low: int, high: float = math.inf) -> TypeGuard[int]:
+    """Return whether a value is an int of Python or numpy in a range, both ends included; a bool is not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and low <= int(value) <= high

@@ -12,6 +12,7 @@ import dataclasses
 from typing import Any, Unpack
 
 import shpy as sh
+from raytracer.arrays import is_whole
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import Job
 from raytracer.cluster.partitioned import check_partitions, render_partitioned
@@ -87,7 +88,7 @@ def _by_workers(
     progress: Progress | None,
 ) -> Image:
     """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it."""
-    if not (tile_rows is None or (isinstance(tile_rows, int) and tile_rows > 0)):
+    if not (tile_rows is None or is_whole(tile_rows, 1)):
         raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
     if partitions is not None:
         check_partitions(job, partitions)

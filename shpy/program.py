@@ -19,12 +19,11 @@ from itertools import chain
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Generic, Literal, overload
 
-import numpy as np
-
 from shpy import algebra
 from shpy.backends.base import Options
 from shpy.backends.registry import NAMES, default_backend
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
 from shpy.lang.data.params import listed
@@ -189,17 +188,17 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         def refuse(option: str, value: Any, cure: str) -> None:
             raise ShpyTypeError(f"compile does not take {option}={value!r}", loc=here(), cure=cure)
 
-        if not (device is None or _is_int(device)):
+        if not (device is None or is_int(device)):
             refuse("device", device, "device=0, the position of one in the devices of sh.backends()")
         if not (isinstance(precision, str) and precision in PRECISIONS):
             refuse("precision", precision, 'precision="f32", "f64" or "f16"')
         if not (isinstance(math, str) and math in MODES):
             refuse("math", math, 'math="strict", "portable", "relaxed" or "fast"')
-        if not ((isinstance(lanes, str) or _is_int(lanes)) and lanes in _LANES):
+        if not ((isinstance(lanes, str) or is_int(lanes)) and lanes in _LANES):
             refuse("lanes", lanes, 'lanes="auto", 1, 4, 8, 16, 32 or 64')
-        if not (loop_limit is None or (_is_int(loop_limit) and 0 < loop_limit < 2**31)):
+        if not (loop_limit is None or (is_int(loop_limit) and 0 < loop_limit < 2**31)):
             refuse("loop_limit", loop_limit, "a number of iterations, or None for no limit")
-        device, loop_limit, lanes = (int(n) if _is_int(n) else n for n in (device, loop_limit, lanes))
+        device, loop_limit, lanes = (int(n) if is_int(n) else n for n in (device, loop_limit, lanes))
         return Options(precision, loop_limit, device, lanes, math)
 
     def trace(self, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
@@ -267,10 +266,6 @@ def check_program(thing: Any) -> None:
     """Raise ShpyTypeError for anything but a Program."""
     if not isinstance(thing, Program):
         raise ShpyTypeError(f"{thing!r} is no program", loc=here(), cure="a function under @sh.program")
-
-
-def _is_int(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:

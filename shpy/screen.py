@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
 from shpy.passes.modes import Math
@@ -143,7 +144,7 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
 
     An input is filled by its name, by its default, or `given` in another way.
     """
-    whole = isinstance(size, tuple | list) and all(isinstance(n, int | np.integer) and n > 0 for n in size)
+    whole = isinstance(size, tuple | list) and all(is_int(n) and n > 0 for n in size)
     if not (whole and len(size) == 2):
         raise ShpyTypeError(f"size={size!r} is no width and height", loc=here(), cure="size=(640, 360)")
     types = unfilled(program, given)

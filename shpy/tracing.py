@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import TableType
@@ -126,14 +127,10 @@ def _given_index(at: Any, shape: Shape) -> tuple[int, ...] | None:
     """Return `at` as a tuple; None if it is missing and the shape has several elements."""
     if at is None:
         return (0,) * len(shape) if math.prod(shape) == 1 else None
-    indices = [at] if _is_int(at) else sequence(at)
-    if indices is None or not all(map(_is_int, indices)):
+    indices = [at] if is_int(at) else sequence(at)
+    if indices is None or not all(map(is_int, indices)):
         raise ShpyTypeError(f"at={at!r} is neither an int nor a tuple of ints", loc=here(), cure="at=(y, x)")
     return tuple(int(n) for n in indices)
-
-
-def _is_int(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def _tuple(names: str) -> str:

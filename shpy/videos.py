@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyError
 from shpy.files import check_writable, replacing
+from shpy.ir.constants import is_int
 from shpy.packages import install
 
 Draw = Callable[[int], NDArray[np.uint8]]
@@ -56,7 +57,7 @@ def writing(
     A file is written when the iterator ends. Raises VideoError at once for numbers and outputs that make no animation,
     and where Pillow, or ffmpeg for an .mp4 file, is missing; OSError for a path that cannot be written.
     """
-    if not (isinstance(frames, int | np.integer) and frames > 0):
+    if not (is_int(frames) and frames > 0):
         raise VideoError(f"an animation has one frame or more, not {frames!r}")
     check_pace(fps)
     if path.suffix.lower() not in VIDEOS and path.suffix:

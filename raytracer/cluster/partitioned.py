@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays import is_whole
 from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, check_alike
 from raytracer.cluster.part import Part, PartData, Stepped
@@ -80,7 +81,7 @@ def render_partitioned(
 def check_partitions(job: Job, partitions: int) -> None:
     """Raise SceneError for what partitions cannot render, as far as it can be seen before the scene is laid out."""
     chosen = job.integrator
-    if isinstance(partitions, bool) or not isinstance(partitions, int) or not 1 <= partitions <= MOST:
+    if not is_whole(partitions, 1, MOST):
         raise SceneError(f"a scene is cut into 1 to {MOST} partitions, not {partitions!r}")
     layered = isinstance(chosen, Whitted) and (chosen.secondary is not None or is_layered(chosen.accel or ""))
     if not isinstance(chosen, Whitted) or layered or chosen.structure != "bvh":

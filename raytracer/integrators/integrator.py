@@ -19,6 +19,7 @@ import numpy as np
 
 from raytracer.accel.choice import HIERARCHIES, check
 from raytracer.accel.grid import MAX_PER_SIDE
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube, is_layered
 
@@ -56,7 +57,7 @@ class Integrator:
         for name in (field.name for field in fields(self)):
             if isinstance(value := getattr(self, name), np.generic):
                 object.__setattr__(self, name, value.item())
-        if not _is_whole(self.bounces, 0, MOST_BOUNCES):
+        if not is_whole(self.bounces, 0, MOST_BOUNCES):
             raise SceneError(f"bounces is a number from 0 to {MOST_BOUNCES}, not {self.bounces!r}")
         self._check_samples()
         _check_choice("precision", self.precision, PRECISIONS)
@@ -64,13 +65,13 @@ class Integrator:
         check(self.structure)
         if self.grid is None:
             return
-        if not _is_whole(self.grid, 1, MAX_PER_SIDE):
+        if not is_whole(self.grid, 1, MAX_PER_SIDE):
             raise SceneError(f"a grid has from 1 to {MAX_PER_SIDE} cells along each axis, not {self.grid!r}")
         if self.structure != "grid":
             raise SceneError(f'grid={self.grid} is for accel="grid", not {self.structure!r}')
 
     def _check_samples(self) -> None:
-        if not _is_whole(self.samples, 1, 64) or isqrt(self.samples) ** 2 != self.samples:
+        if not is_whole(self.samples, 1, 64) or isqrt(self.samples) ** 2 != self.samples:
             raise SceneError(f"samples is a square number from 1 to 64, not {self.samples!r}")
 
     @property
@@ -148,7 +149,7 @@ class Path(Integrator):
         _check_cube(self)
 
     def _check_samples(self) -> None:
-        if not _is_whole(self.samples, 1, MOST_SAMPLES):
+        if not is_whole(self.samples, 1, MOST_SAMPLES):
             raise SceneError(f"samples is a number from 1 to {MOST_SAMPLES:,}, not {self.samples!r}")
 
 
@@ -217,7 +218,7 @@ def _check_threshold(threshold: Any) -> None:
 
 
 def _check_seed(seed: Any) -> None:
-    if not _is_whole(seed, 0, 2**32 - 1):
+    if not is_whole(seed, 0, 2**32 - 1):
         raise SceneError(f"a seed is a whole number from 0 to 2**32 - 1, not {seed!r}")
 
 
@@ -227,7 +228,3 @@ def _check_cube(integrator: Whitted | Path) -> None:
         raise SceneError(f"secondary is a LayeredCube, not {type(secondary).__name__}")
     if integrator.precision != "f32" and (secondary is not None or (accel is not None and is_layered(accel))):
         raise SceneError(f'a layered depth cube works at precision="f32", not {integrator.precision!r}')
-
-
-def _is_whole(value: Any, low: int, high: int) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and low <= int(value) <= high

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.grid import far_larger
 from raytracer.accel.space import to_kernel, triangle_rows
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.layered import raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
@@ -231,7 +232,7 @@ def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance:
     if not isinstance(mesh_or_scene, Mesh | HasMeshes):
         raise SceneError(f"a LayeredCube is that of a Mesh or a Scene, not of {type(mesh_or_scene).__name__}")
     for what, number in (("resolution", resolution), ("block", block)):
-        if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 1 <= number <= MAX_RESOLUTION:
+        if not is_whole(number, 1, MAX_RESOLUTION):
             raise SceneError(f"{what} is a whole number from 1 to {MAX_RESOLUTION}, not {number!r}")
     if hit not in HITS:
         raise SceneError(f"hit is one of {', '.join(map(repr, HITS))}, not {hit!r}")

@@ -19,6 +19,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.contents import text_of
 from raytracer.meshes.folder import Folder, shown
@@ -78,7 +79,7 @@ class Document:
     def one(self, key: str, number: Any) -> dict[str, Any]:
         """Return the entry of one of the file's lists that has this number."""
         entries = self.all(key)
-        if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(entries):
+        if not is_whole(number, 0, len(entries) - 1):
             raise SceneError(f"it names number {shown(str(number))} of its {key}, and there are {len(entries)}")
         return entries[number]
 
@@ -175,6 +176,6 @@ def _container(data: bytes) -> tuple[str, bytes]:
 
 def _count(value: Any) -> int:
     """Return a whole number of JSON that is not negative."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if not is_whole(value, 0):
         raise SceneError(f"{shown(str(value))!r} is no number of elements or bytes")
     return value

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
 from raytracer.meshes.gltf import Document
@@ -149,7 +150,7 @@ def _track(document: Document, node: int, path: str, sampler: dict[str, Any]) ->
 
 
 def _one(samplers: list[dict[str, Any]], number: Any) -> dict[str, Any]:
-    if not (isinstance(number, int) and 0 <= number < len(samplers)):
+    if not is_whole(number, 0, len(samplers) - 1):
         raise SceneError(f"it names sampler {shown(str(number))} of an animation that has {len(samplers)}")
     return samplers[number]
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.types import Base, Type
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
@@ -107,7 +108,7 @@ def draw(
 
 def check_count(name: str, number: Any, least: int) -> None:
     """Raise ShpyTypeError for anything but an int from `least` on."""
-    if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
+    if not is_int(number) or number < least:
         raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
 
 

@@ -14,14 +14,13 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from shpy.algebra import alike, with_article
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.running import ChainResult, Run
 from shpy.chains.share import Share
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import is_int
 from shpy.ir.nodes import Loc
 from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
@@ -252,7 +251,7 @@ def repeat(member: Program | Kernel | Chain, times: int, *, where: str | Program
 
         sh.repeat(smooth, 500).run(u=image).streams["u"]
     """
-    if not isinstance(times, int | np.integer) or isinstance(times, bool) or times < 0:
+    if not is_int(times) or times < 0:
         raise ShpyTypeError(f"repeat takes a number of times, not {times!r}", loc=here(), cure="sh.repeat(step, 500)")
     return Repeat(_guarded(_members((member,)), where), int(times))
 
@@ -276,9 +275,7 @@ def loop(
     Raises ShpyTypeError for a kernel that writes every element, for names in `when` that are no members, and for shares
     of streams that no kernel of the loop has.
     """
-    if loop_limit is not None and not (
-        isinstance(loop_limit, int | np.integer) and not isinstance(loop_limit, bool) and loop_limit > 0
-    ):
+    if loop_limit is not None and not (is_int(loop_limit) and loop_limit > 0):
         raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
     parts = _held(_guarded(_members(members), where), {} if when is None else when)
     return Loop(parts, None if loop_limit is None else int(loop_limit))

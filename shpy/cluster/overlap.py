@@ -19,6 +19,7 @@ from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask
 from shpy.cluster.graphs import over_blocks
 from shpy.cluster.jobs import Stencil, cut_tables
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.traverse import grid_rank
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
@@ -73,7 +74,7 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
 
 def _checked(chain: Any, steps: Any) -> Chain:
     """Return the chain; raise ShpyTypeError for anything else, for loops, and unless `steps` is a positive int."""
-    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
+    if not is_int(steps) or steps < 1:
         raise ShpyTypeError(f"steps={steps!r} is no number of executions", loc=here(), cure="steps=8")
     whole: Chain = chain if isinstance(chain, Chain) else sequence(chain)
     for node in _nodes(whole):

@@ -19,6 +19,7 @@ from shpy.collectives.programs import annotated
 from shpy.collectives.sorting import keys_of
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import is_int
 from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType
 from shpy.lang.recording.location import here
@@ -78,7 +79,7 @@ def top_k(stream: Stream, k: int, key: Program | None = None) -> TopK:
     `sh.sort` does, and for a k that is no int from 0 to the number of elements.
     """
     given = check_stream(stream, "top_k")
-    if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 0 <= k <= given.size:
+    if not is_int(k) or not 0 <= k <= given.size:
         raise ShpyTypeError(f"top_k of {given!r} with k={k!r}", loc=here(), cure=f"an int from 0 to {given.size}")
     place, leaves = given.place, Leaves(given.place)
     order = leaves.order(keys_of(given, key, "top_k"), descending=True)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from shpy.collectives.arguments import element_of
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.lang.recording.location import here
 from shpy.program import Program
 from shpy.streams.elements import Shape, dtypes_at, shape_before_data
@@ -46,7 +47,7 @@ def reduce_chunks(reduce: Reduce, program: Program, array: Any, axis: int | None
         raise ShpyTypeError("sh.reduce of no elements has no result", loc=here(), cure="an array with elements")
     if axis is None:
         array, axis = flattened(array, len(shape)), 0
-    elif not isinstance(axis, int | np.integer) or isinstance(axis, bool) or not -len(shape) <= axis < len(shape):
+    elif not is_int(axis) or not -len(shape) <= axis < len(shape):
         cure = f"axis={' or axis='.join(map(str, range(len(shape))))}" if shape else "axis=None, all elements"
         raise ShpyTypeError(
             f"axis={axis!r} of an array of {len(shape)} axes of elements is not an axis", loc=here(), cure=cure

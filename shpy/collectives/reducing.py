@@ -33,6 +33,7 @@ from shpy.collectives.programs import (
 from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import is_int
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.tables import Table
 from shpy.lang.recording.location import here
@@ -190,7 +191,7 @@ def _rows(stream: Stream, axis: Any, element: Any = None) -> Stream:
     if axis is None:
         return retyped(stream, type_, (stream.size,))
     rank = len(stream.shape)
-    if not isinstance(axis, int | np.integer) or isinstance(axis, bool) or not -rank <= axis < rank:
+    if not is_int(axis) or not -rank <= axis < rank:
         raise ShpyTypeError(
             f"axis={axis!r} of {stream!r}, which has {rank} axes",
             loc=here(),

@@ -21,6 +21,7 @@ from shpy.collectives.leaves import Leaves
 from shpy.collectives.trees import leaf_types
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import is_int
 from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
@@ -83,7 +84,7 @@ def host_keys(stream: Stream, key: Program | None, name: str, below: int | None 
 def _checked_below(below: int | None, keys: Memory) -> int | None:
     if below is None:
         return None
-    if isinstance(below, bool) or not isinstance(below, int | np.integer) or not 1 <= below <= 1 << 31:
+    if not is_int(below) or not 1 <= below <= 1 << 31:
         raise ShpyTypeError(f"below={below!r} is no int from 1 to 2**31", loc=here(), cure="below=number of keys")
     if not keys.type.is_int:
         raise ShpyTypeError(

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["DTYPES", "Base", "decode", "encode", "from_array", "to_array", "vec"]
+__all__ = ["DTYPES", "Base", "decode", "encode", "from_array", "is_int", "to_array", "vec"]
 
 DTYPES: dict[Base, Any] = {
     Base.F: np.float32,
@@ -32,6 +32,11 @@ DTYPES: dict[Base, Any] = {
 }
 
 _NAN_BITS = 0x7FF8000000000000
+
+
+def is_int(value: object) -> TypeGuard[int | np.integer[Any]]:
+    """Return whether a value of the host is an int of Python or numpy; a bool is not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def float_to_bits(value: float) -> int:

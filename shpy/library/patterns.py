@@ -12,9 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-import numpy as np
-
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.types import Base, vec
 from shpy.lang.library import hash, noise, pcg, unit_float
 from shpy.lang.programs.control import SH_BREAK, SH_FOR, SH_IF
@@ -50,7 +49,7 @@ def _octaves(name: str, shape: Callable[[Any], Any]) -> Callable[..., Any]:
 
     def pattern(p: Any, octaves: Any, lacunarity: Any, gain: Any) -> Any:
         point = _point(p, f"sh.library.{name}")
-        known = isinstance(octaves, int | np.integer) and not isinstance(octaves, bool)
+        known = is_int(octaves)
         if not (known and -(1 << 31) <= octaves < 1 << 31) and getattr(octaves, "type", None) != vec(Base.I):
             raise ShpyTypeError(
                 f"sh.library.{name} takes an int or an i of octaves, not {octaves!r}",

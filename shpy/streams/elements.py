@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import DTYPES
+from shpy.ir.constants import DTYPES, is_int
 from shpy.ir.types import Base
 from shpy.lang.data.hostdata import as_base, working
 from shpy.lang.recording.location import here
@@ -93,9 +93,9 @@ def _trailing(name: str, shape: Shape, size: int) -> str:
 
 def given_shape(shape: Any) -> Shape:
     """Return the argument `shape`: an int, or ints in a tuple, a list or an array of one axis."""
-    single = isinstance(shape, int | np.integer) and not isinstance(shape, bool)
+    single = is_int(shape)
     extents = [shape] if single else sequence(shape)
-    if extents is None or not all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in extents):
+    if extents is None or not all(is_int(n) for n in extents):
         raise ShpyTypeError(
             f"shape={_spoken(shape)} is neither an int nor a tuple of ints", loc=here(), cure="shape=(h, w)"
         )

@@ -21,6 +21,7 @@ from shpy.backends.base import Memory, Space
 from shpy.backends.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
 from shpy.lang.data.tables import CompoundTable, Table, fits_type
 from shpy.lang.data.textures import Texture2D
@@ -434,8 +435,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
     if precision not in ("f16", "f32", "f64"):
         raise ShpyTypeError(f"precision={precision!r} is unknown", loc=here(), cure='precision="f32", "f64" or "f16"')
     count = len(backend_named(name).devices())
-    is_int = isinstance(device, int | np.integer) and not isinstance(device, bool)
-    if device is not None and not (is_int and 0 <= device < count):
+    if device is not None and not (is_int(device) and 0 <= device < count):
         raise ShpyTypeError(f"{name} has {count} devices, no device {device!r}", loc=here(), cure="device=0")
     return Place(name, int(device or 0), precision)
 
@@ -471,7 +471,7 @@ def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[A
 
 def _rows_of(key: Any, count: int) -> range | None:
     """Return the rows that an index or a slice of the first axis names, in order; None for any other key."""
-    if isinstance(key, int | np.integer) and not isinstance(key, bool) and -count <= key < count:
+    if is_int(key) and -count <= key < count:
         at = int(key) % count
         return range(at, at + 1)
     if isinstance(key, slice) and key.step in (None, 1):

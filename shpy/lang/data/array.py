@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
 from shpy.errors import ShpyIndexError, ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
 from shpy.lang.programs.blocks import Counted
@@ -151,7 +150,7 @@ class Array(Symbolic):
 
 def _given(length: Any) -> tuple[int, list[Any] | None]:
     """Return the number of elements and their values, None where only a number is given; ShpyTypeError for others."""
-    if isinstance(length, int | np.integer) and not isinstance(length, bool):
+    if is_int(length):
         return int(length), None
     try:
         several = None if isinstance(length, Value) and length.size == 1 else iter(length)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyAttributeError, ShpyIndexError, ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.types import Base
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
@@ -152,7 +153,7 @@ class Matrix(Symbolic):
 
     def _row(self, key: Any) -> Value:
         """Return the row of a known index. Raises ShpyIndexError out of range."""
-        if not isinstance(key, int | np.integer) or isinstance(key, bool):
+        if not is_int(key):
             raise ShpyTypeError(f"{key!r} is no row of a {type(self).__name__}", loc=here(), cure="m[r], or m[r, c]")
         if not -self.size <= key < self.size:
             raise ShpyIndexError(f"row {key} of {self.size}", loc=here(), cure=f"0 to {self.size - 1}")
