@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -287,10 +288,10 @@ class Renderer:
         if self.layout is None:
             return layers
         if isinstance(self.integrator, Path):
-            self._aim_paths(camera, width, height)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             begun, first = start or (layers, 0)
-            *_, (layers, _) = (begun, first), *self._passes(begun, first, samples, progress, top)
+            aim = partial(self._aim_paths, camera, width, height)
+            *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
         fine = isqrt(samples)
         self._aim(camera, width * fine, height * fine)
@@ -316,7 +317,8 @@ class Renderer:
     ) -> Iterator[Image]:
         """Yield the path traced picture as it is after each pass over all pixels, the last one with all `samples`.
 
-        For a `Path`; see `render`.
+        For a `Path`; see `render`. The Renderer may make other pictures between two passes; raises SceneError if its
+        scene has changed since the first one.
         """
         if not isinstance(self.integrator, Path):
             raise SceneError('passes are those of integrator="path"')
@@ -324,11 +326,12 @@ class Renderer:
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
         started, layers, first, origin = time.perf_counter(), unset(width, height), 0, ""
+        aim = partial(self._aim_paths, camera, width, height)
         clear(layers, self.scene.background)
         if self.layout is None:
             first = samples
         else:
-            self._aim_paths(camera, width, height)
+            aim()
             origin = self.origin(camera)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             if resume is not None:
@@ -336,18 +339,32 @@ class Renderer:
         if first == samples:
             yield Image(**layers, stats=self.stats(layers, started), samples=samples, origin=origin)
             return
-        for found, done in self._passes(layers, first, samples, progress):
+        for found, done in self._passes(aim, layers, first, samples, progress):
             yield Image(**found, stats=self.stats(found, started), samples=done, origin=origin)
 
     def _passes(
-        self, layers: dict[str, Any], first: int, samples: int, progress: Progress | None = None, top: int = 0
+        self,
+        aim: Callable[[], None],
+        layers: dict[str, Any],
+        first: int,
+        samples: int,
+        progress: Progress | None = None,
+        top: int = 0,
     ) -> Iterator[tuple[dict[str, Any], int]]:
-        """Add samples to the layers of rows from `top` on; see `passes`."""
+        """Add samples to the layers of rows from `top` on; see `passes`. `aim` sets the eye rays before each pass."""
         assert self.layout is not None  # a scene without one has all samples from the start
+        aim()
         # A driver without a GPU ends loops of many iterations, and rays take more of them through a cube.
         at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else None
         device = self.kernel, self.params, self.backend, self.layout.scale
-        return passes(*device, layers, first, samples, progress, at_once, top)
+        scene = self.scene
+        for found, done in passes(*device, layers, first, samples, progress, at_once, top):
+            yield found, done
+            if done == samples:
+                return
+            if self.scene is not scene:
+                raise SceneError("the Renderer's scene has changed since these passes began: call passes() again")
+            aim()
 
     def _samples(self, samples: int | None) -> int:
         """Return the number of samples of a picture; SceneError for one that the integrator cannot have."""
