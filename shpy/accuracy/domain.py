@@ -158,9 +158,9 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
         return rng.integers(int(low), int(high), shape, np.int64, endpoint=True).astype(dtype)
     if not scale:
         return rng.uniform(low, high, shape).astype(dtype)
-    if scale != ["log"] or not low * high > 0:
+    if scale != ["log"] or low <= 0 <= high:
         raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
-    sizes = np.exp(rng.uniform(np.log(abs(low)), np.log(abs(high)), shape))
+    sizes = np.exp(rng.uniform(*sorted(np.log(np.abs([low, high]))), shape))
     return np.asarray(np.copysign(sizes, low)).astype(dtype)
 
 

@@ -117,6 +117,15 @@ def test_domains_are_ranges_arrays_and_samplers():
     assert not inside.inside[(inside.leaves["x"] > 1) | np.isnan(inside.leaves["x"])].any()
 
 
+@pytest.mark.parametrize(("low", "high"), [(-1e3, -1e-3), (1e-300, 1e-100), (-1e300, -1e100)])
+def test_logarithmic_ranges_have_either_sign_and_any_size(low, high):
+    domain = {"x": (low, high, "log"), "y": (0, 1)}
+    x = draw(product, domain, 1000, np.random.default_rng(1), precision="f64", special=False).leaves["x"]
+    assert low <= x.min() <= x.max() <= high
+    middle = np.copysign(np.sqrt(abs(low)) * np.sqrt(abs(high)), low)
+    assert 400 < np.count_nonzero(x < middle) < 600
+
+
 @pytest.mark.parametrize(
     ("domain", "said"),
     [
