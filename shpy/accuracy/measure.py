@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.domain import Domain, Samples, check_count, draw
 from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.backends.registry import backend, backends as listed
@@ -91,6 +91,7 @@ def measure(
     domain's ranges count like the others; those outside are counted apart, as edges. A variant that its target cannot
     run is skipped, and the report lists it. Raises ShpyTypeError for a domain that does not fit the program.
     """
+    check_count("seed", seed, 0)
     rows: list[Row] = []
     skipped: list[tuple[str, str]] = []
     truths: dict[str, tuple[Samples, Truth]] = {}

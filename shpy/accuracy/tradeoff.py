@@ -211,6 +211,7 @@ def tradeoff(
     _check_budget(budget)
     check_count("elements", elements, 1)
     check_count("rounds", rounds, 1)
+    check_count("seed", seed, 0)
     made = list(combinations(program))
     tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
     tell = progress or (lambda done, total: None)

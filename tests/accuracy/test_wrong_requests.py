@@ -32,6 +32,8 @@ def test_an_unknown_backend_is_an_error(backends):
         (measure, grown, [("x", (0, 1))], {}, "a domain is a dict"),
         (measure, grown, {"x": (0, 1)}, {"samples": -1}, "samples is an int from 0 on, not -1"),
         (measure, grown, {"x": (0, 1)}, {"samples": 1.5}, "samples is an int from 0 on, not 1.5"),
+        (measure, grown, {"x": (0, 1)}, {"seed": -1}, "seed is an int from 0 on, not -1"),
+        (tradeoff, grown, {"x": (0, 1)}, {"seed": "now"}, "seed is an int from 0 on, not 'now'"),
         (tradeoff, grown, {"x": (0, 1)}, {"elements": 0}, "elements is an int from 1 on, not 0"),
         (tradeoff, grown, {"x": (0, 1)}, {"rounds": 0}, "rounds is an int from 1 on, not 0"),
     ],
