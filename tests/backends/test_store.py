@@ -370,6 +370,17 @@ def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder, monk
     assert all(store.load(name.split(".")[0]) != b"no program" for name in kept)
 
 
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_a_warning_names_the_line_that_compiles(tmp_path, backend):
+    """The work of GLSL is done by a thread of its own, in which no line is the user's."""
+    (tmp_path / "file").write_text("")
+    (tmp_path / "program.py").write_text(PROGRAM.replace("opencl", backend))
+    environment = os.environ | {"SHPY_CACHE_DIR": str(tmp_path / "file"), "PYTHONWARNINGS": "default"}
+    run = [sys.executable, str(tmp_path / "program.py")]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
+    assert f"{tmp_path}/program.py:6: ShpyWarning: compiled kernels are not kept" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("variable", "value", "place"),
     [

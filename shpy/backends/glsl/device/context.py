@@ -98,7 +98,7 @@ class Context:
                 f"glsl needs OpenGL 3.3 without a window: {e}",
                 cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
             ) from e
-        self.limits = self.call(self._probe)
+        self.limits = self._probe()
         _DRIVER.at_exit(self._end)
 
     def call(self, job: Callable[[], T]) -> T:
@@ -243,13 +243,15 @@ class Context:
 
     def _binary64(self, about: tuple[str, ...], *, flushed: bool) -> frozenset[str]:
         """Return what the device is capable of in binary64, by the words above: asked once, and kept on disk."""
-        if "GL_ARB_gpu_shader_fp64" not in self.gl.extensions:
-            return frozenset()
         prologue = Prologue()
         prologue.use("sh_sqrt", (vec(Base.D),))
         roots = ROOTS.replace("PROLOGUE", prologue.text())
         key = store.key("glsl binary64", *about, DOUBLES, roots, decimal_doubles())
-        return store.known_names(key, {_EXACT, _ROOTED, _READ}, lambda: self._exact_in_binary64(roots, flushed=flushed))
+
+        def ask() -> frozenset[str]:
+            return self.call(lambda: self._exact_in_binary64(roots, flushed=flushed))
+
+        return store.known_names(key, {_EXACT, _ROOTED, _READ}, ask)
 
     @property
     def about(self) -> tuple[str, ...]:
@@ -258,17 +260,21 @@ class Context:
         return info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"]
 
     def _probe(self) -> Limits:
-        gl, about = self.gl, self.about
-        ordered = "GL_ARB_gpu_shader5" in gl.extensions or gl.version_code >= 400
+        """Return the limits of the device. The store is asked on the caller's thread, whose line its warnings name."""
+        about, info, extensions, version = self.call(
+            lambda: (self.about, self.gl.info, self.gl.extensions, self.gl.version_code)
+        )
+        ordered = "GL_ARB_gpu_shader5" in extensions or version >= 400
         key = store.key("glsl faults", *about, str(ordered), PROBE, *(text for text, _ in QUESTIONS.values()))
-        faults = store.known_names(key, FAULTS | _OF_GLSL, self._faults)
-        binary64 = self._binary64(about, flushed="denormals" in faults) if ordered else frozenset()
+        faults = store.known_names(key, FAULTS | _OF_GLSL, lambda: self.call(self._faults))
+        doubles = ordered and "GL_ARB_gpu_shader_fp64" in extensions
+        binary64 = self._binary64(about, flushed="denormals" in faults) if doubles else frozenset()
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
         ours = {"fma"} if "denormals" in faults else set()
         return Limits(
-            width=min(gl.info["GL_MAX_TEXTURE_SIZE"], *gl.info["GL_MAX_VIEWPORT_DIMS"]),
-            outputs=min(gl.info["GL_MAX_DRAW_BUFFERS"], gl.info["GL_MAX_COLOR_ATTACHMENTS"]),
-            textures=gl.info["GL_MAX_TEXTURE_IMAGE_UNITS"],
+            width=min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"]),
+            outputs=min(info["GL_MAX_DRAW_BUFFERS"], info["GL_MAX_COLOR_ATTACHMENTS"]),
+            textures=info["GL_MAX_TEXTURE_IMAGE_UNITS"],
             wrong=faults - ours - _OF_GLSL,
             stores_apart="stores" not in faults,
             chooses="choices" not in faults,
