@@ -401,6 +401,43 @@ def test_pocl_without_a_place_for_its_cache_is_told_from_a_missing_driver(tmp_pa
     assert "to mend it: export POCL_CACHE_DIR=FOLDER with a folder that you can write" in done.stderr
 
 
+def test_pocl_without_room_for_its_cache_is_an_error_that_says_so(tmp_path):
+    """PoCL ends the process, by SIGABRT, where it can write only a part of a file."""
+    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)){PROGRAM}"
+    environment = os.environ | {"POCL_CACHE_DIR": str(tmp_path / "pocl"), "SHPY_CACHE_DIR": ""}
+    run = [sys.executable, "-c", limited]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
+    assert done.returncode == 1
+    assert f"BackendUnavailable: PoCL cannot write its cache in {tmp_path}/pocl (File too large)" in done.stderr
+
+
+LOST = """
+import os, shutil
+folder = os.environ["POCL_CACHE_DIR"]
+stream = sh.Stream([3, 1, 2], sh.Attrib1i, "opencl")
+shutil.rmtree(folder)
+open(folder, "w").close()
+@sh.program
+def add(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    return a + b
+for work in (lambda: add.compile("opencl"), lambda: sh.sort(stream), lambda: sh.reduce(add, stream)):
+    try:
+        work()
+    except sh.BackendUnavailable as error:
+        print(error.message)
+"""
+
+
+def test_pocl_that_loses_its_cache_is_an_error_that_says_so(tmp_path):
+    """Kernels of the user, and those of collectives."""
+    environment = os.environ | {"POCL_CACHE_DIR": str(tmp_path / "pocl")}
+    run = [sys.executable, "-c", PROGRAM + LOST]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
+    assert done.returncode == 0, done.stderr
+    said = f"PoCL cannot write its cache in {tmp_path}/pocl (File exists), and runs nothing without it"
+    assert done.stdout.splitlines() == [said] * 3
+
+
 def test_the_folders_of_pocl_and_shpy_are_enough(tmp_path):
     """As in a container whose user has no home: pyopencl, too, has a cache there, and fails without a folder for it."""
     (tmp_path / "file").write_text("")

@@ -10,10 +10,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from shpy.errors import BackendUnavailable
 
 _POCL = "Portable Computing Language"
+_FILE = 1 << 18
+"""Bytes of a file that a folder must have room for: those of a compiled kernel."""
 
 
 def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
@@ -30,7 +33,10 @@ def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
 
 
 def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
-    """Return the error for PoCL among the platforms that cannot write its cache: it compiles nothing without it."""
+    """Return the error for PoCL among the platforms that cannot write its cache: it compiles nothing without it.
+
+    Its disk may be full by the time that a kernel is compiled, which PoCL does not tell from a fault of the text.
+    """
     if _POCL not in platforms:
         return None
     folder = _cache_of_pocl()
@@ -63,12 +69,14 @@ def keeps_kernels(platform: str) -> bool:
 
 
 def _fault_of(folder: Path) -> str | None:
-    """Return the reason why files cannot be made in a folder, which is made if it is missing; None if they can."""
+    """Return the reason why no file can be written in a folder, which is made if it is missing; None if one can."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder) as file:
+            file.write(bytes(_FILE))
     except OSError as error:
         return error.strerror or str(error)
-    return None if os.access(folder, os.W_OK | os.X_OK) else "Permission denied"
+    return None
 
 
 def _cache_of_pocl() -> Path:

@@ -193,7 +193,13 @@ class Machine:
 
     def _compiled_with_header(self, text: str, options: list[str]) -> Any:
         """Return the program of a text that relies on the declarations of the driver."""
-        return _built_silently(self.cl.Program(self.context, text), options)
+        try:
+            return _built_silently(self.cl.Program(self.context, text), options)
+        except self.cl.Error as error:
+            fault = explain_cache([self.device.platform.name.strip()])
+            if fault is not None:
+                raise fault from error
+            raise
 
     def _key(self, text: str, options: list[str]) -> str:
         device = self.device
