@@ -27,6 +27,12 @@ def _quickly(monkeypatch):
     monkeypatch.setattr(trade, "ROUNDS", 1)
 
 
+@pytest.fixture
+def unflipped(monkeypatch):
+    """Compute no FLIP, which takes longer than a picture of this size."""
+    monkeypatch.setattr(trade, "_flip", lambda seen, wanted: {})
+
+
 def keep(monkeypatch, kept):
     """Measure only the variants that are `kept`; test_every_variant_of_a_scene_is_measured has them all."""
     every = trade._variants
@@ -75,6 +81,7 @@ def test_the_fastest_within_the_error_is_taken_and_what_is_unseen_counts():
     assert [line[0] for line in lines[2:6]] == ["*", " ", "→", "*"]
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_a_scene_larger_than_f16_holds_is_traded_without_f16(monkeypatch):
     keep(monkeypatch, lambda v: (v.math, v.accel) == ("strict", "bvh"))
     t = tradeoff(Scene([box((1e6, 1e6, 1e6))], [LIGHT]), backend="numpy", bounces=0)
@@ -104,6 +111,7 @@ def test_the_table_explains_its_columns_and_short_names():
     assert "secondary rays in a layered depth cube of 512 x 512 texels, with an exact hit test" in said
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_every_variant_of_a_scene_is_measured():
     t = tradeoff(mirrors(), max_error=0.5, backend="numpy", bounces=1)
     assert {c.variant.bounces for c in t.candidates} == {0, 1}
@@ -116,6 +124,7 @@ def test_every_variant_of_a_scene_is_measured():
     assert [c.seconds for c in t.candidates] == sorted(c.seconds for c in t.candidates)
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_without_mirrors_no_bounce_is_measured(monkeypatch):
     keep(monkeypatch, is_plain)
     t = tradeoff(Scene([box()], [LIGHT]), backend="numpy")
@@ -134,23 +143,28 @@ def test_layered_cubes_are_variants_where_many_triangles_meet_secondary_rays(mon
     assert cubes([], 0, 2) == cubes([], 0.5, 0) == cubes([LIGHT], 0, 2, rings=4) == []
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_a_layered_cube_is_picked_and_rendered_where_it_wins(monkeypatch):
     bvh, cube = Variant("f32", "strict", "bvh", 0), Variant("f32", "strict", "ldc:24:triangle", 0)
     large = Variant("f32", "strict", "ldc:8192", 0)
-    monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [bvh, cube, large])
-    monkeypatch.setattr(trade, "_times", lambda made: [(float(v == bvh), (0.0, 0.0)) for v, _ in made])
-    monkeypatch.setattr("raytracer.layered.building.free_bytes", lambda: 1)
+    monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [bvh])
     scene = Scene([box(), floor(8)], [LIGHT], name="box")
     with pytest.raises(SceneError, match="no variant is within"):
         render(scene, (16, 12), backend="numpy", max_error=1e-9)
-    t = tradeoff(scene, backend="numpy")
+    monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [bvh, cube, large])
+    monkeypatch.setattr(trade, "_times", lambda made: [(float(v == bvh), (0.0, 0.0)) for v, _ in made])
+    monkeypatch.setattr("raytracer.layered.building.free_bytes", lambda: 1)
+    found, measured = [], trade._measured
+    monkeypatch.setattr(trade, "_measured", lambda *given: found.append(measured(*given)) or found[-1])
+    assert render(scene, (16, 12), backend="numpy", max_error=1.0).stats.picked == str(cube)
+    ((t, _),) = found
     assert t.pick.variant == cube
     assert t.pick.worst < 1.0
     assert [what for what, _ in t.skipped] == [str(large)]
     assert "choose a lower resolution" in t.table()
-    assert render(scene, (16, 12), backend="numpy", max_error=1.0).stats.picked == str(cube)
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_render_takes_an_error(monkeypatch):
     keep(monkeypatch, is_plain)
     scene = mirrors()
@@ -189,6 +203,7 @@ def test_the_command_prints_and_draws(tmp_path, capsys, monkeypatch):
     assert main(["tradeoff", "boxes", "--backend", "numpy", "--bounces", "1", "--error", "2", "-o", str(picture)]) == 0
     said = capsys.readouterr().out
     assert "boxes on numpy" in said
+    assert ("flip" in said) == FLIP
     assert said.splitlines()[-1].startswith("within 2/255: ")
     assert picture.read_bytes().startswith(b"\x89PNG")
     held = json.loads(picture.with_suffix(".json").read_text())
@@ -203,6 +218,7 @@ def test_a_reference_on_numpy_is_told():
     assert exact.backend == "numpy"
 
 
+@pytest.mark.usefixtures("unflipped")
 def test_progress_counts_the_references_too(monkeypatch):
     seen = []
     monkeypatch.setattr(trade, "_variants", lambda scene, bounces: [Variant("f32", "strict", "bvh", 0)])
