@@ -32,11 +32,18 @@ __all__ = [
     "WIDTHS",
     "DenormalWatch",
     "compiled_anew",
+    "covering",
     "differs",
     "flushes_denormals",
     "kernel",
     "run",
 ]
+
+
+def covering(turn: int) -> tuple[str, ...]:
+    """Every backend, OpenCL at one lane and at one of its other widths: programs that have turns cover them all."""
+    wider = [name for name in LANES if name != "opencl-1"]
+    return ("numpy", "opencl-1", wider[turn % len(wider)], "glsl")
 
 
 def compiled_anew(program: sh.Program, backend: str, **options: Any) -> Kernel:

@@ -6,6 +6,7 @@ comparison. A driver of which the probe finds so does not know the first value (
 
 from __future__ import annotations
 
+import itertools
 import operator
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +19,7 @@ import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 
 COMPARED = (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne)
+Compared = tuple[Callable[[Any, Any], Any], int]
 
 ROUNDS = 5
 A = np.float32([0, 1, 2])
@@ -145,19 +147,16 @@ BREAKING = {
 }
 
 
-def program(spelling: Any, kind: Any, first: Any, step: Any) -> sh.Program:
-    """Every comparison with -1 to 2 in one program."""
+def program(spelling: Any, kind: Any, first: Any, step: Any, compared: list[Compared]) -> sh.Program:
+    """Each comparison with its number in one program."""
 
     @sh.program
     def looping(a: sh.Attrib1f):
         found = []
-        for compare in COMPARED:
-            for limit in (1, 2, 3) if kind is sh.Attrib1u else (-1, 0, 1, 2):
-                v, p = kind(first), a + 0
-                made = spelling(
-                    lambda v, c=compare, k=limit: c(v.x if kind is sh.Attrib2i else v, kind(k).x), v, p, step
-                )
-                found.append(sh.Attrib4f(made, v.x, p, 0))
+        for compare, limit in compared:
+            v, p = kind(first), a + 0
+            made = spelling(lambda v, c=compare, k=limit: c(v.x if kind is sh.Attrib2i else v, kind(k).x), v, p, step)
+            found.append(sh.Attrib4f(made, v.x, p, 0))
         return found
 
     return looping
@@ -182,12 +181,18 @@ CASES += [(BREAKING["while_break"], kind, "fast") for kind in (sh.Attrib1i, sh.A
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("spelling", "kind", "math"), CASES)
 def test_an_exit_that_follows_the_step_holds_when_it_should(spelling: Any, kind: Any, math: Any) -> None:
-    for first, step in ((0, 1), (1, 2)) if kind is sh.Attrib1u else ((0, 1), (1, -1)):
-        made = program(spelling, kind, first, step)
+    """Every comparison with each number; of two numbers one on OpenCL, whose compiler takes a second for them."""
+    limits = (1, 2, 3) if kind is sh.Attrib1u else (-1, 0, 1, 2)
+    every = list(itertools.product(COMPARED, limits))
+    for n, (first, step) in enumerate(((0, 1), (1, 2)) if kind is sh.Attrib1u else ((0, 1), (1, -1))):
+        made = program(spelling, kind, first, step, every)
         wanted = np.stack(made.compile("numpy", math="strict")(A))
-        for backend in TARGETS:
+        for backend in ("numpy", "glsl"):
             found = np.stack(made.compile(backend, math=math)(A))
             assert np.array_equal(found, wanted), (backend, first, step)
+        half = [k for k in range(len(every)) if sum(divmod(k, len(limits))) % 2 == n]
+        fewer = program(spelling, kind, first, step, [every[k] for k in half])
+        assert np.array_equal(np.stack(fewer.compile("opencl", math=math)(A)), wanted[half]), (first, step)
 
 
 @pytest.mark.parametrize("backend", TARGETS)

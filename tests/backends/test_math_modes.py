@@ -50,6 +50,26 @@ def program(name: str) -> sh.Program:
     return sh.program(of_one)
 
 
+@functools.cache
+def all_of_one() -> sh.Program:
+    """Return one program of every function of one argument: its kernel compiles sooner than one for each."""
+
+    def every(x: sh.Attrib1f):
+        return {name: getattr(sh, name)(x) for name in UNARY}
+
+    return sh.program(every)
+
+
+@functools.cache
+def all_of_two() -> sh.Program:
+    """Return one program of every function of two arguments."""
+
+    def every(x: sh.Attrib1f, y: sh.Attrib1f):
+        return {name: getattr(sh, name)(x, y) for name in BINARY}
+
+    return sh.program(every)
+
+
 def in_f64(name: str, *arrays: Array) -> Array:
     meaning = OPS[name].meaning
     with np.errstate(all="ignore"):
@@ -68,7 +88,7 @@ def ulps(found: Array, wanted: Array) -> Array:
     )
 
 
-def sweep(name: str, stride: int) -> Any:
+def sweep(stride: int) -> Any:
     """Chunks of binary32 numbers that are no denormals."""
     for first in range(0, 1 << 32, stride * CHUNK):
         bits = np.arange(first, min(first + stride * CHUNK, 1 << 32), stride, dtype=np.uint64).astype(np.uint32)
@@ -108,14 +128,14 @@ def check_strict(name: str, *arrays: Array) -> None:
 
 @pytest.mark.parametrize("name", UNARY)
 def test_strict_keeps_its_bound_and_has_the_same_bits_everywhere(name: str) -> None:
-    for x in sweep(name, 4_099):
+    for x in sweep(4_099):
         check_strict(name, x)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNARY)
 def test_strict_keeps_its_bound_in_a_fine_sweep(name: str) -> None:
-    for x in sweep(name, 61):
+    for x in sweep(61):
         check_strict(name, x)
 
 
@@ -134,38 +154,40 @@ def test_strict_of_two_keeps_its_bound_at_random(name: str) -> None:
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])
-@pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
-def test_strict_has_the_same_bits_in_packets_of_any_width(name: str, lanes: Any) -> None:
-    arrays = tuple(grid.ravel()[: 1 << 12] for grid in np.meshgrid(*[SPECIAL] * (1 + (name in BINARY))))
-    expected = program(name).compile("opencl")(*arrays)
-    check_same(program(name).compile("opencl", lanes=lanes)(*arrays), expected, arrays)
+@pytest.mark.parametrize("every", [all_of_one, all_of_two])
+def test_strict_has_the_same_bits_in_packets_of_any_width(every: Callable[[], sh.Program], lanes: Any) -> None:
+    names = UNARY if every is all_of_one else BINARY
+    arrays = tuple(grid.ravel()[: 1 << 12] for grid in np.meshgrid(*[SPECIAL] * len(OPS[names[0]].takes)))
+    found = every().compile("opencl", lanes=lanes)(*arrays)
+    for name in names:
+        check_same(found[name], program(name).compile("opencl")(*arrays), arrays)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
-@pytest.mark.parametrize("name", UNARY)
-def test_relaxed_keeps_the_bound_of_opencl(name: str, backend: str) -> None:
-    flushed = flushes_denormals(backend)
-    for x in sweep(name, 65_521):
-        found = program(name).compile(backend, math="relaxed")(x)
-        check_bound(found, in_f64(name, x), OPS[name].bound("relaxed").ulp, (x,), flushed=flushed)
+def test_relaxed_keeps_the_bound_of_opencl(backend: str) -> None:
+    flushed, kernel = flushes_denormals(backend), all_of_one().compile(backend, math="relaxed")
+    for x in sweep(65_521):
+        for name, found in kernel(x).items():
+            check_bound(found, in_f64(name, x), OPS[name].bound("relaxed").ulp, (x,), flushed=flushed)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
-@pytest.mark.parametrize("name", BINARY)
-def test_relaxed_of_two_keeps_the_bound_of_opencl(name: str, backend: str) -> None:
+def test_relaxed_of_two_keeps_the_bound_of_opencl(backend: str) -> None:
     a, b = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
-    found = program(name).compile(backend, math="relaxed")(a, b)
-    bound = OPS[name].bound("relaxed").ulp
-    check_bound(found, in_f64(name, a, b), bound, (a, b), flushed=flushes_denormals(backend))
+    for name, found in all_of_two().compile(backend, math="relaxed")(a, b).items():
+        bound = OPS[name].bound("relaxed").ulp
+        check_bound(found, in_f64(name, a, b), bound, (a, b), flushed=flushes_denormals(backend))
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
-@pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
-def test_fast_is_about_right_for_ordinary_numbers(name: str, backend: str) -> None:
-    x = np.linspace(1.25 if name == "acosh" else 0.25, 1.75 if name == "acosh" else 0.75, 1000, dtype=np.float32)
-    arrays = (x, x[::-1].copy())[: 1 + (name in BINARY)]
-    found = program(name).compile(backend, math="fast")(*arrays)
-    np.testing.assert_allclose(found, in_f64(name, *arrays), rtol=2e-3, atol=1e-3)
+def test_fast_is_about_right_for_ordinary_numbers(backend: str) -> None:
+    x, above = (np.linspace(first, first + 0.5, 1000, dtype=np.float32) for first in (0.25, 1.25))
+    of_one, of_two = (every().compile(backend, math="fast") for every in (all_of_one, all_of_two))
+    found = of_one(x) | of_two(x, x[::-1].copy()) | {"acosh": of_one(above)["acosh"]}
+    assert sorted(found) == sorted(TRANSCENDENTALS)
+    for name, results in found.items():
+        arrays = (above if name == "acosh" else x, x[::-1])[: 1 + (name in BINARY)]
+        np.testing.assert_allclose(results, in_f64(name, *arrays), rtol=2e-3, atol=1e-3, err_msg=name)
 
 
 REFERENCES: dict[str, Callable[..., Any]] = {
@@ -212,10 +234,20 @@ def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> No
     x = doubles(name)
     arrays = (x, np.random.default_rng(6).uniform(-60, 60, len(x)))[: 1 + (name in BINARY)]
     expected = program(name).compile("numpy", precision="f64")(*arrays)
-    for lanes in (1, 8):
-        found = program(name).compile("opencl", precision="f64", lanes=lanes)(*arrays)
-        assert found.tobytes() == expected.tobytes()
+    found = program(name).compile("opencl", precision="f64", lanes=1)(*arrays)
+    assert found.tobytes() == expected.tobytes()
     check_bound_of_doubles(name, expected, arrays)
+
+
+@pytest.mark.parametrize("every", [all_of_one, all_of_two])
+def test_strict_doubles_have_the_same_bits_in_packets(every: Callable[[], sh.Program]) -> None:
+    """All functions on the numbers of each."""
+    x = np.concatenate([doubles(name) for name in (UNARY if every is all_of_one else BINARY)])
+    arrays = (x, np.random.default_rng(6).uniform(-60, 60, len(x)))[: 1 + (every is all_of_two)]
+    expected = every().compile("numpy", precision="f64")(*arrays)
+    for name, found in every().compile("opencl", precision="f64", lanes=8)(*arrays).items():
+        same = (found.view(np.uint64) == expected[name].view(np.uint64)) | np.isnan(found) & np.isnan(expected[name])
+        assert same.all(), name
 
 
 def test_strict_pow_of_doubles_keeps_its_bound_near_the_ends_of_the_range() -> None:

@@ -15,6 +15,8 @@ MOVED = ("numpy", "opencl", "glsl")
 """Targets of what moves elements: kernels of the backend's own, which know no lanes, or programs on GLSL."""
 COMPUTED = ("numpy", *LANES, "glsl")
 """Targets of what runs programs of the user."""
+OFTEN = 240
+"""Small inputs in every run: each size with 16 of them. 10,000 are slow."""
 SMALL = (0, 1, 2, 3, 5, 7, 8, 13, 15, 16, 17, 31, 32, 33, 61)
 LARGE = (127, 128, 129, 257, 1021, 4095, 4096, 4097, 8209, 32_771, 65_537)
 """Sizes above packets, tiles, a row of a texture and the chunks of OpenCL."""

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from collectives.generated import LARGE, assert_same_bits, by_programs, floats, generated, moved, stream
+from collectives.generated import LARGE, OFTEN, assert_same_bits, by_programs, floats, generated, moved, stream
 
 import shpy as sh
 
@@ -27,7 +27,7 @@ def check(backend, count, seed, **options):
 
 
 def test_the_marked_elements_stay_in_order(moved):
-    check(moved, 1000, 1)
+    check(moved, OFTEN, 1)
 
 
 def test_many_elements(moved):

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from collectives.generated import LARGE, assert_same_bits, computed, floats, generated, moved, stream
+from collectives.generated import LARGE, OFTEN, assert_same_bits, computed, floats, generated, moved, stream
 
 import shpy as sh
 from shpy.backends.glsl.device import collective as glsl
@@ -30,7 +30,7 @@ def check(backend, count, seed, **options):
 
 
 def test_bins_are_those_of_numpy(computed):
-    check(computed, 1000, 1)
+    check(computed, OFTEN, 1)
 
 
 def test_many_elements(computed):

@@ -5,7 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from collectives.generated import LARGE, assert_same_bits, by_programs, computed, floats, generated, moved, stream
+from collectives.generated import (
+    LARGE,
+    OFTEN,
+    assert_same_bits,
+    by_programs,
+    computed,
+    floats,
+    generated,
+    moved,
+    stream,
+)
 
 import shpy as sh
 
@@ -70,7 +80,7 @@ def check_folds(backend, count, seed, **options):
 
 
 def test_the_last_value_stays(moved):
-    check(moved, 1000, 1)
+    check(moved, OFTEN, 1)
 
 
 def test_many_values(moved):
@@ -78,7 +88,7 @@ def test_many_values(moved):
 
 
 def test_values_are_folded_in_order(computed):
-    check_folds(computed, 1000, 3)
+    check_folds(computed, OFTEN, 3)
 
 
 def test_many_values_are_folded_in_order(computed):

@@ -4,7 +4,17 @@ import re
 
 import numpy as np
 import pytest
-from collectives.generated import LARGE, assert_same_bits, by_programs, computed, floats, generated, moved, stream
+from collectives.generated import (
+    LARGE,
+    OFTEN,
+    assert_same_bits,
+    by_programs,
+    computed,
+    floats,
+    generated,
+    moved,
+    stream,
+)
 
 import shpy as sh
 from shpy.backends.opencl.device import collective as opencl
@@ -45,7 +55,7 @@ def check(backend, count, seed, **options):
 
 
 def test_sorted_and_stable(moved):
-    check(moved, 1000, 1)
+    check(moved, OFTEN, 1)
 
 
 def test_many_elements(moved):

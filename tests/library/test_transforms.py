@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from backends.running import covering
 
 import shpy as sh
 from shpy import library
@@ -32,9 +33,9 @@ def of_cameras(eye: sh.Point3f, target: sh.Point3f, angle: sh.Attrib1f) -> tuple
 def test_all_backends_give_the_same_bits():
     axes = np.concatenate([RNG.normal(size=(40, 3)), [[0, 0, 0], [1e30, -1e30, 0], [np.inf, 0, 1], [np.nan, 1, 1]]])
     angles = np.concatenate([RNG.uniform(-10, 10, 41), [-0.0, np.inf, 1e6]])
-    sh.testing.assert_equivalent(of_space, axes, angles)
+    sh.testing.assert_equivalent(of_space, axes, angles, backends=covering(1))
     eyes = np.concatenate([RNG.normal(size=(40, 3)), [[0, 0, 0], [0, 1, 0], [1e9, 0, 0], [np.nan, 1, 1]]])
-    sh.testing.assert_equivalent(of_cameras, eyes, np.zeros((44, 3)), np.abs(angles))
+    sh.testing.assert_equivalent(of_cameras, eyes, np.zeros((44, 3)), np.abs(angles), backends=covering(2))
 
 
 @on_every_backend
