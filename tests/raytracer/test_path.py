@@ -359,30 +359,6 @@ def test_passes_do_not_change_pictures_that_were_given(small):
     same(images[0], small.render((4, 3), samples=16))
 
 
-def test_other_pictures_between_two_passes_change_nothing(small):
-    """Two progressive pictures from cameras of different kinds, and a smaller picture, by one Renderer in turns."""
-    cameras = [Camera((0.2, 1, 3.0), (0, 1, 0)), Camera((0, 1, 3.0), (0, 1, 0), aperture=0.1)]
-    wanted = [small.render((4, 3), camera=camera, samples=40) for camera in cameras]
-    found = []
-    for images in zip(*(small.passes((4, 3), camera=camera, samples=40) for camera in cameras), strict=True):
-        small.render((2, 2), samples=1)
-        found.append(images)
-    for image, expected in zip(found[-1], wanted, strict=True):
-        same(image, expected)
-
-
-def test_passes_end_where_the_scene_has_changed(small):
-    scene = small.scene
-    images = small.passes((4, 3), samples=40)
-    next(images)
-    try:
-        small.show(dataclasses.replace(scene, background=(1, 0, 0)))
-        with pytest.raises(SceneError, match=r"has changed since these passes began: call passes\(\) again"):
-            next(images)
-    finally:
-        small.show(scene)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -1,0 +1,40 @@
+"""Several pictures by one Renderer in turns: each is the one that it would be alone."""
+
+import dataclasses
+
+import pytest
+from scene_pictures import same
+
+from raytracer import Camera, Material, Renderer, Scene, SceneError
+from raytracer.meshes.shapes import floor
+
+CAMERAS = [Camera((0.2, 1, 3.0), (0, 1, 0)), Camera((0, 1, 3.0), (0, 1, 0), aperture=0.1)]
+
+
+@pytest.fixture(scope="module")
+def small():
+    lamp = floor(1, Material((0, 0, 0), specular=0, emission=(1, 1, 1))).moved((0, 2, 0))
+    return Renderer(Scene([floor(9), lamp], camera=Camera((2, 1, 2))), backend="numpy", integrator="path", bounces=1)
+
+
+def test_other_pictures_between_two_passes_change_nothing(small):
+    """Two progressive pictures from cameras of different kinds, and a smaller picture, by one Renderer in turns."""
+    wanted = [small.render((4, 3), camera=camera, samples=40) for camera in CAMERAS]
+    found = []
+    for images in zip(*(small.passes((4, 3), camera=camera, samples=40) for camera in CAMERAS), strict=True):
+        small.render((2, 2), samples=1)
+        found.append(images)
+    for image, expected in zip(found[-1], wanted, strict=True):
+        same(image, expected)
+
+
+def test_passes_end_where_the_scene_has_changed(small):
+    scene = small.scene
+    images = small.passes((4, 3), samples=40)
+    next(images)
+    try:
+        small.show(dataclasses.replace(scene, background=(1, 0, 0)))
+        with pytest.raises(SceneError, match=r"has changed since these passes began: call passes\(\) again"):
+            next(images)
+    finally:
+        small.show(scene)
