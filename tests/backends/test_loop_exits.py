@@ -19,7 +19,8 @@ import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_UNTIL, SH_WHILE
 
 COMPARED = (operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne)
-Compared = tuple[Callable[[Any, Any], Any], int]
+Compared = tuple[Any, Any, Callable[[Any, Any], Any], int]
+"""A first value, a step, and the comparison with a number."""
 
 ROUNDS = 5
 A = np.float32([0, 1, 2])
@@ -147,13 +148,13 @@ BREAKING = {
 }
 
 
-def program(spelling: Any, kind: Any, first: Any, step: Any, compared: list[Compared]) -> sh.Program:
+def program(spelling: Any, kind: Any, compared: list[Compared]) -> sh.Program:
     """Each comparison with its number in one program."""
 
     @sh.program
     def looping(a: sh.Attrib1f):
         found = []
-        for compare, limit in compared:
+        for first, step, compare, limit in compared:
             v, p = kind(first), a + 0
             made = spelling(lambda v, c=compare, k=limit: c(v.x if kind is sh.Attrib2i else v, kind(k).x), v, p, step)
             found.append(sh.Attrib4f(made, v.x, p, 0))
@@ -181,18 +182,21 @@ CASES += [(BREAKING["while_break"], kind, "fast") for kind in (sh.Attrib1i, sh.A
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("spelling", "kind", "math"), CASES)
 def test_an_exit_that_follows_the_step_holds_when_it_should(spelling: Any, kind: Any, math: Any) -> None:
-    """Every comparison with each number; of two numbers one on OpenCL, whose compiler takes a second for them."""
-    limits = (1, 2, 3) if kind is sh.Attrib1u else (-1, 0, 1, 2)
-    every = list(itertools.product(COMPARED, limits))
-    for n, (first, step) in enumerate(((0, 1), (1, 2)) if kind is sh.Attrib1u else ((0, 1), (1, -1))):
-        made = program(spelling, kind, first, step, every)
+    """Every comparison with each number; with one of them on OpenCL, whose compiler takes a second for all."""
+    steps, limits = (((0, 1), (1, 2)), (1, 2, 3)) if kind is sh.Attrib1u else (((0, 1), (1, -1)), (-1, 0, 1, 2))
+    for_opencl: list[tuple[Compared, Any]] = []
+    for n, (first, step) in enumerate(steps):
+        every = [(first, step, *one) for one in itertools.product(COMPARED, limits)]
+        made = program(spelling, kind, every)
         wanted = np.stack(made.compile("numpy", math="strict")(A))
         for backend in ("numpy", "glsl"):
             found = np.stack(made.compile(backend, math=math)(A))
             assert np.array_equal(found, wanted), (backend, first, step)
-        half = [k for k in range(len(every)) if sum(divmod(k, len(limits))) % 2 == n]
-        fewer = program(spelling, kind, first, step, [every[k] for k in half])
-        assert np.array_equal(np.stack(fewer.compile("opencl", math=math)(A)), wanted[half]), (first, step)
+        chosen = (k * len(limits) + (n + k) % len(limits) for k in range(len(COMPARED)))
+        for_opencl += [(every[k], wanted[k]) for k in chosen]
+    made = program(spelling, kind, [compared for compared, _ in for_opencl])
+    for found, (compared, wanted) in zip(made.compile("opencl", math=math)(A), for_opencl, strict=True):
+        assert np.array_equal(found, wanted), compared
 
 
 @pytest.mark.parametrize("backend", TARGETS)
