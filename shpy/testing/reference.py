@@ -8,6 +8,7 @@ program for one.
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
@@ -46,9 +47,13 @@ class Interpreted:
         self, interpreter: Interpreter, loops: tuple[Loc | None, ...], only: Collection[int] | None = None
     ) -> None:
         self.interpreter = interpreter
-        self.source = str(interpreter.module)
         self.loops = loops
         self.only = only
+
+    @functools.cached_property
+    def source(self) -> str:
+        """The text of the module."""
+        return str(self.interpreter.module)
 
     def run(self, call: Call) -> Array:
         """Run it; elements that are left out are as if they were discarded."""
