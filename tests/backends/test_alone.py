@@ -94,8 +94,12 @@ def climbs(name):
     return climbing
 
 
-@pytest.mark.parametrize("name", ["rows", "k", "n", "lanes", "there", "steps_of", "other_k"])
-def test_two_elements_take_turns_with_the_bits_of_each(name):
+@pytest.mark.parametrize(
+    ("name", "widths"),
+    [("rows", (1, 4, 16, 32)), ("k", (4,)), ("n", (16,)), ("lanes", (4,)), ("there", (16,)), ("steps_of", (32,)),
+     ("other_k", (4,))],
+)  # fmt: skip
+def test_two_elements_take_turns_with_the_bits_of_each(name, widths):
     """Whatever the user's names are: the loop over the lanes has names of its own beside them."""
     climbing = climbs(name)
     random = np.random.default_rng(2)
@@ -103,7 +107,7 @@ def test_two_elements_take_turns_with_the_bits_of_each(name):
     wanted = climbing.compile("numpy", loop_limit=None)(*given)
     assert len(np.unique(wanted.steps)) > 8
     assert 20 < wanted.odd.sum() < 200
-    for lanes in (1, 4, 16, 32):
+    for lanes in widths:
         kernel = climbing.compile("opencl", lanes=lanes, loop_limit=None)
         assert ("climb_two(" in kernel.source) == (lanes > 1)
         for one, other in zip(wanted, kernel(*given), strict=True):

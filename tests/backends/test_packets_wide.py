@@ -51,8 +51,7 @@ def test_every_operation(lanes: int, base: str) -> None:
 def test_vectors_of_every_size_by_halves(lanes: int) -> None:
     if refused(lanes):
         return
-    for kind in "fb":
-        test_packets.test_memory_of_every_type(lanes, kind)
+    test_packets.check_memory(lanes, "fb")
 
 
 @each_wide

@@ -99,6 +99,7 @@ def test_only_a_test_with_a_name_finds_a_fault(case, monkeypatch, tmp_path):
     monkeypatch.setattr(judge, "COPIED", ("tests",))
     monkeypatch.setattr(judge, "IMPORTED", ())
     monkeypatch.setattr(judge, "LEAST_SECONDS", 8.0)
+    monkeypatch.setattr(judge, "SLOWER", 1)
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTEST_PLUGINS", "xdist.plugin")
     fault = next(faults.faults_in("part", "part.py"))
