@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import ShpyError
+from shpy.errors import ShpyError, warn
 from shpy.files import check_writable, replacing
 from shpy.ir.constants import is_int
 from shpy.packages import install
@@ -101,6 +101,9 @@ def _into_folder(folder: Path, frames: int, kept: tuple[int, int] | None, drawn:
     folder.mkdir(exist_ok=True)
     paths = [folder / f"{number:0{digits}}.png" for number in range(frames)]
     check_writable(paths[0])
+    others = {path for path in folder.glob("*.png") if path.stem.isdecimal()} - set(paths)
+    if others:
+        warn(f"{folder} holds {len(others)} frames of another animation that have other numbers: they stay")
 
     def run() -> Iterator[int]:
         missing = [number for number, path in enumerate(paths) if kept is None or _size_of(pillow, path) != kept]

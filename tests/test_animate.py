@@ -80,6 +80,14 @@ def test_a_folder_is_resumed_where_it_ended(tmp_path):
     assert np.array_equal(read(tmp_path / "some"), read(tmp_path / "all"))
 
 
+def test_frames_of_a_longer_animation_are_told_of(tmp_path):
+    start = np.zeros((2, 2), np.float32)
+    sh.animate(sh.repeat(grow, 1), tmp_path, frames=3, u=start, backend="numpy")
+    with pytest.warns(sh.ShpyWarning, match="holds 2 frames of another animation that have other numbers: they stay"):
+        sh.animate(sh.repeat(grow, 1), tmp_path, frames=1, u=start, backend="numpy")
+    assert len(read(tmp_path)) == 3
+
+
 @pytest.mark.parametrize("ending", ["gif", "webp"])
 def test_files_play_at_their_pace(tmp_path, ending):
     told = []

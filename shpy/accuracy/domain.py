@@ -160,7 +160,8 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
         return rng.uniform(low, high, shape).astype(dtype)
     if scale != ["log"] or low <= 0 <= high:
         raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
-    sizes = np.exp(rng.uniform(*sorted(np.log(np.abs([low, high]))), shape))
+    least, most = sorted((np.log(abs(low)), np.log(abs(high))))
+    sizes = np.exp(rng.uniform(least, most, shape))
     return np.asarray(np.copysign(sizes, low)).astype(dtype)
 
 

@@ -54,7 +54,7 @@ def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
 
 @each(STRUCTURED)
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
-    """How many elements are in a packet does not matter: each case takes one of the widths."""
+    """Each case takes one of the widths: the elements in a packet are independent."""
     widths = ("opencl", *PACKETS)
     agree(case, widths[drawn(case) % len(widths)])
 
