@@ -237,6 +237,24 @@ def test_a_field_that_is_a_struct_takes_its_parts(parts):
         assert camera.lens.count == 5
 
 
+@sh.struct
+class Assigned:
+    rim: Pair
+    count: sh.Attrib1i
+
+    def __init__(self, rim, count):
+        self.rim, self.count = rim, count
+
+
+def test_a_constructor_that_assigns_fields_calls_that_of_structs_first():
+    for make in (lambda: Assigned((1, 2), 3), lambda: sh.program(lambda: Assigned((1, 2), 3))):
+        with pytest.raises(sh.ShpyAttributeError) as caught:
+            make()
+        assert caught.value.message == "this Assigned has no fields yet: super().__init__ makes them"
+        assert caught.value.cure == "super().__init__(rim, count) first"
+        assert caught.value.loc.line == Assigned.__init__.__code__.co_firstlineno + 1
+
+
 def test_parts_of_a_struct_are_read_before_one_is_stored():
     @sh.program
     def f(x: sh.Attrib1f):

@@ -345,6 +345,12 @@ class Struct(Symbolic):
         if name not in self._shpy_fields:
             cure = f"one of {', '.join(self._shpy_fields)}"
             raise ShpyAttributeError(f"{type(self).__name__!r} has no field {name!r}", loc=here(), cure=cure)
+        if name not in vars(self):
+            raise ShpyAttributeError(
+                f"this {type(self).__name__} has no fields yet: super().__init__ makes them",
+                loc=here(),
+                cure=f"super().__init__({', '.join(self._shpy_fields)}) first",
+            )
         field = getattr(self, name)
         if field is not value:
             if is_value(value):
