@@ -9,9 +9,11 @@ Stage: render. A `Renderer` keeps the compiled kernels of one scene; `raytracer.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import threading
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
+from contextlib import AbstractContextManager
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -30,6 +32,7 @@ from raytracer.integrators.layers import checked_size, clear, take_samples, unsc
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
+from raytracer.integrators.turns import in_turn
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
@@ -58,6 +61,7 @@ class Renderer:
     `integrator` is a `Whitted`, `Staged` or `Path`, or a name as in `render`, which also describes the `options`;
     `backend` is one of `sh.backends()`, None for the default one. `move` and `deform` change objects between pictures;
     `scene` is the scene of the last picture, and `builds` counts how often accelerators were built for all of it.
+    Threads that share one take turns.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class Renderer:
         self.params: dict[str, Any] = {}
         self.layout: Layout | None = None
         self.builds = 0
+        self.turn: AbstractContextManager[Any] = threading.RLock()
         self._motion = Motion(scene.meshes)
         self._moving: tuple[int, ...] = ()
         self._prepare()
@@ -113,6 +118,7 @@ class Renderer:
             cubes = scene_cube(chosen, self.scene, self.backend)
         return dataclasses.replace(layout, secondary=cubes)
 
+    @in_turn
     def move(self, name: str | int, transform: ArrayLike) -> None:
         """Place the meshes of a name, or the one of a number, where `transform` takes them, from the next picture on.
 
@@ -129,6 +135,7 @@ class Renderer:
         self._check_movable()
         self._motion.move(name, transform)
 
+    @in_turn
     def deform(self, name: str | int, vertices: ArrayLike, normals: ArrayLike | None = None) -> None:
         """Replace the `vertices` (V, 3) of a mesh, before it is transformed by `move`, from the next picture on.
 
@@ -141,6 +148,7 @@ class Renderer:
         self._check_movable()
         self._motion.deform(name, vertices, normals)
 
+    @in_turn
     def show(self, scene: Scene) -> None:
         """Switch to another scene, from the next picture on.
 
@@ -243,6 +251,7 @@ class Renderer:
         self.compile_seconds += time.perf_counter() - recorded
         return {"program": program, "kernel": kernel, "params": program.params}
 
+    @in_turn
     def render(
         self,
         size: tuple[int, int] = (512, 512),
@@ -264,6 +273,7 @@ class Renderer:
         layers = self.rows(size, 0, height, camera=camera, samples=samples, progress=progress)
         return Image(**layers, stats=self.stats(layers, started), samples=samples)
 
+    @in_turn
     def rows(
         self,
         size: tuple[int, int],
@@ -290,7 +300,7 @@ class Renderer:
         if isinstance(self.integrator, Path):
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             begun, first = start or (layers, 0)
-            aim = partial(self._aim_paths, camera, width, height)
+            aim = functools.partial(self._aim_paths, camera, width, height)
             *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
         fine = isqrt(samples)
@@ -298,6 +308,7 @@ class Renderer:
         self._bands(layers, top, fine, progress)
         return layers
 
+    @in_turn
     def origin(self, camera: Camera | None = None) -> str:
         """Return the `Image.origin` of path traced pictures from a camera, None for the scene's; "" for others."""
         if self.layout is None or not isinstance(self.integrator, Path):
@@ -320,13 +331,30 @@ class Renderer:
         For a `Path`; see `render`. The Renderer may make other pictures between two passes; raises SceneError if its
         scene has changed since the first one.
         """
+        images = self._images(size, camera, samples, progress, resume)
+        while True:
+            with self.turn:
+                image = next(images, None)
+            if image is None:
+                return
+            yield image
+
+    def _images(
+        self,
+        size: tuple[int, int],
+        camera: Camera | None,
+        samples: int | None,
+        progress: Progress | None,
+        resume: Resume,
+    ) -> Iterator[Image]:
+        """Yield the pictures of `passes`."""
         if not isinstance(self.integrator, Path):
             raise SceneError('passes are those of integrator="path"')
         samples = self._samples(samples)
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
         started, layers, first, origin = time.perf_counter(), unset(width, height), 0, ""
-        aim = partial(self._aim_paths, camera, width, height)
+        aim = functools.partial(self._aim_paths, camera, width, height)
         clear(layers, self.scene.background)
         if self.layout is None:
             first = samples

@@ -350,15 +350,6 @@ def test_progress_counts_the_rows_of_all_passes(small, monkeypatch):
     assert seen == [(2, 6), (3, 6), (5, 6), (6, 6)]
 
 
-def test_passes_do_not_change_pictures_that_were_given(small):
-    images = list(small.passes((4, 3), samples=40))
-    assert [image.samples for image in images] == [16, 32, 40]
-    same(images[0], small.render((4, 3), samples=16))
-    kept = small.render((4, 3), samples=16, resume=images[0])  # no sample is added
-    kept.pixels[:] = 0
-    same(images[0], small.render((4, 3), samples=16))
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

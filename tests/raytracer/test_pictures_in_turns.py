@@ -1,11 +1,13 @@
 """Several pictures by one Renderer in turns: each is the one that it would be alone."""
 
 import dataclasses
+import threading
 
 import pytest
 from scene_pictures import same
 
 from raytracer import Camera, Material, Renderer, Scene, SceneError
+from raytracer.integrators import renderer
 from raytracer.meshes.shapes import floor
 
 CAMERAS = [Camera((0.2, 1, 3.0), (0, 1, 0)), Camera((0, 1, 3.0), (0, 1, 0), aperture=0.1)]
@@ -38,3 +40,31 @@ def test_passes_end_where_the_scene_has_changed(small):
             next(images)
     finally:
         small.show(scene)
+
+
+def test_passes_do_not_change_pictures_that_were_given(small):
+    images = list(small.passes((4, 3), samples=40))
+    assert [image.samples for image in images] == [16, 32, 40]
+    same(images[0], small.render((4, 3), samples=16))
+    kept = small.render((4, 3), samples=16, resume=images[0])  # no sample is added
+    kept.pixels[:] = 0
+    same(images[0], small.render((4, 3), samples=16))
+
+
+def test_threads_that_share_a_renderer_take_turns(monkeypatch):
+    """While a picture is half done, another thread asks for one from another camera, and waits."""
+    monkeypatch.setattr(renderer, "_BAND", 8)
+    both = Renderer(Scene([floor(9)], camera=CAMERAS[0]), backend="numpy")
+    wanted = [both.render((4, 4), camera=camera) for camera in CAMERAS]
+    found, threads = {}, []
+
+    def progress(done, rows):
+        if not threads:
+            threads.append(threading.Thread(target=lambda: found.update({1: both.render((4, 4), camera=CAMERAS[1])})))
+            threads[0].start()
+            threads[0].join(0.2)
+
+    found[0] = both.render((4, 4), camera=CAMERAS[0], progress=progress)
+    threads[0].join()
+    for k, image in enumerate(wanted):
+        same(found[k], image)
