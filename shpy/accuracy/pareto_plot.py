@@ -20,6 +20,8 @@ _MARKERS: Final = "os^DvP*X"
 _SERIES: Final = ("numpy", "opencl", "glsl")
 _GAP: Final = 9.0
 """Points between a label and its marker."""
+_FARTHEST: Final = 250
+"""The largest power of ten of an error, up or down, that is drawn in its place."""
 
 
 def draw(comparison: Comparison, figure: Any) -> None:
@@ -48,8 +50,9 @@ def draw(comparison: Comparison, figure: Any) -> None:
 
 def _places(comparison: Comparison) -> tuple[float, float]:
     """Return the heights at which no error and an infinite one are drawn: a decade below and above all others."""
-    sizes = [e for e in (*(p.error for p in comparison.points), comparison.limit) if 0 < e < math.inf]
-    return 10.0 ** math.floor(math.log10(min(sizes)) - 1), 10.0 ** math.ceil(math.log10(max(sizes)) + 1)
+    errors = (*(p.error for p in comparison.points), comparison.limit)
+    sizes = [math.log10(e) for e in errors if 0 < e < math.inf] or [0.0]
+    return 10.0 ** max(math.floor(min(sizes) - 1), -_FARTHEST), 10.0 ** min(math.ceil(max(sizes) + 1), _FARTHEST)
 
 
 def _draw_points(comparison: Comparison, axes: Any, place: Any) -> list[Any]:

@@ -141,6 +141,13 @@ def test_the_picture_has_units_logarithms_and_a_legend_outside_of_the_data():
     assert {text.get_text() for text in axes.texts} >= {"exact", "infinite"}
 
 
+@pytest.mark.parametrize(("errors", "budget"), [((0.0, 0.0), 0), ((0.0, math.inf), 0), ((5e-324, 1.7e308), 1)])
+def test_errors_without_a_logarithm_or_at_the_ends_of_binary64_are_drawn(errors, budget, tmp_path):
+    found(*(candidate(1.0 + n, e, held=True) for n, e in enumerate(errors)), budget=budget).plot(tmp_path / "t.png")
+    assert (tmp_path / "t.png").stat().st_size > 1000
+    assert (tmp_path / "t.json").exists()
+
+
 def test_a_backend_has_the_same_colour_in_every_picture():
     def colours(t):
         figure, _ = picture(t)
