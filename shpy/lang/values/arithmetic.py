@@ -203,7 +203,7 @@ def _power(left: Operand, right: Operand, what: str) -> Any:
 def _shift(op: str, left: Operand, right: Operand, what: str) -> Any:
     if not isinstance(right, Literal) and not right.type.is_int:
         raise ShpyTypeError(f"{what} takes a count of type i or u", loc=here(), cure="sh.Attrib1i(n)")
-    left_base = base_of((left,), what)
+    left_base = base_of((left, right) if isinstance(left, Literal) else (left,), what)
     size = common_size([left.size, right.size], what)
     type = vec(left_base, size)
     count = type.based(base_of((right,), what))
