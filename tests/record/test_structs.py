@@ -1,5 +1,6 @@
-"""Structs and their bases: fields, methods and super()."""
+"""Structs and their bases: fields, methods and super(); copies of structs and of other values."""
 
+import copy
 import pickle
 from abc import ABC
 from typing import ClassVar, Protocol
@@ -278,3 +279,52 @@ def test_a_field_that_is_a_struct_takes_nothing_else(value, stored):
         sh.program(f)
     name, given = "Lens" if stored else "Camera.lens", type(value).__name__
     assert caught.value.message == f"{name} has the parts rim, turn, count, and {given} does not give just these"
+
+
+@sh.struct
+class Held:
+    copy: sh.Attrib1f
+
+
+COPIED = {
+    "value": (lambda x: x, lambda v: v),
+    "matrix": (lambda x: sh.Matrix2f((x, 0), (0, 1)), lambda m: m[0, 0]),
+    "struct": (lambda x: Held(x), lambda s: s.copy),
+    "array": (lambda x: sh.Array(sh.Attrib1f, [x]), lambda a: a[0]),
+}
+
+
+@pytest.mark.parametrize("name", COPIED)
+@pytest.mark.parametrize("function", [copy.copy, copy.deepcopy])
+def test_copies_by_the_module_copy_are_variables_of_their_own(function, name):
+    make, part = COPIED[name]
+
+    @sh.program
+    def f(x: sh.Attrib1f):
+        old = make(x)
+        new = function(old)
+        if name == "struct":
+            new.copy += 10
+        else:
+            new[:] = make(x + 10)
+        return part(old), part(new)
+
+    assert f(1) == (1, 11)
+
+
+def test_a_deep_copy_of_the_state_of_a_program_has_values_of_its_own():
+    gain = sh.Param(sh.Attrib1f, 3.0)
+
+    @sh.program
+    def f(x: sh.Attrib1f):
+        old = {"at": x, "both": [x, x + 1], "gain": gain}
+        new = copy.deepcopy(old)
+        new["at"] += 10
+        new["both"][1] += 10
+        new["gain"] += 1
+        return old["at"], *old["both"], *new["both"], new["gain"]
+
+    other = copy.deepcopy(gain)
+    gain.value = 5
+    assert other.value == 3
+    assert f(1) == (1, 1, 2, 11, 12, 6)

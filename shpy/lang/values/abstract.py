@@ -6,6 +6,8 @@ of a uniform that follows others.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from copy import deepcopy
 from typing import Any, ClassVar, NamedTuple, Self
 
 from shpy.errors import RecordError
@@ -22,9 +24,26 @@ CLASSES: dict[tuple[str, int, Base], type[Any]] = {}
 
 
 class Symbolic:
-    """Base of what a name of a program may hold: a value, a matrix, a struct or an array."""
+    """Base of what a name of a program may hold: a value, a matrix, a struct or an array.
+
+    In a recording, `copy.copy` and `copy.deepcopy` call the method `copy`. Outside, they copy as pickling does.
+    """
 
     __slots__ = ()
+
+    def __copy__(self) -> Any:
+        return _copied(self, lambda parts: parts)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        return _copied(self, lambda parts: deepcopy(parts, memo))
+
+
+def _copied(value: Any, kept: Callable[[tuple[Any, ...]], tuple[Any, ...]]) -> Any:
+    """Return a copy; outside of a recording, one that is made of the parts that are kept."""
+    if current_frame() is not None:
+        return type(value).copy(value)  # not `value.copy`: a struct may have a field of that name
+    make, parts = value.__reduce__()
+    return make(*kept(parts))
 
 
 class Part(NamedTuple):
