@@ -116,6 +116,32 @@ def test_a_base_that_has_fields_or_a_constructor_but_is_no_struct_is_an_error():
         assert cure in caught.value.cure
 
 
+def test_defaults_of_fields_are_parameters_of_a_constructor():
+    with pytest.raises(sh.ShpyTypeError) as caught:
+
+        @sh.struct
+        class Spot:
+            size: sh.Attrib1f = 2.0
+            at: sh.Attrib2f
+            turn: sh.Matrix2f = sh.Matrix2f()
+
+    assert caught.value.message == "Spot is a struct, and its field size has a default, which structs do not take"
+    assert caught.value.cure == (
+        "def __init__(self, at, size=2.0, turn=[[1.0, 0.0], [0.0, 1.0]]): super().__init__(size, at, turn)"
+    )
+
+    @sh.struct
+    class Cured:
+        size: sh.Attrib1f
+        at: sh.Attrib2f
+        turn: sh.Matrix2f
+
+        def __init__(self, at, size=2.0, turn=((1.0, 0.0), (0.0, 1.0))):
+            super().__init__(size, at, turn)
+
+    assert str(Cured((3, 4)).size + Cured((3, 4), 5).size) == "Attrib1f(7.0)"
+
+
 @sh.struct
 class Pair:
     a: sh.Attrib2f

@@ -15,9 +15,11 @@ import sys
 from collections.abc import Collection
 from typing import Any
 
+import numpy as np
+
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import is_struct, layout_of, struct_class
+from shpy.lang.values.structure import is_struct, is_value, layout_of, struct_class
 
 _OWN = frozenset({"__new__", "__init__", "__setattr__", "__setitem__", "__reduce__", "copy"})
 """The methods by which a struct is constructed, stored and copied."""
@@ -27,8 +29,8 @@ def struct(cls: type) -> Any:
     """Make a struct of a class with annotated fields: usable as input, output and array element.
 
     A struct of a struct has the fields of its base first, as dataclasses do. Methods of other bases work on its fields.
-    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct, and for
-    a base that has fields, or a constructor, but is no struct.
+    Raises ShpyTypeError where a field is annotated with anything but a type of the language or another struct, or has a
+    default, and for a base that has fields, or a constructor, but is no struct.
     """
     frame = sys._getframe(1)
     namespace = {**frame.f_globals, **frame.f_locals}
@@ -45,6 +47,7 @@ def struct(cls: type) -> Any:
             _check_mixin(base, cls, fields)
     made = struct_class(cls, fields)
     layout_of(made, cls.__name__)
+    _check_defaults(cls, fields)
     return made
 
 
@@ -58,6 +61,22 @@ def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
         raise ShpyTypeError(
             f"{name} is annotated {hint!r}, which cannot be resolved: {text}", loc=here(), cure=cure
         ) from error
+
+
+def _check_defaults(cls: type, fields: Collection[str]) -> None:
+    """Check that no field has a value in the class, which nothing would read."""
+    given = {name: value for name, value in vars(cls).items() if name in inspect.get_annotations(cls)}
+    if not given:
+        return
+    parameters = ["self", *(name for name in fields if name not in given)]
+    for name, value in given.items():
+        number = np.asarray(value).tolist() if is_value(value) and not is_struct(type(value)) else value
+        parameters.append(f"{name}={number!r}")
+    raise ShpyTypeError(
+        f"{cls.__name__} is a struct, and its field {min(given)} has a default, which structs do not take",
+        loc=here(),
+        cure=f"def __init__({', '.join(parameters)}): super().__init__({', '.join(fields)})",
+    )
 
 
 def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:
