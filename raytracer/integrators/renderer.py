@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -32,7 +30,7 @@ from raytracer.integrators.layers import checked_size, clear, take_samples, unsc
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
-from raytracer.integrators.turns import in_turn
+from raytracer.integrators.turns import Turn, in_turn
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
@@ -79,7 +77,7 @@ class Renderer:
         self.params: dict[str, Any] = {}
         self.layout: Layout | None = None
         self.builds = 0
-        self.turn: AbstractContextManager[Any] = threading.RLock()
+        self.turn = Turn()
         self._motion = Motion(scene.meshes)
         self._moving: tuple[int, ...] = ()
         self._prepare()

@@ -6,15 +6,31 @@ Stage: render.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+
+class Turn:
+    """A lock that a thread may take several times; copies and pickles of it are other locks, that nobody holds."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> tuple[type[Turn], tuple[()]]:
+        return Turn, ()
 
 
 class Shared(Protocol):
-    """An object that threads share; `turn` is its lock, which a thread may take several times."""
+    """An object that threads share, with its lock."""
 
-    turn: AbstractContextManager[Any]
+    turn: Turn
 
 
 _Owner = TypeVar("_Owner", bound=Shared)

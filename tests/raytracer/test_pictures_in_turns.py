@@ -1,6 +1,7 @@
 """Several pictures by one Renderer in turns: each is the one that it would be alone."""
 
 import dataclasses
+import pickle
 import threading
 
 import pytest
@@ -68,3 +69,11 @@ def test_threads_that_share_a_renderer_take_turns(monkeypatch):
     threads[0].join()
     for k, image in enumerate(wanted):
         same(found[k], image)
+
+
+def test_a_renderer_that_was_pickled_has_turns_of_its_own(small):
+    with small.turn:
+        other = pickle.loads(pickle.dumps(small))
+    assert other.turn is not small.turn
+    for camera in CAMERAS:
+        same(other.render((4, 3), camera=camera, samples=2), small.render((4, 3), camera=camera, samples=2))
