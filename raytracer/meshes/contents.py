@@ -13,20 +13,14 @@ from __future__ import annotations
 import codecs
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from raytracer.errors import SceneError
+from raytracer.meshes.ply_faces import TYPES, as_triangles
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _STL_HEAD, _STL_TRIANGLE = 84, 50
-_PLY_TYPES: Final = {
-    "char": "b", "uchar": "B", "int8": "b", "uint8": "B", "short": "h", "ushort": "H", "int16": "h", "uint16": "H",
-    "int": "i", "uint": "I", "int32": "i", "uint32": "I", "float": "f", "float32": "f", "double": "d", "float64": "d",
-}  # fmt: skip
-"""The types of PLY's properties, as `struct` calls them."""
 
 
 def text_of(data: bytes) -> str:
@@ -78,51 +72,7 @@ def ply(data: bytes) -> bytes:
     if needed > there:
         what = ", ".join(f"{count:,} of {name}" for name, count, _ in declared)
         raise SceneError(f"its header declares more than follows ({what}): at least {needed:,} {unit}, not {there:,}")
-    return head + body if unit == "lines" else _as_triangles(head, body, declared)
-
-
-def _as_triangles(head: bytes, body: bytes, declared: Sequence[tuple[str, int, int]]) -> bytes:
-    """Return a binary PLY file in which fans of triangles replace faces, if these have several numbers of corners.
-
-    trimesh takes the number of the first face for all. A file stays as it is if lists come before the faces, or if
-    faces have properties beside their corners.
-    """
-    text = head.decode("ascii")
-    before, _, rest = text.partition("element face")
-    properties = [line.split() for line in rest.partition("element ")[0].splitlines() if line.startswith("property")]
-    if not rest or "property list" in before or len(properties) != 1 or properties[0][1] != "list":
-        return head + body
-    order = ">" if "binary_big_endian" in text else "<"
-    counts, corners = (_PLY_TYPES.get(word, "B") for word in properties[0][2:4])
-    size, width = struct.calcsize(f"={counts}"), struct.calcsize(f"={corners}")
-    number = [name for name, _, _ in declared].index("face")
-    begin = at = sum(count * one for _, count, one in declared[:number])
-    polygons: list[tuple[int, int]] = []
-    for done in range(declared[number][1]):
-        if at + size > len(body):
-            return head + body
-        count = max(0, int(struct.unpack_from(f"{order}{counts}", body, at)[0]))
-        if done == 0 and _is_uniform(body[at:], declared[number][1], size, size + count * width):
-            return head + body
-        polygons.append((at + size, count))
-        at += size + count * width
-    if at > len(body):
-        return head + body
-    three = struct.pack(f"{order}{counts}", 3)
-    made = []
-    for place, count in polygons:
-        corner = [body[place + k * width : place + (k + 1) * width] for k in range(count)]
-        made += [three + corner[0] + corner[k] + corner[k + 1] for k in range(1, count - 1)]
-    renamed = re.sub(r"element(\s+)face(\s+)\d+", rf"element\g<1>face\g<2>{len(made)}", text)
-    return renamed.encode("ascii") + body[:begin] + b"".join(made) + body[at:]
-
-
-def _is_uniform(faces: bytes, count: int, size: int, step: int) -> bool:
-    """Return whether so many faces of `step` bytes all begin with the same number of corners, of `size` bytes."""
-    if len(faces) < count * step:
-        return False
-    numbers = np.frombuffer(faces, np.uint8, count * step).reshape(count, step)[:, :size]
-    return bool((numbers == numbers[0]).all())
+    return as_triangles(head, body, declared)
 
 
 def _elements(head: str) -> Iterator[tuple[str, int, int]]:
@@ -137,7 +87,7 @@ def _elements(head: str) -> Iterator[tuple[str, int, int]]:
                 raise SceneError(f"an element in its header is {given!r} instead of a name and a number")
             name, count, size = words[1], int(words[2]), 0
         elif words[:1] == ["property"] and len(words) > 1:
-            kind = _PLY_TYPES.get(words[2] if words[1] == "list" and len(words) > 2 else words[1], "B")
+            kind = TYPES.get(words[2] if words[1] == "list" and len(words) > 2 else words[1], "B")
             size += struct.calcsize(f"={kind}")
     if name:
         yield name, count, size

@@ -45,3 +45,58 @@ def test_a_file_that_ends_within_its_faces_is_refused(tmp_path):
     path.write_bytes(written("<", FACES)[:-6])
     with pytest.raises(SceneError, match=r"short\.ply"):
         Mesh.load(path)
+
+
+BESIDE = ["uchar red", "uchar green", "uchar blue"]
+SKY = {(0, 1, 2, 3): (255, 0, 0), (0, 1, 4): (0, 255, 0), (0, 1, 2, 3, 4): (0, 0, 255), (2, 3, 4): (255, 255, 0)}
+
+
+def with_properties(form, faces, before, after, values, extra=""):
+    """A file whose faces have properties beside their corners; `values` gives those of a face, a tuple for a list."""
+    head = f"ply\nformat {form} 1.0\n{extra}element vertex {len(POINTS)}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz") + f"element face {len(faces)}\n"
+    kinds = [*before, "list uchar int vertex_indices", *after]
+    head += "".join(f"property {kind}\n" for kind in kinds) + "end_header\n"
+    rows = [[*values(face)[: len(before)], face, *values(face)[len(before) :]] for face in faces]
+    if form == "ascii":
+        flat = [[x for v in row for x in ((len(v), *v) if isinstance(v, tuple) else (v,))] for row in rows]
+        return head.encode() + "".join(" ".join(map(str, line)) + "\n" for line in [*POINTS, *flat]).encode()
+    order = ">" if "big" in form else "<"
+    codes = {"uchar": "B", "int": "i", "float": "f"}
+    body = b"".join(struct.pack(f"{order}3f", *p) for p in POINTS)
+    for row in rows:
+        for kind, value in zip(kinds, row, strict=True):
+            *_, number, _ = kind.split()
+            many = value if isinstance(value, tuple) else (value,)
+            body += struct.pack("B", len(many)) if kind.startswith("list") else b""
+            body += struct.pack(f"{order}{len(many)}{codes[number]}", *many)
+    return head.encode() + body
+
+
+FORMS = ["ascii", "binary_little_endian", "binary_big_endian"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("faces", [FACES, FACES[:1] * 2], ids=["several sizes", "squares"])
+@pytest.mark.parametrize("flags", [[], ["int flags"]])
+def test_each_triangle_of_a_face_has_its_colour(tmp_path, form, faces, flags):
+    path = tmp_path / "one.ply"
+    path.write_bytes(with_properties(form, faces, flags, BESIDE, lambda face: (*[7] * len(flags), *SKY[face])))
+    mesh = Mesh.load(path)
+    wanted = [
+        (np.array([POINTS[c] for c in (f[0], f[k], f[k + 1])]), SKY[f]) for f in faces for k in range(1, len(f) - 1)
+    ]
+    assert len(mesh) == len(wanted)
+    for corners, colors, (places, color) in zip(mesh.corners, mesh.colors, wanted, strict=True):
+        np.testing.assert_array_equal(corners, places)
+        np.testing.assert_allclose(colors, np.broadcast_to(np.array(color) / 255, (3, 3)), atol=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_uv_coordinates_in_lists_of_faces_go_with_the_corners(tmp_path, form):
+    path = tmp_path / "one.ply"
+    pairs = lambda face: (tuple(float(x) / 2 for c in face for x in POINTS[c][:2]),)  # noqa: E731
+    path.write_bytes(with_properties(form, FACES, [], ["list uchar float texcoord"], pairs))
+    mesh = Mesh.load(path)
+    assert len(mesh) == len(FANS)
+    np.testing.assert_allclose(mesh.uv, mesh.corners[..., :2] / 2, atol=1e-6)
