@@ -268,6 +268,12 @@ def check_program(thing: Any) -> None:
         raise ShpyTypeError(f"{thing!r} is no program", loc=here(), cure="a function under @sh.program")
 
 
+def check_count(name: str, number: Any, least: int) -> None:
+    """Raise ShpyTypeError for anything but an int from `least` on."""
+    if not is_int(number) or number < least:
+        raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
+
+
 def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
     return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
 

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import is_int
 from shpy.ir.types import Base, Type
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
-from shpy.program import Program, check_program
+from shpy.program import Program, check_count, check_program
 from shpy.streams.elements import dtypes_at
 
 Array = NDArray[Any]
@@ -104,12 +103,6 @@ def draw(
         found = {n: np.concatenate([found[n], extra[n][: len(values)]]) for n in types}
         inside = np.concatenate([inside, within])
     return Samples(_shaped(program, domain, found), found, inside)
-
-
-def check_count(name: str, number: Any, least: int) -> None:
-    """Raise ShpyTypeError for anything but an int from `least` on."""
-    if not is_int(number) or number < least:
-        raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
 
 
 def _leaves(program: Program) -> list[tuple[str, Type]]:

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.accuracy.domain import Domain, Samples, check_count, draw
+from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
 from shpy.accuracy.report import BINS, Report, Row
 from shpy.backends.registry import backend, backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.passes.modes import MODES, PRECISIONS
-from shpy.program import Program
+from shpy.program import Program, check_count
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
 from shpy.testing.runs import Run, run

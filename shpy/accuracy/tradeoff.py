@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.accuracy.domain import Domain, Samples, check_count, draw
+from shpy.accuracy.domain import Domain, Samples, draw
 from shpy.accuracy.measure import Variant, error_of, variants
 from shpy.accuracy.pareto import Comparison, Point, frontier, names_of, rivals, timed
 from shpy.accuracy.pareto_plot import draw as draw_comparison
@@ -26,7 +26,7 @@ from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.outputs import new_figure, save_figure
-from shpy.program import Program
+from shpy.program import Program, check_count
 from shpy.run.kernel import Kernel
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting

@@ -174,6 +174,8 @@ def first_divergence(
     `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """
     modes = named.pop("math") if isinstance(named.get("math"), tuple) else None
+    if modes is not None and len(modes) != 2:
+        raise ShpyTypeError(f"math={modes!r} is no pair of modes", loc=here(), cure='math=("strict", "fast")')
     given, options = split_options(named, program)
     names = targets(backends)
     if modes and len(names) == 1:

@@ -251,6 +251,12 @@ def test_one_backend_is_not_enough():
         sh.testing.first_divergence(small, X, backends=["numpy"])
 
 
+@pytest.mark.parametrize("modes", [(), ("strict",), ("strict", "fast", "relaxed")])
+def test_two_modes_are_compared(modes):
+    with pytest.raises(sh.ShpyTypeError, match="is no pair of modes"):
+        sh.testing.first_divergence(small, X, backends=["numpy", "opencl"], math=modes)
+
+
 def test_a_backend_that_is_none_is_named():
     with pytest.raises(sh.BackendUnavailable, match="there is no backend 'opencl-3'"):
         sh.testing.first_divergence(small, X, backends=["numpy", "opencl-3"])

@@ -283,6 +283,21 @@ class Ray:
     d: sh.Vector3d
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ((lambda x: x, 3), "is no program"),
+        ((quotient, -1), "count is an int from 0 on, not -1"),
+        ((quotient, 2.5), "count is an int from 0 on, not 2.5"),
+        ((quotient, 3, "now"), "seed is an int from 0 on, not 'now'"),
+    ],
+)
+def test_inputs_are_asked_for_by_a_program_and_numbers(given, said):
+    with pytest.raises(sh.ShpyTypeError, match=said) as caught:
+        sh.testing.inputs(*given)
+    assert caught.value.loc.file == __file__
+
+
 def test_inputs_fit_any_program():
     @sh.program
     def every(r: Ray, m: sh.Matrix3f, n: sh.Attrib2u, b: sh.Attrib1b, t: sh.Table[sh.Attrib2f, 2]) -> sh.Attrib1f:

@@ -16,7 +16,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, layout_of, leaves
-from shpy.program import Program
+from shpy.program import Program, check_count, check_program
 from shpy.testing.generated.syntax import F3, F, I, U, Variable
 
 NUMBERS: dict[Base, tuple[float, ...]] = {
@@ -37,6 +37,9 @@ def inputs(program: Program, count: int = 64, seed: int = 0) -> list[Any]:
     An input that is a table gets data of the size that the program names, else five on each axis. Raises ShpyTypeError
     for an input that is a texture: give that yourself.
     """
+    check_program(program)
+    check_count("count", count, 0)
+    check_count("seed", seed, 0)
     rng = np.random.default_rng((count, seed))
     sizes = {table.name: table.size for table in program.ir.tables}
     found: list[Any] = []
