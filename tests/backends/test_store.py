@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -340,8 +341,18 @@ def test_a_folder_that_cannot_be_made_is_told_once(folder, monkeypatch, tmp_path
     assert len(told) == 1
 
 
+@pytest.fixture(scope="module")
+def answers(tmp_path_factory):
+    """A folder with what a process found out about the driver: others would compile for seconds to ask again."""
+    folder = tmp_path_factory.mktemp("answers") / "kernels"
+    environment = os.environ | {"SHPY_CACHE_DIR": str(folder)}
+    subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=HANGING, env=environment)
+    return folder
+
+
 @pytest.mark.parametrize("kept", ["0", "1"])
-def test_a_binary_is_kept_where_the_driver_keeps_nothing(folder, monkeypatch, tmp_path, kept):
+def test_a_binary_is_kept_where_the_driver_keeps_nothing(answers, folder, monkeypatch, tmp_path, kept):
+    shutil.copytree(answers, folder)
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "pocl"))
     monkeypatch.setenv("POCL_KERNEL_CACHE", kept)
     command = [sys.executable, "-W", "error", "-c", f"{PROGRAM}print(*sh.backends())"]
@@ -350,7 +361,8 @@ def test_a_binary_is_kept_where_the_driver_keeps_nothing(folder, monkeypatch, tm
     assert len(binaries) == (kept == "0" and "Portable Computing Language" in said)
 
 
-def test_another_process_takes_the_binary_and_tells_of_a_broken_one(folder, monkeypatch):
+def test_another_process_takes_the_binary_and_tells_of_a_broken_one(answers, folder, monkeypatch):
+    shutil.copytree(answers, folder)
     monkeypatch.setenv("POCL_KERNEL_CACHE", "0")  # else that driver keeps its code itself
 
     def run(warns="error"):

@@ -24,13 +24,14 @@ from shpy.testing.certify.sections import Ran, run_section
 from shpy.testing.conformance.catalogue import all_cases
 
 ROOT = Path(__file__).parents[2]
+CASES = all_cases()
 everywhere = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 
 
 def forget() -> None:
     """Drop the compiled kernels that programs keep: those with a fault must not be used again, nor right ones."""
     functions.function.cache_clear()
-    for case in all_cases():
+    for case in CASES:
         if "program" in vars(case):
             case.program._kernels.clear()
 
