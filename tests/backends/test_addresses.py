@@ -40,8 +40,8 @@ def test_elements_of_every_type(base):
         side = sh.clamp(at, 0, 7)
         found = [kind(*[0] * kind.size) for kind, _ in tables]
         with SH_FOR(0, n) as k:
-            for element, (_, rows) in zip(found, tables, strict=True):
-                element[:] = rows[sh.clamp(5 * k, 0, 48) + side]
+            for element, (kind, rows) in zip(found, tables, strict=True):
+                element[:] = rows[sh.clamp(5 * k, 0, 48 - kind.size) + side]
         return tuple(found)
 
     program = sh.program(last)

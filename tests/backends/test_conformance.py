@@ -19,6 +19,7 @@ from shpy.ir.traverse import walk
 from shpy.testing.conformance import operations, zeros
 from shpy.testing.conformance.cases import THIN, Case, differs
 from shpy.testing.conformance.catalogue import all_cases
+from shpy.testing.conformance.control import BRANCHES, LOOPS
 
 CASES = all_cases()
 NAMES = [case.name for case in CASES]
@@ -52,14 +53,37 @@ def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
     agree(case, target)
 
 
-@each(STRUCTURED)
+def exits(case: Case) -> tuple[str, str] | None:
+    """Return the inner and the outer form of a case of exits from nested forms."""
+    forms, _, rest = case.name.partition("-")
+    inner, _, outer = forms.partition("_in_")
+    return (inner, outer) if outer and rest.endswith("exits") else None
+
+
+def in_turn(case: Case) -> bool:
+    """Tell whether a case of exits has the turn: one of each two nests has, so each form has both kinds of exits."""
+    forms = [*BRANCHES, *LOOPS]
+    return (sum(map(forms.index, exits(case) or ())) + ("conditional" in case.name)) % 2 == 0
+
+
+SELDOM = [case for case in STRUCTURED if exits(case) and not in_turn(case)]
+"""Cases that OpenCL, whose driver compiles each for a quarter of a second, has in slow tests alone."""
+
+
+@pytest.mark.slow
+@each(SELDOM)
+def test_opencl_agrees_on_exits_of_the_other_kind(case: Case) -> None:
+    agree(case, "opencl")
+
+
+@each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent."""
     widths = ("opencl", *PACKETS)
     agree(case, widths[drawn(case) % len(widths)])
 
 
-@pytest.mark.sampled(6)  # its driver compiles each for half a second; `test_packets.py` has all of them in few kernels
+@pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packets.py` has all in few kernels
 @each(operations.ROWS)
 def test_an_operation_by_itself_agrees_on_opencl(case: Case) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""
@@ -97,6 +121,7 @@ def transcendental(case: Case) -> bool:
     return not case.options and any(s.op in TRANSCENDENTALS for s in lets)
 
 
+@pytest.mark.sampled(2)
 @each([case for case in CASES if transcendental(case)][::4])
 def test_portable_mode_agrees_with_the_interpreter(case: Case) -> None:
     few = {name: array[::THIN] for name, array in case.arrays.items()} if case.meaning else case.inputs
