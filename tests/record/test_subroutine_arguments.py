@@ -168,3 +168,54 @@ def test_an_element_that_the_call_reads_is_a_copy(function):
         "pushed stores into ball, which is given balls[i], a copy\n"
         "  write instead: x = balls[i] first, and balls[i] = x after the call"
     )
+
+
+BALLS = sh.Table({"place": [(1, 2)], "hits": [3]}, Ball, name="BALLS")
+BALL = sh.Param(Ball, ((1, 2), 3), name="BALL")
+CORNER = sh.Matrix2f((2, 0), (0, 2))
+
+
+def of_a_table():
+    x = BALLS[0]
+    pushed(x)
+    return x.place.x
+
+
+def of_a_param():
+    x = BALL.copy()
+    pushed(x)
+    return x.place.x
+
+
+def of_a_constant():
+    x = CORNER.copy()
+    scaled_corner(x)
+    return x[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("call", "cure", "cured", "result"),
+    [
+        (lambda: pushed(BALLS[0]), "x = BALLS[…]", of_a_table, 2),
+        (lambda: pushed(BALL), "a value of its own: x = y.copy(), then pushed(x)", of_a_param, 2),
+        (lambda: scaled_corner(CORNER), "a value of its own: x = y.copy(), then scaled_corner(x)", of_a_constant, 6),
+    ],
+)
+def test_a_struct_or_matrix_that_no_store_changes_is_copied_whole(call, cure, cured, result):
+    with pytest.raises(sh.RecordError) as caught:
+        sh.program(call)
+    assert caught.value.cure == cure
+    assert sh.program(cured)() == result
+
+
+def test_a_constant_struct_is_copied_before_a_store():
+    ball = Ball((1, 2), 3)
+
+    def stored(made):
+        made.place += 1
+        return made.place
+
+    with pytest.raises(sh.RecordError, match="a constant cannot be stored into") as caught:
+        sh.program(lambda: stored(ball))
+    assert caught.value.cure == "a copy inside the program, y = x.copy()"
+    assert sh.program(lambda: stored(ball.copy()))().tolist() == [2, 3]

@@ -273,15 +273,16 @@ class Recorded:
             slot = leaf
         else:
             if leaf._frame is None:
+                own = f"sh.{type(leaf).__name__}(…)" if given is leaf else "y.copy()"
                 raise RecordError(
                     f"{self.function.name} stores into {name}, which is given a constant",
                     loc=here(),
-                    cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
+                    cure=f"a value of its own: x = {own}, then {self.function.name}(x)",
                 )
             leaf._check(frame)
             slot = leaf._variable
             if leaf._part is not None and frame.names[slot] is None and _is_temporary(given, leaf):
-                part = leaf._part.name
+                part = _source(given, leaf)
                 back = "" if leaf._part.owner == "constant" else f" first, and {part} = x after the call"
                 raise RecordError(
                     f"{self.function.name} stores into {name}, which is given {part}, a copy",
@@ -289,6 +290,16 @@ class Recorded:
                     cure=f"x = {part}{back}",
                 )
         return slot
+
+
+def _source(given: Any, leaf: Value) -> str:
+    """Return the name of the source that an argument is a copy of; `leaf` is the argument, or a part of it."""
+    assert leaf._part is not None
+    if given is leaf:
+        return leaf._part.name
+    paths = (path for path, _, _ in leaves(layout_from(given, ""), ""))
+    path = next(path for path, part in zip(paths, leaves_of(given), strict=True) if part is leaf)
+    return leaf._part.name.removesuffix(path).removesuffix(".")
 
 
 def _is_temporary(given: Any, leaf: Value) -> bool:

@@ -185,7 +185,7 @@ class Value(Operators, AbstractValue):
             raise RecordError(
                 f"a constant cannot be stored into: it was made outside of the program as {type(self).__name__}",
                 loc=here(),
-                cure=f"a copy inside the program, y = sh.{type(self).__name__}(x)",
+                cure="a copy inside the program, y = x.copy()",
             )
         frame = current_frame()
         self._check(frame)
