@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.errors import SceneError
 from raytracer.intersector import Intersector
 from raytracer.meshes import Mesh
+from raytracer.rays import Floats, triples
 
 _SAME = 1e-8
 """Distance of locations that are taken for one, as a part of the mesh's size: trimesh's `tol.merge`."""
@@ -59,7 +60,7 @@ class RayMeshIntersector:
         `multiple_hits=False` gives the nearest hit of each ray, `max_hits` as many at most.
         """
         shoot, corners = self._current()
-        origins, directions = (np.asarray(a) for a in (ray_origins, ray_directions))
+        origins, directions = _rows("origins", ray_origins), _rows("directions", ray_directions)
         if multiple_hits:
             every = shoot.all_hits(origins, directions)
             ray, tri, weights = every.ray, every.triangle, (every.u, every.v)
@@ -89,11 +90,12 @@ class RayMeshIntersector:
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> Ints:
         """Return the first triangle that each ray hits, (N,), -1 for none."""
-        return self._current()[0].intersect(ray_origins, ray_directions).triangle.astype(np.int64)
+        rays = _rows("origins", ray_origins), _rows("directions", ray_directions)
+        return self._current()[0].intersect(*rays).triangle.astype(np.int64)
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
         """Return True for each ray that hits anything, (N,)."""
-        return self._current()[0].occluded(ray_origins, ray_directions)
+        return self._current()[0].occluded(_rows("origins", ray_origins), _rows("directions", ray_directions))
 
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return True for each point (N, 3) inside the mesh, which has to be closed; undefined on its surface.
@@ -115,6 +117,14 @@ class RayMeshIntersector:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for copies and pickles, without the kernels."""
         return {**self.__dict__, "_built": None}
+
+
+def _rows(what: str, values: ArrayLike) -> Floats:
+    """Return an array (N, 3); SceneError for other shapes, such as a single ray's."""
+    rows = triples(what, values)
+    if rows.ndim != 2:
+        raise SceneError(f"{what} have the shape (N, 3), not {rows.shape}: give np.reshape({what}, (-1, 3))")
+    return rows
 
 
 def _size(corners: NDArray[np.float64]) -> float:

@@ -181,3 +181,17 @@ def test_no_rays_no_hits_and_no_mesh():
         RayMeshIntersector(np.zeros((3, 3)))
     with pytest.raises(ValueError, match="length zero"):
         shoot.intersects_first([[0.0, 0, 0]], [[0.0, 0, 0]])
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 4, 3)])
+def test_rays_in_other_shapes_are_refused_and_the_cure_works(shape):
+    queries = RayMeshIntersector(SHAPES["ball"], backend="numpy")
+    origins, directions = np.full(shape, 2.0), np.full(shape, -1.0)
+    for name in ("intersects_location", "intersects_id", "intersects_first", "intersects_any"):
+        ask = getattr(queries, name)
+        with pytest.raises(SceneError) as error:
+            ask(origins, directions)
+        assert str(error.value) == (f"origins have the shape (N, 3), not {shape}: give np.reshape(origins, (-1, 3))")
+        with pytest.raises(SceneError, match=r"directions have the shape \(N, 3\)"):
+            ask(np.reshape(origins, (-1, 3)), directions)
+        assert len(ask(np.reshape(origins, (-1, 3)), np.reshape(directions, (-1, 3)))[0:1]) == 1
