@@ -362,6 +362,32 @@ print("ending", flush=True)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_exit_handlers_run_kernels_after_daemons_were_stopped(tmp_path, backend):
+    """Handlers that were registered before the device was opened come last. Daemons end without a word."""
+    done = run(
+        tmp_path,
+        INTERRUPTED
+        + f"""
+import atexit
+
+def last():
+    time.sleep(0.5)  # in which a daemon would show its error
+    print(len(long.compile({backend!r})(np.zeros(5, np.float32), 2)), flush=True)
+
+atexit.register(last)
+kernel = long.compile({backend!r})
+count, n = (4_000_000, 200) if {backend!r} == "glsl" else (1_000_000, 20_000)
+for _ in range(2):
+    threading.Thread(target=lambda: kernel(np.zeros(count, np.float32), n), daemon=True).start()
+time.sleep(0.3)
+print("ending", flush=True)
+""",
+    )
+    assert (done.returncode, done.stdout) == (0, "ending\n5\n"), done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_stream_may_be_read_while_the_interpreter_ends(tmp_path, backend):
     """In `__del__` after the threads have stopped, and at exit before; or an error tells that it cannot be."""
     done = run(

@@ -157,8 +157,13 @@ class Context:
             pass
 
     def go_on(self) -> None:
-        """Raise an error, which no user sees, if the caller no longer waits: after Ctrl-C or as the process ends."""
-        if self._ending or self._job is None or not self._job.wanted:
+        """End a run whose caller no longer waits, after Ctrl-C, by an error that no user sees.
+
+        As the process ends, only daemons still run kernels: their threads end.
+        """
+        if self._ending:
+            raise SystemExit
+        if self._job is None or not self._job.wanted:
             raise ShpyError("the run was interrupted")
 
     def _end(self) -> None:

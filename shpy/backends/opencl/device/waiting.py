@@ -39,14 +39,14 @@ class Waiter:
     """The waits of one device, whose runs hold `lock`.
 
     At the end of the process no thread may be inside the driver: it would end the process by SIGABRT. Threads that the
-    process does not wait for (daemons) stop after their dispatch, and the end waits for that.
+    process does not wait for (daemons) end after their dispatch. `end` waits for that and keeps the lock, so that only
+    its own thread, which calls the exit handlers, can run kernels afterwards.
     """
 
     def __init__(self, lock: Any) -> None:
         self._lock = lock
         self._jobs: SimpleQueue[_Job] = SimpleQueue()
         self._ending = False
-        self._parked = threading.Event()
         self._interrupted = False
         threading.Thread(target=self._serve, name="shpy-opencl", daemon=True).start()
 
@@ -60,8 +60,7 @@ class Waiter:
         while not job.wait(HEARD):
             pass
         if self._ending and threading.current_thread().daemon:
-            self._parked.set()
-            threading.Event().wait()  # for ever: nobody waits for this thread, and the process ends
+            raise SystemExit  # which ends this thread alone, and lets go of the lock
         try:
             job.result()
         finally:
@@ -88,7 +87,7 @@ class Waiter:
         self._ending = True
         last = _Job(None)
         try:
-            while not self._parked.is_set() and not self._lock.acquire(timeout=0.01):
+            while not self._lock.acquire(timeout=HEARD):
                 pass
             self._jobs.put(last)
             ended = last.wait(_GRACE if self._interrupted else -1)
