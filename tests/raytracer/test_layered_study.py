@@ -23,7 +23,7 @@ def full():
 def few(monkeypatch):
     """One small model, two hit tests, one resolution, each timed once; no grid."""
     ball = Model("knot", (unit(bumpy(sphere(0.5, rings=6, segments=8), 0.1)),))
-    plan = dataclasses.replace(studying.QUICK, size=(96, 72), tolerances=(), framed=(8,), resolutions=(8,))
+    plan = dataclasses.replace(studying.QUICK, size=(48, 36), tolerances=(), framed=(8,), resolutions=(8,))
     cases = studying.cases
     monkeypatch.setattr(studying, "QUICK", plan)
     monkeypatch.setattr(studying, "_TESTS", ("triangle", "sample"))
