@@ -1,6 +1,6 @@
 """Variants of generated programs give what the programs give, to the last bit, on the interpreter and every backend.
 
-500 variants in every run: all on the interpreter, a share on each backend. 10,500 others take some ten minutes:
+300 variants in every run: all on the interpreter, a share on each backend. 10,700 others take some ten minutes:
 `pytest -m slow tests/property/test_variants.py`.
 """
 
@@ -67,12 +67,13 @@ def compare(program, made, target, options):
         )
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("shard", range(8))
 def test_variants_give_the_same(shard):
     check(shard, 10, endless=False)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shard", range(8, 10))
 def test_variants_of_programs_with_loops_beyond_their_limit_give_the_same(shard):
     check(shard, 10, endless=True)
