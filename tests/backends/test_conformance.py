@@ -83,7 +83,7 @@ def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     agree(case, widths[drawn(case) % len(widths)])
 
 
-@pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packets.py` has all in few kernels
+@pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
 @each(operations.ROWS)
 def test_an_operation_by_itself_agrees_on_opencl(case: Case) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""

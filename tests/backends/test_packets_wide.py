@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from backends import test_packets
+from backends import test_packet_operations, test_packets
 from backends.test_packet_shapes import halved, kept, moved, sloping
 from backends.test_packets import both, forms, same
 
@@ -35,7 +35,7 @@ def refused(lanes: int) -> bool:
 def test_every_operation_on_ints_and_bools(lanes: int, base: str) -> None:
     if refused(lanes):
         return
-    test_packets.test_every_operation(lanes, base)
+    test_packet_operations.test_every_operation(lanes, base)
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_every_operation_on_ints_and_bools(lanes: int, base: str) -> None:
 def test_every_operation(lanes: int, base: str) -> None:
     if refused(lanes):
         return
-    test_packets.test_every_operation(lanes, base)
+    test_packet_operations.test_every_operation(lanes, base)
 
 
 @each_wide
