@@ -249,6 +249,17 @@ REBOUND = {
         f"4: `pair` is rebound inside `with SH_FOR(…)` and used in its next iteration (line 4): {AFTER}"
         "a name before the block for each value that `pair` holds, and `x[:] = …` inside it",
     ),
+    "a tuple of a helper, whose parameters may be values": (
+        """
+        def ordered(a, b):
+            pair = (a + 0, b)
+            with SH_IF(a > b):
+                pair = (pair[1], pair[0])
+            return pair[0]
+        """,
+        f"4: `pair` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}"
+        "a name before the block for each value that `pair` holds, and `x[:] = …` inside it",
+    ),
     "a dict that gets values": (
         """
         def f(x: sh.Attrib1f):

@@ -48,7 +48,7 @@ class Kind(Enum):
 class Known:
     """A kind, and for scalars and vectors the type as the user writes it, where it is known.
 
-    `holds` says that another object of Python, such as a tuple, holds a value.
+    `holds` says that a tuple, list or dict holds a value, or what may be one.
     """
 
     kind: Kind
@@ -97,7 +97,7 @@ class Judge:
                 return UNKNOWN
             case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Dict(values=parts):
                 found = map(self.kind, parts)
-                return Known(Kind.HOST, holds=any(k.kind is Kind.VALUE or k.holds for k in found))
+                return Known(Kind.HOST, holds=any(k.kind in (Kind.VALUE, Kind.UNKNOWN) or k.holds for k in found))
             case _:  # sets, comprehensions, strings, lambdas
                 return HOST
 
