@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from types import CodeType
+from types import CodeType, FunctionType
 
 from shpy.errors import RecordError, warn
 from shpy.ir.nodes import Loc
@@ -44,23 +44,26 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         if plain.__code__ in seen or not (is_program or uses_shpy(plain)):
             continue
         seen.add(plain.__code__)
-        if is_program:
-            _check_kind(plain.__code__)
         enter_text(plain.__code__.co_filename, plain.__globals__)
         node = definition(plain.__code__)
-        if node is None:
-            continue
-        flow = Flow(node, scope_of(plain, node, given, is_value), is_program=is_program)
-        try:
-            flow.check()
-        except RecursionError:
-            loc = _first_line(plain.__code__)
-            warn(
-                f"{loc}: {plain.__name__} holds an expression that is nested too deep for shpy's check of names that "
-                "Python binds anew in a block; write it in several lines"
-            )
-            continue
-        waiting.extend(flow.called)
+        if node is not None:
+            waiting.extend(_called(Flow(node, scope_of(plain, node, given, is_value), is_program=is_program), plain))
+        if is_program:
+            _check_kind(plain.__code__)
+
+
+def _called(flow: Flow, function: FunctionType) -> list[object]:
+    """Check a function's text; return the functions that it calls."""
+    try:
+        flow.check()
+    except RecursionError:
+        loc = _first_line(function.__code__)
+        warn(
+            f"{loc}: {function.__name__} holds an expression that is nested too deep for shpy's check of names that "
+            "Python binds anew in a block; write it in several lines"
+        )
+        return []
+    return flow.called
 
 
 def _first_line(code: CodeType) -> Loc:
