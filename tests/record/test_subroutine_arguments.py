@@ -219,3 +219,24 @@ def test_a_constant_struct_is_copied_before_a_store():
         sh.program(lambda: stored(ball))
     assert caught.value.cure == "a copy inside the program, y = x.copy()"
     assert sh.program(lambda: stored(ball.copy()))().tolist() == [2, 3]
+
+
+@sh.subroutine
+def summed(pair):
+    return pair[0] + pair[1]
+
+
+@sh.struct
+class Two:
+    a: sh.Attrib1f
+    b: sh.Attrib1f
+
+    def __getitem__(self, k):
+        return (self.a, self.b)[k]
+
+
+def test_values_in_a_tuple_are_given_by_themselves_or_in_a_struct():
+    with pytest.raises(sh.RecordError, match="was made outside of the subroutine 'summed'") as caught:
+        sh.program(lambda: summed((sh.Attrib1f(1), sh.Attrib1f(2))))
+    assert caught.value.cure.startswith("pass it as an argument, by itself or in a @sh.struct; ")
+    assert sh.program(lambda: summed(Two(1, 2)))() == 3

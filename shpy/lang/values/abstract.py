@@ -117,7 +117,8 @@ class AbstractValue(Symbolic):
             raise RecordError(
                 f"{self._called()} was made outside of {where}, in {own.name!r} at {self._loc}",
                 loc=here(),
-                cure="pass it as an argument; what all runs share is a sh.Param, or a constant made outside programs",
+                cure="pass it as an argument, by itself or in a @sh.struct; what all runs share is a sh.Param, "
+                "or a constant made outside programs",
             )
         home = own.homes[self._variable]
         if home.closed:
