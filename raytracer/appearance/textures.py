@@ -31,7 +31,7 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 WRAPS: Final = get_args(Wrap)
 LARGEST: Final = 16384
 """Pixels along a side."""
-_BRIGHTEST: Final = float(np.finfo(np.float32).max)
+_BRIGHTEST: Final = np.finfo(np.float32).max
 AT_ONCE: Final = 1 << 16
 """Pixels that are converted at once."""
 MOST_SCANS: Final = 100

@@ -1,6 +1,7 @@
 """Programs and textures on surfaces: what they are handed, what they give, and the same bits on every backend."""
 
 import dataclasses
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -430,6 +431,7 @@ def test_materials_that_are_none(given, message):
         (-np.ones((2, 2)), {}, "negative"),
         (np.full((2, 2), np.inf), {}, "not finite"),
         (np.full((2, 2), np.nan), {}, "not finite"),
+        (np.full((2, 2), np.inf, np.float16), {}, "not finite"),
         (np.full((2, 2), 1e39), {}, "out of the range of binary32"),
         (np.ones((2, 2), np.int32), {}, "int32"),
         (np.ones((1, 20000)), {}, "16384"),
@@ -441,6 +443,13 @@ def test_materials_that_are_none(given, message):
 def test_textures_that_are_none(source, options, message):
     with pytest.raises(SceneError, match=message):
         Texture(source, **options)
+
+
+def test_a_picture_of_halves_is_read_without_a_warning():
+    halves = np.array([[0, 0.5], [1, 65504]], np.float16)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(Texture(halves).image[..., 0], halves)
 
 
 def test_a_picture_that_is_not_there():
