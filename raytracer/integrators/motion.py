@@ -78,7 +78,8 @@ class Motion:
         if isinstance(name, str):
             found = [number for number, mesh in enumerate(self.meshes) if mesh.name == name]
         else:
-            found = [int(name)] if 0 <= name < len(self.meshes) else []
+            whole = isinstance(name, int | np.integer) and not isinstance(name, bool)
+            found = [int(name)] if whole and 0 <= name < len(self.meshes) else []
         if not found:
             names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
             raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")

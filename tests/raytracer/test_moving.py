@@ -295,6 +295,10 @@ def test_mistakes_are_refused_and_change_nothing():
     for call, what in [
         (lambda: renderer.move("bal", np.eye(4)), "no mesh 'bal': its meshes are ball, box, stone, ground"),
         (lambda: renderer.move(4, np.eye(4)), "no mesh 4"),
+        (lambda: renderer.move(0.5, np.eye(4)), r"no mesh 0\.5: its meshes are ball"),
+        (lambda: renderer.move(None, np.eye(4)), "no mesh None"),
+        (lambda: renderer.move([0], np.eye(4)), r"no mesh \[0\]"),
+        (lambda: renderer.deform(False, vertices), "no mesh False"),
         (lambda: renderer.move("ball", np.eye(3)), r"a matrix \(4, 4\)"),
         (lambda: renderer.move("ball", np.full((4, 4), np.nan)), "finite"),
         (lambda: renderer.move("ball", turned(0, (1e37, 0, 0))), "scale the mesh"),
