@@ -32,7 +32,7 @@ from shpy.lang.programs.claims import checked
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method
 from shpy.lang.programs.record import Recorded, record
-from shpy.lang.recording.location import here, located
+from shpy.lang.recording.location import caller, here, located
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
@@ -178,7 +178,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         name = backend if backend is not None else default_backend()
         if not isinstance(name, str):
             cure = " or ".join(f'backend="{n}"' for n in NAMES)
-            raise ShpyTypeError(f"backend={name!r} names no backend", loc=here(), cure=cure)
+            raise ShpyTypeError(f"backend={name!r} names no backend", loc=caller(), cure=cure)
         kernel = self._kernels.get((name, options))
         if kernel is None:
             kernel = self._kernels[name, options] = Kernel.on(self.recorded, name, options)

@@ -25,7 +25,7 @@ from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
 from shpy.lang.data.tables import CompoundTable, Table, fits_type
 from shpy.lang.data.textures import Texture2D
-from shpy.lang.recording.location import here, located
+from shpy.lang.recording.location import caller, here, located
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
 from shpy.passes.modes import Precision
@@ -431,7 +431,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
     name = default_backend() if backend is None else backend
     if name not in NAMES:
         cure = " or ".join(f'backend="{n}"' for n in NAMES)
-        raise ShpyTypeError(f"backend={name!r} names no backend", loc=here(), cure=cure)
+        raise ShpyTypeError(f"backend={name!r} names no backend", loc=caller(), cure=cure)
     if precision not in ("f16", "f32", "f64"):
         raise ShpyTypeError(f"precision={precision!r} is unknown", loc=here(), cure='precision="f32", "f64" or "f16"')
     count = len(backend_named(name).devices())

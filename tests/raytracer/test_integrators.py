@@ -1,11 +1,14 @@
 """Integrators as values: what they hold, what they refuse, and the keywords that name them one by one."""
 
 import dataclasses
+import subprocess
+import sys
 
 import pytest
 from scene_pictures import same
 
-from raytracer import LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
+import shpy as sh
+from raytracer import Intersector, LayeredCube, Path, PointLight, Renderer, Scene, SceneError, Staged, Whitted, render
 from raytracer.integrators import integrator
 from raytracer.integrators.integrator import Options, chosen
 from raytracer.meshes.shapes import box, floor
@@ -111,3 +114,27 @@ def test_a_cube_belongs_to_integrators_with_secondary_rays():
 def test_an_unknown_option_is_said_with_those_that_there_are():
     with pytest.raises(TypeError, match=r"^Whitted has no option 'foo': its options are bounces, samples, accel, "):
         chosen("whitted", {"foo": 1})
+
+
+ASKED = {
+    "render": lambda backend: render(SCENE, (2, 2), backend=backend),
+    "staged": lambda backend: render(SCENE, (2, 2), backend=backend, integrator=Staged()),
+    "path": lambda backend: Renderer(SCENE, backend=backend, integrator="path"),
+    "queries": lambda backend: Intersector(box(), backend=backend).count([[0, 0, 3]], [[0, 0, -1]]),
+    "closest point": lambda backend: Intersector(box(), backend=backend).closest_point([0, 0, 3]),
+    "cube": lambda backend: LayeredCube.of(box(), resolution=8, backend=backend),
+}
+
+
+@pytest.mark.parametrize("backend", ["cuda", 3])
+@pytest.mark.parametrize("name", ASKED)
+def test_a_backend_that_is_not_there_is_told_at_the_users_line(name, backend):
+    with pytest.raises(sh.ShpyError, match="backend") as error:
+        ASKED[name](backend)
+    assert (error.value.loc.file, error.value.loc.line) == (__file__, ASKED[name].__code__.co_firstlineno)
+
+
+def test_the_command_tells_no_line_of_the_ray_tracer():
+    words = ["render", "boxes", "--size", "2x2", "--backend", "cuda"]
+    done = subprocess.run([sys.executable, "-m", "raytracer", *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.splitlines()[0]) == (1, "raytracer: there is no backend 'cuda'")

@@ -35,6 +35,8 @@ _PROGRAMS = (
 """Programs of the conformance list and of collectives are programs like those of any user."""
 _START = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "shpy_start", "")
 """The start of the command line: no line outside of it is the user's."""
+_TRACER = os.path.join(os.path.dirname(os.path.dirname(_HOUSE)), "raytracer", "")
+"""The ray tracer, whose lines are those of programs; what it compiles and runs, it does for the line that called it."""
 _NUMPY = os.path.dirname(os.path.abspath(np.__file__)) + os.sep
 """Frames of numpy count as the user's line that called numpy, and so do those of the standard library."""
 _ENGINES = ("dask", "distributed")
@@ -68,8 +70,8 @@ def is_library(loc: Loc) -> bool:
     return loc.file.startswith(_LIBRARIES_SHOWN)
 
 
-def user_frame() -> FrameType | None:
-    """Return the innermost frame whose code is not shpy's, numpy's, Dask's or Python's own."""
+def user_frame(*besides: str) -> FrameType | None:
+    """Return the innermost frame whose code is not shpy's, numpy's, Dask's or Python's own, nor in these folders."""
     frame: FrameType | None = sys._getframe(1)
     library = _thread.library > 0
     while frame is not None:
@@ -78,7 +80,7 @@ def user_frame() -> FrameType | None:
         if skipped is None:
             skipped = _skipped[file] = _look_inside(file) or is_standard(file)
             enter_text(file, frame.f_globals)
-        if not skipped or (library and file.startswith(_LIBRARIES)):
+        if (not skipped and not file.startswith(besides)) or (library and file.startswith(_LIBRARIES)):
             return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None
@@ -149,12 +151,17 @@ def at(loc: Loc | None) -> Iterator[None]:
 def here() -> Loc | None:
     """Return the user's line that is running."""
     elsewhere = _thread.elsewhere
-    if elsewhere:
-        return elsewhere[-1]
-    frame = user_frame()
-    if frame is None:
-        return None
-    return loc_in(frame.f_code.co_filename, frame.f_lineno)
+    return elsewhere[-1] if elsewhere else _loc_of(user_frame())
+
+
+def caller() -> Loc | None:
+    """Return the user's line that is running; that of the ray tracer's caller where it runs for the user."""
+    elsewhere = _thread.elsewhere
+    return elsewhere[-1] if elsewhere else _loc_of(user_frame(_TRACER))
+
+
+def _loc_of(frame: FrameType | None) -> Loc | None:
+    return None if frame is None else loc_in(frame.f_code.co_filename, frame.f_lineno)
 
 
 def located(function: Callable[P, T]) -> Callable[P, T]:
@@ -166,7 +173,7 @@ def located(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **named)
         except ShpyError as error:
             if error.loc is None:
-                ShpyError.__init__(error, error.message, loc=here(), cure=error.cure)
+                ShpyError.__init__(error, error.message, loc=caller(), cure=error.cure)
             raise
 
     return run
