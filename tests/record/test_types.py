@@ -81,6 +81,20 @@ def test_literals_and_mixing(result, expected, type_):
     assert value(made) == expected
 
 
+@pytest.mark.parametrize("name", ["length", "normalize", "popcount", "float_from_bits", "bits_from_float", "isnan"])
+@pytest.mark.parametrize("wrong", [sh.Attrib1b(True), sh.Attrib3b(True), True])
+def test_functions_of_constants_refuse_types_that_they_do_not_take(name, wrong):
+    with pytest.raises(sh.ShpyTypeError, match=f"sh.{name} does not take b"):
+        getattr(sh, name)(wrong)
+
+
+def test_bits_of_another_width_are_refused():
+    for wrong in (sh.Attrib1d(1), sh.Attrib3h(1)):
+        for function in (sh.popcount, sh.float_from_bits, sh.count_leading_zeros):
+            with pytest.raises(sh.ShpyTypeError, match="does not take [dh]"):
+                function(wrong)
+
+
 def test_sequences_stand_for_vectors():
     v = sh.Attrib3f(1, 2, 3)
     assert value(v + (1, 1, 1)) == [2, 3, 4]

@@ -27,9 +27,10 @@ class HostEmitter:
     """Evaluates at once, by the meanings in the op table."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
-        """Execute the operation's meaning."""
+        """Execute the operation's meaning; raise TypeError if it does not take these types."""
+        type = result_type(name, tuple(t for _, t in args))
         with np.errstate(all="ignore"):
-            return np.asarray(OPS[name].meaning(*(h for h, _ in args))), result_type(name, tuple(t for _, t in args))
+            return np.asarray(OPS[name].meaning(*(h for h, _ in args))), type
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
         """Execute a structural operation."""
