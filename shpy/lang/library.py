@@ -64,14 +64,15 @@ def hash(x: Any, y: Any = None, z: Any = None) -> Any:
 
 def _unsigned(x: Any) -> Any:
     operand = arithmetic.operand(x, "sh.hash")
-    if operand.size != 1 or (isinstance(operand, Value) and operand.base not in (Base.U, Base.I)):
+    whole = operand.base in (Base.U, Base.I) if isinstance(operand, Value) else operand.weak == "int"
+    if operand.size != 1 or not whole:
         vector = f"sh.hash({', '.join('v.xyz'[:2] + c for c in 'xyzw'[: builtins.min(operand.size, 3)])})"
         raise ShpyTypeError(
             "sh.hash takes one to three u, or i, which wraps",
             loc=here(),
             cure=vector if operand.size != 1 else "sh.hash(sh.bits_from_float(x)) for a float, sh.hash(sh.Attrib1i(x))",
         )
-    if not isinstance(operand, Value) and operand.weak == "int" and -(2**31) <= operand.components[0] < 0:
+    if not isinstance(operand, Value) and -(2**31) <= operand.components[0] < 0:
         return Attrib1u(operand.components[0] + 2**32)
     return Attrib1u(x)
 
@@ -79,7 +80,7 @@ def _unsigned(x: Any) -> Any:
 def unit_float(u: Any) -> Any:
     """Return a float in [0, 1) from the upper 24 bits of a u: (u >> 8) * 2**-24."""
     operand = arithmetic.operand(u, "sh.unit_float")
-    if isinstance(operand, Value) and operand.base is not Base.U:
+    if operand.base is not Base.U if isinstance(operand, Value) else operand.weak != "int":
         raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
     word = operand if isinstance(operand, Value) else Attrib1u(u)
     return CLASSES["Attrib", word.size, Base.F](word >> 8) * 2.0**-24
@@ -157,6 +158,10 @@ def noise(p: Any) -> Any:
     operand = arithmetic.operand(p, "sh.noise")
     if operand.size not in _NOISE:
         raise ShpyTypeError("sh.noise takes one to three floats", loc=here(), cure="sh.noise(p.xyz)")
+    if operand.base is Base.B if isinstance(operand, Value) else operand.weak == "bool":
+        raise ShpyTypeError(
+            "sh.noise does not take b", loc=here(), cure="sh.cond(c, 1.0, 0.0) makes a number of a bool"
+        )
     return _NOISE[operand.size](_POINTS[operand.size](p))
 
 

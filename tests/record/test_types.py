@@ -91,7 +91,7 @@ def test_functions_of_constants_refuse_types_that_they_do_not_take(name, wrong):
 def test_bits_of_another_width_are_refused():
     for wrong in (sh.Attrib1d(1), sh.Attrib3h(1)):
         for function in (sh.popcount, sh.float_from_bits, sh.count_leading_zeros):
-            with pytest.raises(sh.ShpyTypeError, match="does not take [dh]"):
+            with pytest.raises(sh.ShpyTypeError, match=r"does not take [dh]"):
                 function(wrong)
 
 
@@ -224,6 +224,22 @@ def test_a_matrix_moves_points_turns_vectors_and_keeps_normals_normal():
     assert type(m @ sh.Normal3f(1, 1, 1)) is sh.Normal3f
     with pytest.raises(sh.ShpyTypeError, match="is it a place or a direction"):
         m @ sh.Attrib3f(1, 1, 1)
+
+
+@pytest.mark.parametrize("wrong", [2.5, 2.0, np.float32(3), True, float("nan"), sh.Attrib1f(2), sh.Attrib1b(True)])
+def test_words_are_ints(wrong):
+    for function in (sh.hash, lambda x: sh.hash(1, x), lambda x: sh.hash(sh.Attrib1u(1), 2, x)):
+        with pytest.raises(sh.ShpyTypeError, match=r"sh.hash takes one to three u, or i"):
+            function(wrong)
+    with pytest.raises(sh.ShpyTypeError, match=r"sh.unit_float takes u"):
+        sh.unit_float(wrong)
+
+
+def test_noise_takes_no_bools():
+    for wrong in (True, sh.Attrib1b(True), sh.Attrib3b(True), (True, False)):
+        with pytest.raises(sh.ShpyTypeError, match=r"sh.noise does not take b"):
+            sh.noise(wrong)
+    assert value(sh.noise(2)) == value(sh.noise((1, 2.0))) == 0
 
 
 def test_hash_is_pcg():
