@@ -1,7 +1,5 @@
 """The walk through the hierarchy hits what every triangle, tried one after the other, hits: to the bit."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -80,24 +78,36 @@ def test_hits_are_those_of_the_grid(name):
     np.testing.assert_array_equal(bvh.occluded(origins, directions), grid.occluded(origins, directions))
 
 
+WIDTHS = (1, 4, 8, 16), (1, 16)
+"""The lanes of packets that walk through boxes with two children, and with four."""
+
+
 @pytest.mark.parametrize("name", ["bricks", "soup"])
-def test_rays_may_walk_together_or_alone(name):
+@pytest.mark.parametrize(
+    ("query", "widths"),
+    [
+        (queries.intersect, WIDTHS),
+        (queries.occluded, ((4, 16), (1,))),
+        pytest.param(queries.occluded, WIDTHS, marks=pytest.mark.slow),
+    ],
+    ids=["nearest", "any", "any at all widths"],
+)
+def test_rays_may_walk_together_or_alone(name, query, widths):
     """One ray, packets of any width, or thousands that share every node: the same hits."""
     mesh = MESHES[name]
     origins, directions = rays(mesh, 1500)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     limit = np.random.default_rng(4).uniform(0, 6, len(origins)).astype(np.float32)
     structure, rows = build_bvh(mesh.corners), triangle_rows(mesh.corners)
-    for make in (partial(queries.intersect, exact=True), partial(queries.occluded, exact=True)):
-        alone, together = (make(BvhIntersector(structure, rows, together=t)) for t in (False, True))
-        kernels = [alone.compile("numpy", loop_limit=None), together.compile("numpy", loop_limit=None)]
-        kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 4, 8, 16)]
-        wide = make(WideIntersector(structure, rows))
-        kernels += [wide.compile("opencl", lanes=lanes, loop_limit=None) for lanes in (1, 16)]
-        kernels += [wide.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
-        first, *others = (kernel(origins, directions, 0.0, limit, (0, 0, 0), 1.0) for kernel in kernels)
-        for other in others:
-            same(first, other)
+    alone, together = (query(BvhIntersector(structure, rows, together=t), exact=True) for t in (False, True))
+    kernels = [alone.compile("numpy", loop_limit=None), together.compile("numpy", loop_limit=None)]
+    kernels += [together.compile("opencl", lanes=lanes, loop_limit=None) for lanes in widths[0]]
+    wide = query(WideIntersector(structure, rows), exact=True)
+    kernels += [wide.compile("opencl", lanes=lanes, loop_limit=None) for lanes in widths[1]]
+    kernels += [wide.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
+    first, *others = (kernel(origins, directions, 0.0, limit, (0, 0, 0), 1.0) for kernel in kernels)
+    for other in others:
+        same(first, other)
 
 
 def test_rays_that_have_nothing_in_common_walk_alone():
