@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -102,6 +103,12 @@ def many(count, seed, extremes=EXTREMES):
     return found(*made)
 
 
+@cache
+def sixty():
+    """Return a picture of sixty variants, drawn once."""
+    return picture(many(60, 5))
+
+
 def picture(t):
     figure = Figure(figsize=(10, 6), layout="constrained")
     draw(t._comparison, figure)
@@ -129,7 +136,7 @@ def test_labels_cover_neither_each_other_nor_a_point(count, seed):
 
 
 def test_the_picture_has_units_logarithms_and_a_legend_outside_of_the_data():
-    figure, axes = picture(many(60, 5))
+    figure, axes = sixty()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("ns per element", "largest error in ULP")
     (legend,) = figure.legends
@@ -149,11 +156,10 @@ def test_errors_without_a_logarithm_or_at_the_ends_of_binary64_are_drawn(errors,
 
 
 def test_a_backend_has_the_same_colour_in_every_picture():
-    def colours(t):
-        figure, _ = picture(t)
+    def colours(figure):
         handles = zip(figure.legends[0].get_lines(), figure.legends[0].get_texts(), strict=True)
         return {text.get_text(): line.get_color() for line, text in handles}
 
-    every = colours(many(60, 5))
-    alone = colours(found(candidate(1.0, 2.0, variant=("glsl", "fast", "f32"))))
+    every = colours(sixty()[0])
+    alone = colours(picture(found(candidate(1.0, 2.0, variant=("glsl", "fast", "f32"))))[0])
     assert alone["glsl"] == every["glsl"] != every["numpy"]
