@@ -17,7 +17,7 @@ from shpy.run import kernel
 BACKENDS = ["numpy", "opencl", "glsl"]
 WAYS = {
     "whitted": {"bounces": 2},
-    "path": {"integrator": "path", "samples": 2},
+    "path": {"integrator": "path", "samples": 1},
     "staged": {"tracer": "staged", "bounces": 1, "grid": 5},
 }
 
