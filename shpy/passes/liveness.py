@@ -150,15 +150,15 @@ def _notes(region: Region, after: Bits, targets: _Targets) -> list[Note]:
 
 
 def _note(statement: Stmt, after: Bits, targets: _Targets) -> Note:
-    before = _before(statement, after, targets)
     match statement:
         case If(_, then, orelse):
             sides = _notes(then, after, targets), _notes(orelse, after, targets)
+            entries = _first(sides[0], after), _first(sides[1], after)
             return Note(
-                (before, after),
+                (entries[0] | entries[1], after),
                 regions=sides,
-                entries=(_first(sides[0], after), _first(sides[1], after)),
-                stored=stored_in(then) | stored_in(orelse),
+                entries=entries,
+                stored=_stored(then, sides[0]) | _stored(orelse, sides[1]),
                 exits=any(note.exits for side in sides for note in side),
             )
         case Loop(body, continuing, until):
@@ -169,12 +169,16 @@ def _note(statement: Stmt, after: Bits, targets: _Targets) -> Note:
                 _notes(body, step, inside),
                 _notes(continuing, head if until is None else head | after, inside),
             )
-            return Note(
-                (before, after), regions=parts, entries=(head, step), stored=stored_in(body) | stored_in(continuing)
-            )
+            stored = _stored(body, parts[0]) | _stored(continuing, parts[1])
+            return Note((head, after), regions=parts, entries=(head, step), stored=stored)
         case Break() | Continue() | Return() | Discard():
-            return Note((before, after), exits=True)
-    return Note((before, after))
+            return Note((_before(statement, after, targets), after), exits=True)
+    return Note((_before(statement, after, targets), after))
+
+
+def _stored(region: Region, notes: Sequence[Note]) -> Set:
+    """Return the variables that the region stores, at any depth, some of which its statements' notes have."""
+    return frozenset([s.variable for s in region if isinstance(s, Store)]).union(*[note.stored for note in notes])
 
 
 def _first(notes: Sequence[Note], after: Bits) -> Bits:
