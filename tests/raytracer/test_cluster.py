@@ -58,10 +58,10 @@ def renderers():
 
 
 def test_a_scene_is_compiled_once_in_a_process(client):
-    scene = Scene.builtin("mirror-box")
-    before = render(scene, (6, 40), backend="numpy", cluster=client, tile_rows=1)
+    scene = Scene.builtin("boxes")
+    before = render(scene, (6, 20), backend="numpy", cluster=client, tile_rows=1)
     kept = client.run(renderers)
-    again = render(Scene.builtin("mirror-box"), (6, 40), backend="numpy", cluster=client, tile_rows=1)
+    again = render(Scene.builtin("boxes"), (6, 20), backend="numpy", cluster=client, tile_rows=1)
     assert kept == client.run(renderers)
     assert_same(again, before)
 
