@@ -78,13 +78,18 @@ def exact(name: str, precision: str) -> list[Any]:
         return [getattr(mp, name)(mp.mpf(float(x))) for x in angles(precision)]
 
 
+@functools.cache
+def places(name: str, precision: str) -> list[int]:
+    """The exponent of the last place of each exact result."""
+    return [mp.frexp(wanted)[1] - 1 - np.finfo(DTYPES[precision]).nmant for wanted in exact(name, precision)]
+
+
 def check_bound(found: Array, name: str, precision: str, bound: float) -> None:
-    limits, x = np.finfo(DTYPES[precision]), angles(precision)
-    for given, result, wanted in zip(x, found, exact(name, precision), strict=True):
-        with mp.workprec(200):
-            place = mp.ldexp(1, mp.frexp(wanted)[1] - 1 - limits.nmant)
-            off = float(abs(mp.mpf(float(result)) - wanted) / place)
-        assert off <= bound, f"{name} of {float(given).hex()} is {float(result).hex()}: {off} ULP off"
+    expected = zip(exact(name, precision), places(name, precision), strict=True)
+    with mp.workprec(200):
+        for given, result, (wanted, place) in zip(angles(precision), found.tolist(), expected, strict=True):
+            off = float(mp.ldexp(abs(mp.mpf(result) - wanted), -place))
+            assert off <= bound, f"{name} of {float(given).hex()} is {result.hex()}: {off} ULP off"
 
 
 @pytest.mark.sampled(2)
