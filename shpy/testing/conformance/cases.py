@@ -112,16 +112,23 @@ class Case:
         """The watch that finds denormals in this program."""
         return DenormalWatch(self.program.ir, Options(**self.options))
 
+    @functools.cached_property
+    def flat(self) -> tuple[list[Array], dict[str, Any]]:
+        """Every input over the elements in one line, and the data of every table."""
+        recorded, precision = self.program.recorded, self.options.get("precision", "f32")
+        streams = host.streams(recorded.inputs, self.arrays, precision)
+        tables = host.tables(recorded.inputs, self.arrays, recorded.tables)
+        return [s.flat(self.reference.written.shape) for s in streams], {
+            name: table.data(dtypes_at(precision)[table.type.base]) for name, table in tables.items()
+        }
+
     def denormal(self, element: int) -> bool:
         """Return whether a denormal arises on the way of an element."""
-        recorded, shape = self.program.recorded, self.reference.written.shape
-        precision = self.options.get("precision", "f32")
-        flat = [s.flat(shape) for s in host.streams(recorded.inputs, self.arrays, precision)]
-        tables = host.tables(recorded.inputs, self.arrays, recorded.tables)
+        (flat, tables), shape = self.flat, self.reference.written.shape
         return self.watch.arises(
             [a[element if len(a) > 1 else 0] for a in flat],
             {},
-            {name: table.data(dtypes_at(precision)[table.type.base]) for name, table in tables.items()},
+            tables,
             tuple(map(int, np.unravel_index(element, shape))),
             shape,
         )
