@@ -10,6 +10,7 @@ import math
 import sys
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from shpy.backends.slow import announced
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
-from shpy.ir.nodes import Status
+from shpy.ir.nodes import Module, Status
 from shpy.ir.text import print_module
 from shpy.ir.traverse import grid_rank
 from shpy.lang.data.tables import Table
@@ -42,6 +43,17 @@ from shpy.streams.stream import Place, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
+_known_texts: WeakKeyDictionary[Recorded, tuple[Module, str]] = WeakKeyDictionary()
+"""The results of `_without_data`: a program is compiled for several backends, and again with other options."""
+
+
+def _without_data(recorded: Recorded) -> tuple[Module, str]:
+    """Return the module without what no kernel's text depends on, and its text, by which kernels are shared."""
+    found = _known_texts.get(recorded)
+    if found is None:
+        module = forget_data(recorded.module)
+        found = _known_texts[recorded] = module, print_module(module)
+    return found
 
 
 class Kernel(Unchanging):
@@ -57,8 +69,8 @@ class Kernel(Unchanging):
         self.recorded = recorded
         self.backend = backend.name
         self.options = options
-        module = forget_data(recorded.module)
-        key = (backend.name, print_module(module), options)
+        module, text = _without_data(recorded)
+        key = (backend.name, text, options)
         dump("ir", recorded.module.name, lambda: str(recorded.module))
         found = _executables.get(key)
         if found is None:
