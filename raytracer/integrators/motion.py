@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import named
 from raytracer.meshes.mesh import Mesh, affine
@@ -78,8 +79,7 @@ class Motion:
         if isinstance(name, str):
             found = [number for number, mesh in enumerate(self.meshes) if mesh.name == name]
         else:
-            whole = isinstance(name, int | np.integer) and not isinstance(name, bool)
-            found = [int(name)] if whole and 0 <= name < len(self.meshes) else []
+            found = [int(name)] if is_whole(name, 0, len(self.meshes) - 1) else []
         if not found:
             names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
             raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")

@@ -173,9 +173,7 @@ def first_divergence(
 
     `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """
-    modes = named.pop("math") if isinstance(named.get("math"), tuple) else None
-    if modes is not None and len(modes) != 2:
-        raise ShpyTypeError(f"math={modes!r} is no pair of modes", loc=here(), cure='math=("strict", "fast")')
+    modes = _pair_of_modes(named)
     given, options = split_options(named, program)
     names = targets(backends)
     if modes and len(names) == 1:
@@ -197,6 +195,16 @@ def first_divergence(
             if found is not None:
                 return found
     return None
+
+
+def _pair_of_modes(named: dict[str, Any]) -> tuple[Any, Any] | None:
+    """Take `math` from the options if it is a pair; raise ShpyTypeError for a longer or shorter tuple."""
+    if not isinstance(named.get("math"), tuple):
+        return None
+    modes: tuple[Any, ...] = named.pop("math")
+    if len(modes) != 2:
+        raise ShpyTypeError(f"math={modes!r} is no pair of modes", loc=here(), cure='math=("strict", "fast")')
+    return modes
 
 
 def search(
