@@ -71,6 +71,7 @@ def test_names_of_shpy_and_of_values_can_be_asked_for():
     assert caught.value.cure
 
 
+PICTURE = sh.Texture2D(np.zeros((2, 2, 3)))
 NUMBERS = sh.Table([1.0, 2.0, 3.0], sh.Attrib1f)
 
 
@@ -122,6 +123,18 @@ def decimal_from(x: sh.Attrib1f) -> sh.Attrib1f:
     return Decimal("0.1") - x  # here
 
 
+def sampled(uv: sh.TexCoord2f) -> sh.Color3f:
+    return PICTURE.sample(uv)  # here
+
+
+def indexed_texture(uv: sh.TexCoord2f, picture: sh.Texture2D[sh.Color3f]) -> sh.Color3f:
+    return picture[0, 0]  # here
+
+
+def with_two_coordinates(x: sh.Attrib1f) -> sh.Color3f:
+    return PICTURE(x, 0.5)  # here
+
+
 def summed_by_numpy(v: sh.Attrib3f) -> sh.Attrib1f:
     return np.sum(v)  # here
 
@@ -140,6 +153,9 @@ def summed_by_numpy(v: sh.Attrib3f) -> sh.Attrib1f:
         (summed_table, "'Table' object has no attribute 'sum'", "with SH_FOR(0, NUMBERS.shape[0]) as i"),
         (with_a_fraction, "* cannot take Fraction", "float(…), the nearest number that Python's float has"),
         (decimal_from, "- cannot take Decimal", "float(…), the nearest number that Python's float has"),
+        (sampled, "'Texture2D' object has no attribute 'sample'", "PICTURE(uv)"),
+        (indexed_texture, "this Texture2D is read at coordinates, not by an index", "texture(uv); sh.Table("),
+        (with_two_coordinates, "a texture is read at one place of 2 coordinates", "PICTURE((u, v))"),
         (summed_by_numpy, "numpy's functions cannot take values", "sh.sin(x) for np.sin(x)"),
     ],
 )

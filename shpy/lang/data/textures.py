@@ -22,6 +22,7 @@ from shpy.lang.data.tables import Table, TableArgument, TableType, element_class
 from shpy.lang.library import WRAPS, sample
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
+from shpy.lang.values.coerce import literal
 from shpy.lang.values.types import Attrib1i
 from shpy.lang.values.value import CLASSES, Value
 
@@ -98,8 +99,15 @@ class Texture:
         """Replace the image; the shape stays."""
         self.table.update(checked_pixels(array, self.AXES)[0])
 
-    def __call__(self, uv: Any) -> Any:
+    def __call__(self, uv: Any, *others: Any) -> Any:
         """Return the colour at `uv`: a float for each axis, in [0, 1] over the image."""
+        if others or literal(uv) is not None:
+            place = ", ".join("uvw"[: self.AXES])
+            raise ShpyTypeError(
+                f"a texture is read at one place of {self.AXES} coordinates, not at each by itself",
+                loc=here(),
+                cure=f"{self.name or 'texture'}(({place}))",
+            )
         return sample(self, uv if isinstance(uv, Value) else CLASSES["Attrib", self.AXES, Base.F](*uv))
 
 

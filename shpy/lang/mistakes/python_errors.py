@@ -19,12 +19,13 @@ from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeErro
 from shpy.ir.nodes import Loc
 from shpy.lang.data.array import Array
 from shpy.lang.data.tables import Table
-from shpy.lang.data.textures import Texture2D
+from shpy.lang.data.textures import Texture
 from shpy.lang.recording.location import is_users
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.value import Value
 
 _CALLED = re.compile(r"'(\w+)' object is not callable")
+_INDEXED = re.compile(r"'(\w+)' object is not subscriptable")
 _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {
     "Array": (Array, "array[i]"),
@@ -120,6 +121,13 @@ def _container(text: str, loc: Loc) -> ShpyError | None:
             loc=loc,
             cure="sh.Array(sh.Attrib1f, [a, b])[i]; with an i of Python's (a, b)[i]",
         )
+    indexed = _INDEXED.search(text)
+    if indexed is not None and indexed[1] in _classes(Texture):
+        return ShpyTypeError(
+            f"this {_shown(indexed[1])} is read at coordinates, not by an index",
+            loc=loc,
+            cure="texture(uv); sh.Table(array, sh.Color3f)[row, column] for a pixel",
+        )
     hashed = _HASHED.search(text)
     if hashed is not None and hashed[1] in _classes(Value):
         return ShpyTypeError(
@@ -131,14 +139,23 @@ def _container(text: str, loc: Loc) -> ShpyError | None:
 
 
 def _attribute(error: AttributeError, loc: Loc) -> ShpyError | None:
-    if isinstance(error, ShpyError) or not isinstance(error.obj, Array | Table | Texture2D):
+    if isinstance(error, ShpyError) or not isinstance(error.obj, Array | Table | Texture):
         return None
-    kind = "Array" if isinstance(error.obj, Array) else "Texture2D" if isinstance(error.obj, Texture2D) else "Table"
-    name = _name(error.name, loc)
-    length = f"len({name})" if kind == "Array" else f"{name}.shape[0]"
-    cures = _OF_ARRAYS if kind == "Array" else {"sum": _OF_ARRAYS["sum"].partition("; or ")[2], "size": "{0}.shape"}
-    cure = cures.get(error.name or "", "{0}[i], and {1}").format(name, length)
+    name, missing = _name(error.name, loc), error.name or ""
+    match error.obj:
+        case Array():
+            kind, cure = "Array", _OF_ARRAYS.get(missing, "{0}[i], and {1}").format(name, f"len({name})")
+        case Texture():
+            kind, cure = _shown(type(error.obj).__name__), f"{name}.shape" if missing == "size" else f"{name}(uv)"
+        case _:
+            of_tables = {"sum": _OF_ARRAYS["sum"].partition("; or ")[2], "size": "{0}.shape"}
+            kind, cure = "Table", of_tables.get(missing, "{0}[i], and {1}").format(name, f"{name}.shape[0]")
     return ShpyAttributeError(f"{kind!r} object has no attribute {error.name!r}", loc=loc, cure=cure)
+
+
+def _shown(name: str) -> str:
+    """Return the name of a texture's class as the user writes it: an argument is one, too."""
+    return name.replace("Argument", "2D")
 
 
 def _name(attribute: str | None, loc: Loc) -> str:
