@@ -191,6 +191,7 @@ MATRIX_MISTAKES = {
     "'a' is no row of a Matrix3f": (sh.ShpyTypeError, lambda m: m["a"], "m[r, c]"),
     "a matrix has 2 axes, not 3": (sh.ShpyTypeError, lambda m: m[0, 1, 2], "m[r, c]"),
     "no slices": (sh.ShpyTypeError, lambda m: m[:, 0], "sh.transpose(m)[c]"),
+    "and no slices": (sh.ShpyTypeError, lambda m: m.__setitem__((np.s_[:], 0), 1.0), "m[0, c], m[1, c], m[2, c] = v"),
 }
 
 

@@ -129,7 +129,7 @@ class Matrix(Symbolic):
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, tuple):
-            row, column = self._pair(key)
+            row, column = self._pair(key, "sh.transpose(m)[c]")
             return self[row][column]
         if isinstance(key, slice) and key == slice(None):
             return self.copy()
@@ -159,16 +159,17 @@ class Matrix(Symbolic):
             raise ShpyIndexError(f"row {key} of {self.size}", loc=here(), cure=f"0 to {self.size - 1}")
         return self.rows[key]
 
-    def _pair(self, key: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _pair(self, key: tuple[Any, ...], column: str) -> tuple[Any, ...]:
+        """Return a row and a column; `column` is the cure for a whole column."""
         if len(key) != 2:
             raise ShpyTypeError(f"a matrix has 2 axes, not {len(key)}", loc=here(), cure="m[r], or m[r, c]")
         if isinstance(key[0], slice):
-            raise ShpyTypeError("a matrix has rows, and no slices of them", loc=here(), cure="sh.transpose(m)[c]")
+            raise ShpyTypeError("a matrix has rows, and no slices of them", loc=here(), cure=column)
         return key
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if isinstance(key, tuple):
-            row, column = self._pair(key)
+            row, column = self._pair(key, f"{', '.join(f'm[{r}, c]' for r in range(self.size))} = v")
             if isinstance(row, Value):
                 check_index(row)
                 for r, own in enumerate(self.rows):
