@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.image import LAYERS
 from raytracer.kernels.tracer import Pixel
@@ -38,6 +39,12 @@ def whole_size(size: tuple[int, int]) -> tuple[int, int]:
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise SceneError(f"a picture is from 1 to 32768 pixels wide and high, not {width} x {height}")
     return width, height
+
+
+def check_rows(top: int, count: int, height: int) -> None:
+    """Raise SceneError unless `count` rows from `top` on are rows of a picture of this height."""
+    if not (is_whole(top, 0, height) and is_whole(count, 0, height - top)):
+        raise SceneError(f"a picture {height} pixels high has no {count!r} rows from row {top!r} on")
 
 
 def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
-from raytracer.integrators.layers import checked_size, clear, take_samples, unscale, unset, whole_size
+from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.progressive import origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
@@ -290,10 +290,11 @@ class Renderer:
         """
         samples = self._samples(samples)
         width, height = whole_size(size)
+        check_rows(top, count, height)
         self._follow_motion()
         layers = unset(width, count)
         clear(layers, self.scene.background)
-        if self.layout is None:
+        if self.layout is None or not count:
             return layers
         if isinstance(self.integrator, Path):
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples

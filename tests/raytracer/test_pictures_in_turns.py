@@ -4,6 +4,7 @@ import dataclasses
 import pickle
 import threading
 
+import numpy as np
 import pytest
 from scene_pictures import same
 
@@ -77,3 +78,19 @@ def test_a_renderer_that_was_pickled_has_turns_of_its_own(small):
     assert other.turn is not small.turn
     for camera in CAMERAS:
         same(other.render((4, 3), camera=camera, samples=2), small.render((4, 3), camera=camera, samples=2))
+
+
+@pytest.mark.parametrize(("top", "count"), [(-1, 2), (0, 4), (2, 2), (4, 0), (0, -1), (1.5, 1), (0, True)])
+def test_rows_beyond_a_picture_are_refused(small, top, count):
+    with pytest.raises(SceneError, match=f"a picture 3 pixels high has no {count} rows from row {top} on"):
+        small.rows((4, 3), top, count)
+
+
+def test_rows_of_a_picture_are_its_parts(small):
+    direct = Renderer(small.scene, backend="numpy")
+    for each in (small, direct):
+        whole = each.render((4, 3), samples=1).layers
+        for top, count in ((0, 3), (1, 2), (2, 1), (1, 0), (3, 0)):
+            part = each.rows((4, 3), top, count, samples=1)
+            for name, layer in whole.items():
+                np.testing.assert_array_equal(part[name], layer[top : top + count])
