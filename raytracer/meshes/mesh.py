@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
-from raytracer.arrays import array_of, numbers
+from raytracer.arrays import array_of, finite_triple, numbers
 from raytracer.errors import SceneError
 
 Floats = NDArray[np.float64]
@@ -174,7 +174,7 @@ class Mesh:
         matrix = about_y @ about_x
         placed = self._turned_over() if scale < 0 else self
         normals = None if placed.normals is None else placed.normals @ matrix.T * (-1.0 if scale < 0 else 1.0)
-        vertices = self.vertices @ matrix.T * scale + np.asarray(offset)
+        vertices = self.vertices @ matrix.T * scale + finite_triple(f"{self.name}: an offset", offset)
         return dataclasses.replace(placed, vertices=vertices, normals=normals)
 
     def transformed(self, matrix: ArrayLike) -> Mesh:

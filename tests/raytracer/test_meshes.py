@@ -140,6 +140,12 @@ def test_wrong_arrays_are_named(arguments, words):
         Mesh(*arguments)
 
 
+@pytest.mark.parametrize("wrong", [(1, 2), 1, "abc", None, (1, 2, np.nan)])
+def test_an_offset_is_three_numbers(wrong):
+    with pytest.raises(SceneError, match="box: an offset is three finite numbers"):
+        box().moved(wrong)
+
+
 def test_pixels_in_rows_of_different_lengths_are_refused():
     for make in (Texture, EnvironmentLight):
         with pytest.raises(SceneError, match="rows of different lengths"):
