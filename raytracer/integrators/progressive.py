@@ -115,6 +115,8 @@ def resumed(
     resume: Image | str | PathLike[str], size: tuple[int, int], origin: str, samples: int
 ) -> tuple[Layers, int]:
     """Copy the layers of a picture to continue; return them and its samples. SceneError for another picture."""
+    if not isinstance(resume, Image | str | PathLike):
+        raise SceneError(f"a picture to resume is an Image, or its .exr or .npy file, not {resume!r}")
     image = resume if isinstance(resume, Image) else Image.load(resume)
     height, width = image.depth.shape
     name = "the picture to resume" if isinstance(resume, Image) else str(resume)

@@ -27,7 +27,7 @@ from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError, warn
 from raytracer.image import Image, encoded
 from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.renderer import Renderer
+from raytracer.integrators.renderer import Renderer, check_scene
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 from raytracer.studies.report import Told, new_figure, save_figure
@@ -250,7 +250,8 @@ def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -
 def _measured(
     scene: Scene, max_error: float, backend: str | None, bounces: int, progress: Told | None
 ) -> tuple[Tradeoff, dict[Variant, Renderer]]:
-    if not max_error > 0:
+    check_scene(scene, Whitted())
+    if not (isinstance(max_error, int | float | np.number) and max_error > 0):
         raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
     if not scene.triangles:
         raise SceneError(f"{scene.name} has no triangles: there is nothing to trade")

@@ -327,6 +327,8 @@ def test_a_camera_in_arrays_is_known_by_its_numbers(small):
 def test_a_picture_of_something_else_is_not_continued(small, tmp_path):
     part = small.render((4, 3), samples=2)
     assert small.render((4, 3), samples=2, resume=part).pixels.tolist() == part.pixels.tolist()
+    with pytest.raises(SceneError, match=r"an Image, or its \.exr or \.npy file, not 3"):
+        small.render((4, 3), samples=2, resume=3)
     with pytest.raises(SceneError, match="2 samples already, more than 1"):
         small.render((4, 3), samples=1, resume=part)
     with pytest.raises(SceneError, match="4 x 3 pixels, not 4 x 4"):

@@ -181,8 +181,12 @@ def test_render_takes_an_error(monkeypatch):
 def test_what_cannot_be_traded_is_said():
     with pytest.raises(SceneError, match="max_error is a positive number of 255ths, not 0"):
         tradeoff(mirrors(), max_error=0, backend="numpy")
+    with pytest.raises(SceneError, match="max_error is a positive number of 255ths, not 'low'"):
+        render(mirrors(), max_error="low", backend="numpy")
     with pytest.raises(SceneError, match="has no triangles"):
         tradeoff(Scene(), backend="numpy")
+    with pytest.raises(SceneError, match=r"pictures show a Scene, .*, not <Mesh box"):
+        tradeoff(box(), backend="numpy")
 
 
 def test_the_other_camera_sees_the_scene_too():
