@@ -188,11 +188,11 @@ class Camera:
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-4 or np.linalg.det(turn) < 0:
             raise SceneError("the first three columns of a pose are a rotation: orthogonal, of determinant 1")
         try:
-            width, height = map(int, size)
-        except (TypeError, ValueError):
+            width, height = (int(n) for n in size if int(n) == n)
+        except (TypeError, ValueError, OverflowError):
             width = height = 0
         if not (width > 0 and height > 0):
-            raise SceneError(f"a size is (width, height) in pixels, not {size!r}")
+            raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}")
         x, y, z = place[:3, 3].tolist()
         forward, up = place[:3, 2].tolist(), (-place[:3, 1]).tolist()
         fov = math.degrees(2 * math.atan(min(width / matrix[0, 0], height / matrix[1, 1]) / 2))

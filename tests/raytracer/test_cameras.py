@@ -210,9 +210,9 @@ def test_calibrations_that_are_none(K, pose, message):
         Camera.from_intrinsics(K, pose, (8, 8))
 
 
-@pytest.mark.parametrize("size", [8, (8,), "8x8", (0, 8)])
+@pytest.mark.parametrize("size", [8, (8,), "8x8", (0, 8), (8.5, 8), (8, float("inf")), (8, float("nan"))])
 def test_sizes_of_a_calibration_that_are_none(size):
-    with pytest.raises(SceneError, match=r"a size is \(width, height\) in pixels, not"):
+    with pytest.raises(SceneError, match=r"a size is \(width, height\) in whole pixels, not"):
         Camera.from_intrinsics(np.eye(3), np.eye(4), size)
 
 
