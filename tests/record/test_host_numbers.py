@@ -93,6 +93,21 @@ def test_f16_takes_constants_that_it_holds_and_infinity():
     assert [float(y) for y in ends.compile("numpy", precision="f16")(0.0)] == [np.inf, 65504, np.inf, np.inf]
 
 
+def test_numbers_are_rounded_to_f16_once():
+    above = 1 + 2.0**-11 + 2.0**-40  # the middle between two binary16 numbers, and a little more: binary32 loses it
+    table = sh.Table([above], sh.Attrib1f)
+
+    @sh.program
+    def looked_up(x: sh.Attrib1f = above) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+        return x, table[0]
+
+    for backend in ("numpy", "opencl", "glsl"):
+        kernel = looked_up.compile(backend, precision="f16")
+        for found in (*kernel([above]), *kernel(shape=1), *kernel(np.full(3, above)), *kernel(above)):
+            assert np.all(found == np.float16(above))
+    assert np.float16(above) == 1 + 2.0**-10
+
+
 def test_infinities_and_what_rounds_down_are_kept():
     given = np.array([np.inf, -np.inf, np.nan, 3.4028235e38, 1e-60, -0.0])
     with np.errstate(all="raise"):
