@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.traverse import grid_rank
 from shpy.ir.types import Base, Type
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
@@ -91,6 +92,7 @@ def draw(
     check_count("samples", count, 0)
     types = dict(_leaves(program))
     _check(program, domain, set(types))
+    _check_rank(program, 1 if types else 0)
     found = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
     count = max((len(a) for a in found.values()), default=1)
     inside = np.ones(count, np.bool_)
@@ -127,6 +129,17 @@ def _check(program: Program, domain: Domain, names: set[str]) -> None:
     unknown = [n for n in domain if n not in names and n not in inputs]
     if unknown:
         raise ShpyTypeError(f"{unknown[0]} is no input of {program.name}", loc=here(), cure=", ".join(inputs))
+
+
+def _check_rank(program: Program, rank: int) -> None:
+    """Raise ShpyTypeError for a program whose elements have another number of axes than those of a domain."""
+    wanted = grid_rank(program.ir)
+    if wanted is not None and wanted != rank:
+        raise ShpyTypeError(
+            f"{program.name} uses grid_index({wanted}), and the elements of this domain have {rank} axes",
+            loc=here(),
+            cure=f"an input of type Attrib{wanted}i in place of sh.grid_index({wanted})",
+        )
 
 
 def _of(domain: Domain, name: str) -> Any:

@@ -45,6 +45,28 @@ def test_what_cannot_be_measured_is_an_error(work, program, domain, options, sai
     assert caught.value.loc.file == __file__
 
 
+def test_elements_of_a_domain_have_one_axis():
+    @sh.program
+    def placed(x: sh.Attrib1f) -> sh.Attrib1f:
+        row, column = sh.grid_index(2)
+        return x * sh.Attrib1f(row - column)
+
+    @sh.program
+    def numbered() -> sh.Attrib1f:
+        return sh.sqrt(sh.Attrib1f(sh.grid_index(1)))
+
+    @sh.program
+    def given(x: sh.Attrib1f, place: sh.Attrib2i) -> sh.Attrib1f:
+        return x * sh.Attrib1f(place.x - place.y)
+
+    for program, domain, axes in ((placed, {"x": (0, 1)}, 2), (numbered, {}, 1)):
+        with pytest.raises(sh.ShpyTypeError, match=rf"uses grid_index\({axes}\)") as caught:
+            measure(program, domain, backends="numpy")
+        assert caught.value.loc.file == __file__
+        assert caught.value.cure == f"an input of type Attrib{axes}i in place of sh.grid_index({axes})"
+    assert measure(given, {"x": (0, 1), "place": (0, 9)}, backends="numpy", math="strict", samples=5).rows
+
+
 def test_an_unknown_mode_is_an_error():
     with pytest.raises(sh.ShpyTypeError, match="math='exact' is unknown"):
         measure(grown, {"x": (0, 1)}, math="exact")
