@@ -37,6 +37,10 @@ VALUES = {
     ("Attrib1f", "math.fmod(x + 1, y + 9)"): "(x + 1) - (y + 9) * sh.trunc((x + 1) / (y + 9))",
     ("Attrib1f", "math.copysign(x, y)"): "sh.cond(sh.bits_from_float(y) >= 2**31, -abs(x), abs(x))",
     ("Attrib1f", "round(x, 1)"): "sh.round(x * 10**1) / 10**1",
+    ("Attrib1f", "round(x, ndigits=1)"): "sh.round(x * 10**1) / 10**1",
+    ("Attrib1f", "np.clip(x, a_min=0, a_max=1)"): "sh.clamp(x, 0, 1)",
+    ("Attrib1f", "np.max([x, y, 1])"): "sh.max(x, y, 1)",
+    ("Attrib1f", "np.amin((x, y))"): "sh.min(x, y)",
     ("Attrib1f", "np.square(x)"): "x * x",
 }
 

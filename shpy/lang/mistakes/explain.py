@@ -40,6 +40,8 @@ _SAME = {row.name for row in OPS.values() if row.says and (hasattr(np, row.name)
 }
 """The functions that numpy or math has by the same name."""
 _JOINING = frozenset({"array", "asarray", "stack", "concatenate", "hstack", "vstack", "column_stack"})
+_NUMBERS = ("a_min", "a_max", "min", "max", "decimals", "ndigits")
+"""Arguments by name of numpy and Python that the cure takes by position, as it does numbers."""
 _OF_COUNTS = {
     ("round", 2): "{prefix}round({0} * 10**{1}) / 10**{1}",
     ("around", 2): "{prefix}round({0} * 10**{1}) / 10**{1}",
@@ -399,12 +401,17 @@ def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
     if name not in ("min", "max"):
         compares = isinstance(node.func, ast.Attribute) and node.func.attr in ("index", "count", "remove")
         return (message, _each("x")) if compares else (asks, _UNSEEN["bool"][1])
-    match node.args:
+    return message, f"{spelling.prefix}{name}({_items(node.args)})"
+
+
+def _items(arguments: list[ast.expr]) -> str:
+    """Return the items of which `max` or `min` is asked, as `sh.max` takes them: each by itself."""
+    match arguments:
         case [ast.Tuple(elts=items) | ast.List(elts=items)]:
-            arguments = [ast.unparse(i) for i in items]
-        case [ast.expr()] if not isinstance(node.args[0], ast.Starred):
-            arguments = [f"*{arguments[0]}"]
-    return message, f"{spelling.prefix}{name}({', '.join(arguments)})"
+            arguments = items
+        case [ast.expr() as whole] if not isinstance(whole, ast.Starred):
+            return f"*{ast.unparse(whole)}"
+    return ", ".join(ast.unparse(a) for a in arguments)
 
 
 def conversion_of(node: ast.expr, file: str) -> Hint:
@@ -426,12 +433,13 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 f"`{asked}` counts while recording, and its bound is known only when the program runs",
                 f"with {spelling.control('SH_FOR')}({arguments}) as {index}:",
             )
-        case ast.Call(func=function, args=arguments):
+        case ast.Call(func=function, args=positional, keywords=keywords):
+            given = [*positional, *(k.value for k in keywords if k.arg in _NUMBERS)]
             message = f"`{asked}` is computed while recording, and its argument is known only when the program runs"
             name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
             if OTHER_NAMES.get(name, name) in _JOINING:
-                return message, _joined(arguments, spelling)
-            return message, _function_cure(function, arguments, spelling)
+                return message, _joined(given, spelling)
+            return message, _function_cure(function, given, spelling)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
 
 
@@ -464,6 +472,8 @@ def _function_cure(function: ast.expr, arguments: list[ast.expr], spelling: _Spe
         name = getattr(held, "__name__", name)
     if (name, len(arguments)) in _OF_COUNTS:
         return _OF_COUNTS[name, len(arguments)].format(*map(_operand, arguments), prefix=prefix)
+    if name in ("max", "min", "amax", "amin"):
+        return f"{prefix}{name.removeprefix('a')}({_items(arguments)})"
     name = {"int": "int32", "float": "float32"}.get(name, OTHER_NAMES.get(name, name))
     if name in _CASTING:
         return f"{prefix}{_CASTING[name]}({inside})"
