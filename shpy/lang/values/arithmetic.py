@@ -6,7 +6,8 @@ table, and wraps the result as a new value of the right kind. Works on constants
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -245,6 +246,8 @@ def condition(c: Any, what: str) -> int:
     """Return the id of one bool, or of what a callable gives; errors for anything else."""
     frame = need_frame(what)
     if callable(c) and not isinstance(c, AbstractValue):
+        if not _takes_nothing(c):
+            raise ShpyTypeError(f"{what} calls its condition without arguments", loc=here(), cure=f"{what}(lambda: …)")
         c = c()
     holds = operand(c, what)
     if isinstance(holds, Literal):
@@ -259,6 +262,15 @@ def condition(c: Any, what: str) -> int:
             f"{what} takes one bool, not {holds.size}", loc=here(), cure=f"{what}(sh.any(c)) or {what}(sh.all(c))"
         )
     return int(read(frame, holds, vec(Base.B)))
+
+
+def _takes_nothing(function: Callable[..., Any]) -> bool:
+    """Return whether a function can be called without arguments; True where Python does not know what it takes."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:
+        return True
+    return all(p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters)
 
 
 def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
