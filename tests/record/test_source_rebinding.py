@@ -238,6 +238,17 @@ REBOUND = {
         """,
         f"4: `slots[0]` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}slots[0][:] = x",
     ),
+    "the items of a list, by a slice": (
+        """
+        def f(x: sh.Attrib1f, y: sh.Attrib1f):
+            ends = [x, y]
+            with SH_IF(x > y):
+                ends[:] = [y, x]
+            return ends[0]
+        """,
+        f"4: `ends` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}"
+        "a name before the block for each value that `ends` holds, and `x[:] = …` inside it",
+    ),
     "a tuple of values in the next iteration": (
         """
         def f(x: sh.Attrib1f):

@@ -184,12 +184,15 @@ class Flow:
         """Visit a store: `x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
         self.expressions.store_operands(target)
         self.places.check_repeats(target, node, rebinds=True)
-        kind = self.judge.kind(target.value).kind
-        if kind is Kind.VALUE:
+        whole = self.judge.kind(target.value)
+        if whole.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
                 self.places.change(root, node)
-        elif kind is Kind.HOST and not (isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice)):
+        elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+            if whole.holds and isinstance(target.value, ast.Name):  # other values for the items of a list
+                self.places.bind_name(target.value.id, node, whole, value=value)
+        elif whole.kind is Kind.HOST:
             path = ast.unparse(target)
             existed = path in self.expressions.read_paths or self.scope.resolve(target) is not UNRESOLVED
             self.places.bind_path(path, node, known, value=value, existed=existed)
