@@ -16,6 +16,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from raytracer.errors import SceneError
 from raytracer.meshes.ply_faces import TYPES, as_triangles
 
@@ -142,9 +144,22 @@ def skipped_of_off(data: bytes) -> Iterator[tuple[str, int]]:
         yield "colours of faces", sum(len(words) > int(words[0]) + 1 for words in found.faces)
 
 
+def skipped_of_stl(data: bytes) -> Iterator[tuple[str, int]]:
+    """Yield how many triangles of a binary STL file have attributes, in which some programs write colours."""
+    count = int.from_bytes(data[80:_STL_HEAD], "little")
+    if len(stl(data)) == _STL_HEAD + _STL_TRIANGLE * count:  # else it is a text
+        rows = np.frombuffer(data, np.uint8, count * _STL_TRIANGLE, _STL_HEAD).reshape(count, _STL_TRIANGLE)
+        yield "attributes of triangles", int(rows[:, -2:].any(axis=1).sum())
+
+
 def _ascii(text: str) -> bytes:
     return text.encode("ascii", "replace")
 
 
 READABLE: Final[dict[str, Callable[[bytes], bytes]]] = {".stl": stl, ".ply": ply, ".off": off}
 """By ending: gives a file's contents as trimesh takes them. OBJ, GLB and glTF have readers of their own."""
+SKIPPED: Final[dict[str, Callable[[bytes], Iterator[tuple[str, int]]]]] = {
+    ".stl": skipped_of_stl,
+    ".off": skipped_of_off,
+}
+"""By ending: yields what a file holds that is not read, and how often."""

@@ -366,3 +366,20 @@ def test_the_solids_of_an_stl_file_have_their_names(tmp_path):
     assert [mesh.name for mesh in Scene.load(path, floor=False).meshes] == ["bolt", "nut"]
     path.write_text(solid.format("bolt", 0))
     assert [mesh.name for mesh in Scene.load(path, floor=False).meshes] == ["parts"]
+
+
+@pytest.mark.parametrize("colored", [0, 3])
+def test_the_attributes_of_an_stl_file_are_ignored_aloud(colored, tmp_path):
+    """Magics and VisCAM write colours there."""
+    path = tmp_path / "one.stl"
+    made = trimesh.creation.icosahedron()
+    made.export(path)
+    data = bytearray(path.read_bytes())
+    for number in range(colored):
+        data[84 + 50 * number + 48] = 31
+    path.write_bytes(data)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert len(Mesh.load(path)) == 20
+    wanted = ["one.stl: ignored: attributes of triangles (3)"] if colored else []
+    assert [str(w.message) for w in caught] == wanted
