@@ -186,6 +186,19 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
     return converted(sh.Color3f, found, "what a shade gives", place_of(program))
 
 
+def ask_environment(program: Callable[..., Any], direction: Any) -> Any:
+    """Record the program of an EnvironmentLight for a unit vector; SceneError where it gives no colour."""
+    takes, where = "the program of an EnvironmentLight takes one input, a direction", place_of(program)
+    if isinstance(program, sh.Program):
+        needed = [name for name in program.inputs if name not in program.recorded.defaults]
+        if len(needed) > 1 or not program.inputs:
+            raise SceneError(f"{where}: {takes}, not {', '.join(needed) or 'none'}")
+        found = program(direction)
+    else:
+        found = _called(program, takes, direction)
+    return converted(sh.Color3f, found, "what the program of an EnvironmentLight gives", where)
+
+
 def _readers(known: _Known) -> Sources:
     """Return the functions that read the fields of a Hit or Surface, by name."""
     return {name: partial(getattr, known, name) for name in known._sources}

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import Rows
-from raytracer.appearance.programs import converted
-from raytracer.errors import place_of
+from raytracer.appearance.programs import ask_environment
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp, glow_rows
@@ -202,9 +201,7 @@ class Environment:
         if self.light.color is not None:
             return self.color
         if self.light.program is not None:
-            program = self.light.program
-            what = "what the program of an EnvironmentLight gives"
-            return converted(sh.Color3f, program(sh.Vector3f(ray)), what, place_of(program))
+            return ask_environment(self.light.program, sh.Vector3f(ray))
         height, width = self.size
         column = turn_of(ray) * width + 1
         row = sh.acos(sh.clamp(ray.y, -1, 1)) * (height / pi) + 1

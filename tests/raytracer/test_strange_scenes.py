@@ -3,7 +3,20 @@
 import numpy as np
 import pytest
 
-from raytracer import Camera, DirectionalLight, Material, Path, PointLight, Scene, SceneError, Staged, Texture, render
+import shpy as sh
+from raytracer import (
+    Camera,
+    DirectionalLight,
+    EnvironmentLight,
+    Material,
+    Path,
+    PointLight,
+    Scene,
+    SceneError,
+    Staged,
+    Texture,
+    render,
+)
 from raytracer.meshes.shapes import floor, sphere
 
 AHEAD = Camera((0, 0, 3))
@@ -82,3 +95,16 @@ def test_a_texture_that_is_filtered_otherwise_is_another_scene():
     for options in ({"filter": "linear"}, {"filter": "nearest", "wrap": "mirror"}):
         with pytest.raises(SceneError, match="was not path traced from this scene"):
             render(scene(**options), (8, 6), integrator=Path(samples=4), resume=first)
+
+
+@sh.program
+def two(u: sh.Attrib1f, v: sh.Attrib1f) -> sh.Color3f:
+    return sh.Color3f(u, v, 0)
+
+
+@pytest.mark.parametrize(
+    ("sky", "words"), [(two, ", not u, v$"), (lambda u, v: u, "'v'"), (lambda: (1, 1, 1), "too many")]
+)
+def test_the_program_of_a_sky_takes_a_direction_alone(sky, words):
+    with pytest.raises(SceneError, match=f": the program of an EnvironmentLight takes one input, a direction.*{words}"):
+        render(Scene([floor(1)], [EnvironmentLight(sky)]), (4, 4), backend="numpy", integrator="path")
