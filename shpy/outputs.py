@@ -69,8 +69,12 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def save_figure(figure: Any, path: Path, content: dict[str, Any]) -> None:
-    """Write the picture, in the format of its ending, and JSON of the same name beside it; raises as `check_output`."""
+    """Write the picture, in the format of its ending, and JSON of the same name beside it; raises as `check_output`.
+
+    A path that ends in .json gets JSON alone.
+    """
     check_output(path)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    if path.suffix != ".json":
+        with replacing(path) as temporary:
+            figure.savefig(temporary, dpi=120)
     write_json(path.with_suffix(".json"), content)

@@ -39,6 +39,16 @@ def test_a_picture_has_its_numbers_beside_it(tmp_path):
     assert (tmp_path / "drawn.svg").read_text().startswith("<?xml")
 
 
+def test_the_cure_of_a_picture_without_a_format_is_json_alone(tmp_path):
+    figure = new_figure(2, 2)
+    with pytest.raises(sh.ShpyError, match="is no picture") as caught:
+        save_figure(figure, tmp_path / "numbers", {"x": 1})
+    assert caught.value.cure.endswith("; or in .json")
+    save_figure(figure, tmp_path / "numbers.json", {"x": 1})
+    assert [p.name for p in tmp_path.iterdir()] == ["numbers.json"]
+    assert json.loads((tmp_path / "numbers.json").read_text()) == {"x": 1}
+
+
 @pytest.mark.parametrize(
     ("name", "said"), [("missing/x.png", "there is no folder"), ("x.docx", "is no picture"), ("x", "is no picture")]
 )
