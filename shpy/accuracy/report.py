@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.errors import ShpyError
+from shpy.lang.recording.location import here
 from shpy.outputs import new_figure, save_figure
 
 Array = NDArray[Any]
@@ -106,8 +108,12 @@ class Report:
     def plot(self, path: str | Path) -> None:
         """Draw errors against the first input, and their distribution, one line of pictures for each output.
 
-        Writes JSON of the same name beside it. Raises ShpyError without matplotlib, or for a path that is no picture.
+        Writes JSON of the same name beside it. Raises ShpyError without matplotlib, without rows, or for a path that
+        is no picture.
         """
+        if not self.rows:
+            reason = self.skipped[0][1] if self.skipped else None
+            raise ShpyError(f"no variant of {self.program} was measured", loc=here(), cure=reason)
         outputs = list(dict.fromkeys(row.output for row in self.rows))
         figure = new_figure(12, 4 * len(outputs))
         axes = figure.subplots(len(outputs), 2, squeeze=False)

@@ -165,6 +165,15 @@ def test_what_a_target_cannot_do_is_said():
     assert "not measured: glsl" in report.table()
 
 
+def test_there_is_no_picture_of_what_no_target_can_run(tmp_path):
+    report = sh.accuracy.measure(product, {"x": (0, 1), "y": (0, 1)}, backends="glsl", precision="f64", samples=5)
+    assert not report.rows
+    with pytest.raises(sh.ShpyError, match="no variant of product was measured") as caught:
+        report.plot(tmp_path / "x.png")
+    assert caught.value.cure == report.skipped[0][1]
+    assert caught.value.loc.file == __file__
+
+
 def test_table_picture_and_json(tmp_path):
     report = sh.accuracy.measure(
         product, {"x": (1, 2), "y": (1, 2)}, backends=["numpy"], math="strict", samples=200, reference="f64"
