@@ -9,7 +9,7 @@ Stage: view, in the server.
 from __future__ import annotations
 
 import json
-import math
+import sys
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ LONGEST: Final = 1 << 16
 SIDE: Final = 4096
 """The most pixels along one side of a picture."""
 _COMPONENTS: Final = 16
+_LARGEST: Final = sys.float_info.max
 
 
 class Refused(ValueError):
@@ -28,7 +29,7 @@ class Refused(ValueError):
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST
 
 
 def _whole(low: int, high: int) -> Callable[[Any], bool]:

@@ -407,6 +407,8 @@ def test_messages_are_listed():
         '{"do": "step", "n": 1}',
         '{"do": "pick"}',
         "{" * 9999,
+        '{"do": "set", "changes": {"time": 1e999}}',
+        '{"do": "set", "changes": {"time": 1%s}}' % ("0" * 400),
     ):
         with pytest.raises(Refused):
             checked(text)
