@@ -238,6 +238,17 @@ REBOUND = {
         """,
         f"4: `slots[0]` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}slots[0][:] = x",
     ),
+    "a number of numpy": (
+        """
+        def f(x: sh.Attrib1f):
+            gain = np.float32(1)
+            with SH_IF(x > 1):
+                gain = np.float32(2)
+            return x * gain
+        """,
+        f"4: `gain` is rebound inside `with SH_IF(…)` and used after it (line 5): {AFTER}"
+        "`gain = sh.Attrib1f(np.float32(1))` before the block, `gain[:] = np.float32(2)` inside it",
+    ),
     "the items of a list, by a slice": (
         """
         def f(x: sh.Attrib1f, y: sh.Attrib1f):

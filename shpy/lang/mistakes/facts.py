@@ -148,7 +148,9 @@ def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
     numbers = [n.value for n in ast.walk(start) if isinstance(n, ast.Constant)]
     if numbers and all(isinstance(n, bool) for n in numbers):
         return f"{prefix}Attrib1b"
-    fractional = fact.known.kind is Kind.VALUE or any(isinstance(n, float) for n in numbers)
+    called = [n.func for n in ast.walk(start) if isinstance(n, ast.Call)]
+    floats = any("float" in ast.unparse(f) for f in called)  # float(n), np.float32(n)
+    fractional = fact.known.kind is Kind.VALUE or floats or any(isinstance(n, float) for n in numbers)
     if fact.value is not None:
         fractional |= any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(fact.value))
     return f"{prefix}Attrib1f" if fractional else f"{prefix}Attrib1i"

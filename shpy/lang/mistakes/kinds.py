@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from enum import Enum
 from types import FunctionType, SimpleNamespace
 
+import numpy as np
+
 from shpy.lang.recording.scope import UNRESOLVED, Scope, from_shpy
 
 _PLAIN = re.compile(r"(Attrib|Point|Vector|Normal|Color|TexCoord)[1-4][fdhiub]$")
@@ -115,7 +117,7 @@ class Judge:
         """Return what is known of an instance of this class: a call's result, or an argument annotated with it."""
         if not isinstance(thing, type) or thing is object or thing.__module__ == "typing":
             return UNKNOWN
-        if thing in (int, float, bool):
+        if issubclass(thing, numbers.Number | np.bool_):
             return NUMBER
         if not from_shpy(thing):
             return HOST
