@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.collectives.chunk_sorting import TYPES, place_type
+from shpy.collectives.chunk_sorting import place_type, scalar_of
 from shpy.collectives.chunks import flattened
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
+from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.hostdata import as_array
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import is_lazy
+from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program
 from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
@@ -60,7 +61,7 @@ def scatter_chunks(
         raise ShpyTypeError(
             "scatter of a Dask array makes a new one of a shape", loc=here(), cure="sh.scatter(values, index, shape)"
         )
-    values, index, cls, inner = _beside(values, index, "index", "iu", "scatter")
+    values, index, cls, inner = _beside(values, index, "index", "iu", "scatter", combine)
     tail, wanted, dtype = values.shape[len(inner) :], given_shape(shape), dtypes_at("f32")[cls.base]
     if combine is not None:
         check_combination(combine, Stream(np.zeros((1, *tail), dtype), cls, "numpy"), "scatter")
@@ -86,7 +87,9 @@ def scatter_chunks(
     return da.concatenate(blocks).reshape((*wanted, *tail))
 
 
-def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[Any, Any, Any, Shape]:
+def _beside(
+    array: Any, other: Any, what: str, kinds: str, name: str, combine: Any = None
+) -> tuple[Any, Any, Any, Shape]:
     """Return an array and `other`, its mask or index, as Dask arrays, with the type of an element and the shape.
 
     `kinds` are the kinds of numpy's dtypes that `other` may have. Raises ShpyTypeError for others, and for shapes
@@ -99,11 +102,9 @@ def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[A
     if other.dtype.kind not in kinds:
         wanted = "bools" if kinds == "b" else "ints"
         raise ShpyTypeError(f"{what} takes {wanted}, not {other.dtype}", loc=here(), cure=f"{what} as {wanted}")
-    if array.dtype.kind not in TYPES:
-        raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
-    base = TYPES[array.dtype.kind].base
+    base = _base_of(array.dtype, name, combine)
     for given, said in ((array, "the array"), (other, what)):
-        scalar = TYPES[given.dtype.kind]
+        scalar = scalar_of(given.dtype, name)
         shape_before_data(said, scalar, given, dtypes_at("f32")[scalar.base])
     if other.shape not in (array.shape, array.shape[:-1]):
         raise ShpyTypeError(
@@ -120,6 +121,14 @@ def _beside(array: Any, other: Any, what: str, kinds: str, name: str) -> tuple[A
             cure="components on the last axis, 2 to 4",
         )
     return array, other, cls, other.shape
+
+
+def _base_of(dtype: np.dtype[Any], name: str, combine: Any) -> Base:
+    """Return the base of elements of a dtype; floats are those that `combine` takes, as in `sh.reduce`."""
+    base: Base = scalar_of(dtype, name).base
+    first = next(iter(combine.recorded.inputs.values()), None) if isinstance(combine, Program) else None
+    taken: Base = first.cls.base if isinstance(first, Leaf) else base
+    return taken if {base, taken} <= FLOATS else base
 
 
 def _converted(block: NDArray[Any], packed: bytes) -> NDArray[Any]:
@@ -139,5 +148,6 @@ def _put(pieces: list[Piece], length: int, scatter: Callable[..., Any], packed: 
     """Return a block of the result, with the values of all pieces at their places."""
     cls, combine = pickle.loads(packed)
     places, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    found: NDArray[Any] = scatter(Stream(values, cls), places, (length,), combine).numpy()
+    place = "numpy" if combine is None else None  # the default backend may have no float64
+    found: NDArray[Any] = scatter(Stream(values, cls, place), places, (length,), combine).numpy()
     return found

@@ -18,7 +18,7 @@ from shpy.collectives.arguments import element_of
 from shpy.collectives.chunks import flattened
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.lang.values.types import Attrib1b, Attrib1f, Attrib1i, Attrib1u
+from shpy.lang.values.types import Attrib1b, Attrib1d, Attrib1f, Attrib1h, Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.elements import dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
@@ -27,22 +27,30 @@ Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """Keys as unsigned ints, original indices, and elements of a block; `argsort` leaves out the elements."""
 Keys = Callable[[Stream], NDArray[Any]]
 """Returns the keys of a stream, (n,)."""
-TYPES = {"f": Attrib1f, "i": Attrib1i, "u": Attrib1u, "b": Attrib1b}
-"""The types of scalars by the kinds of numpy's dtypes."""
+_TYPES = {"f2": Attrib1h, "f8": Attrib1d, "f": Attrib1f, "i": Attrib1i, "u": Attrib1u, "b": Attrib1b}
+"""The types of scalars by numpy's dtypes, or by their kinds."""
 
 
 def sort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
     """Return the Dask array of the sorted elements; `keys_of` returns the keys of a stream."""
     cls = _element(array, key, "sort")
     dtype = dtypes_at("f32")[cls.base]
-    parts, tail = _ordered(keys_of, array, cls, descending, keeps=True)
+    parts, tail = _ordered(keys_of, array, cls, key, descending, keeps=True)
     return _joined(((part[2], n) for part, n in parts), tail, dtype)
 
 
 def argsort_chunks(keys_of: Keys, array: Any, key: Program | None, descending: bool) -> Any:
     """Return the Dask array of the original indices of the sorted elements."""
-    parts, _ = _ordered(keys_of, array, _element(array, key, "argsort"), descending, keeps=False)
+    parts, _ = _ordered(keys_of, array, _element(array, key, "argsort"), key, descending, keeps=False)
     return _joined(((part[1], n) for part, n in parts), (), np.dtype(np.int64)).astype(place_type(array.size))
+
+
+def scalar_of(dtype: np.dtype[Any], name: str) -> Any:
+    """Return the type of the scalars that hold the numbers of a dtype; ShpyTypeError if it has none."""
+    scalar = _TYPES.get(dtype.str[1:]) or _TYPES.get(dtype.kind)
+    if scalar is None:
+        raise ShpyTypeError(f"sh.{name} takes numbers, not {dtype}", loc=here(), cure="an array of numbers")
+    return scalar
 
 
 def place_type(count: int) -> type[np.signedinteger[Any]]:
@@ -58,7 +66,7 @@ def _joined(blocks: Iterable[tuple[Any, int]], tail: tuple[int, ...], dtype: np.
 
 
 def _ordered(
-    keys_of: Keys, array: Any, cls: Any, descending: bool, *, keeps: bool
+    keys_of: Keys, array: Any, cls: Any, key: Program | None, descending: bool, *, keeps: bool
 ) -> tuple[list[tuple[Any, int]], tuple[int, ...]]:
     """Return the sorted parts, each with its number of elements, and the extents of the components' axes.
 
@@ -73,7 +81,8 @@ def _ordered(
     flat = flattened(array, len(shape))
     flat = flat.rechunk({0: max(1, *flat.chunks[0]), **({1: -1} if tail else {})})
     starts = np.cumsum((0, *flat.chunks[0])).tolist()
-    packed = pickle.dumps((cls, keys_of))
+    place = "numpy" if key is None else None  # the default backend may have no float64
+    packed = pickle.dumps((cls, keys_of, place))
     parts = [
         dask.delayed(_sorted, pure=True)(block, start, packed, descending, keeps)
         for block, start in zip(flat.to_delayed().ravel(), starts[:-1], strict=True)
@@ -98,11 +107,9 @@ def network(count: int) -> Iterator[tuple[int, int]]:
 
 
 def _element(array: Any, key: Any, name: str) -> Any:
-    """Return the type of an element: the type of the key's input, or the scalar type of the array's dtype."""
+    """Return the type of an element: the type of the key's input, or the scalar type that holds the array's numbers."""
     if key is None:
-        if array.dtype.kind not in TYPES:
-            raise ShpyTypeError(f"sh.{name} takes numbers, not {array.dtype}", loc=here(), cure="an array of numbers")
-        return TYPES[array.dtype.kind]
+        return scalar_of(array.dtype, name)
     wanted = f"sh.{name} over a Dask array takes a program of one scalar or vector as key"
     return element_of(key, wanted, "@sh.program of one sh.Attrib3f that gives one number")
 
@@ -110,8 +117,8 @@ def _element(array: Any, key: Any, name: str) -> Any:
 def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:
     from shpy.backends.numpy.device.collective import words_in_order  # importing shpy loads no backend
 
-    cls, keys_of = pickle.loads(packed)
-    stream = Stream(block, cls)
+    cls, keys_of, place = pickle.loads(packed)
+    stream = Stream(block, cls, place)
     keys = words_in_order(keys_of(stream), descending)
     order = np.argsort(keys, kind="stable")
     return keys[order], order + start, stream.numpy()[order] if keeps else np.empty((len(order), 0))

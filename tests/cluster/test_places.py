@@ -24,6 +24,11 @@ def turned(a: sh.Attrib3f, b: sh.Attrib3f) -> sh.Attrib3f:
     return a * 0.75 + b.yzx
 
 
+@sh.program
+def mixed_doubles(a: sh.Attrib1d, b: sh.Attrib1d) -> sh.Attrib1d:
+    return a * 0.75 + b
+
+
 @pytest.fixture(autouse=True)
 def one_thread():
     with dask.config.set(scheduler="synchronous"):
@@ -60,10 +65,9 @@ def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):
         assert found.compute().tobytes() == wanted.tobytes()
 
 
-@pytest.mark.parametrize(("wide", "bad"), [([1, 2**40, 3], 2**40), ([1.0, 1e300, 3.0], 1e300)])
-def test_numbers_that_a_stream_does_not_hold_are_not_compacted(wide, bad):
-    kept = sh.compact(da.from_array(np.array(wide), chunks=2), np.array([True, True, False]))
-    with pytest.raises(sh.ShpyTypeError, match=re.escape(f"holds {bad}, out of the range of")):
+def test_numbers_that_a_stream_does_not_hold_are_not_compacted():
+    kept = sh.compact(da.from_array(np.array([1, 2**40, 3]), chunks=2), np.array([True, True, False]))
+    with pytest.raises(sh.ShpyTypeError, match=re.escape(f"holds {2**40}, out of the range of")):
         kept.elements.compute()
 
 
@@ -97,3 +101,33 @@ def test_mistakes_are_errors_before_anything_runs():
     filtered = da.ones(9, chunks=2, dtype=np.float32)
     with pytest.raises(sh.ShpyTypeError, match="the array has chunks of unknown sizes"):
         sh.compact(filtered[filtered > 0], np.ones(9, bool))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float16])
+def test_floats_of_other_sizes_keep_their_digits(dtype):
+    x = draw.standard_normal(50).astype(dtype)
+    mask, index = x > 0, draw.integers(0, 7, 50)
+    cut = da.from_array(x, chunks=20)
+    kept = sh.compact(cut, mask).elements
+    assert (kept.dtype, kept.compute().tobytes()) == (dtype, x[mask].tobytes())
+    last = np.zeros(7, dtype)
+    last[index] = x
+    found = sh.scatter(cut, index, 7)
+    assert (found.dtype, found.compute().tobytes()) == (dtype, last.tobytes())
+
+
+def test_moving_float64_takes_no_device_that_has_it(monkeypatch):
+    monkeypatch.setenv("SHPY_BACKEND", "glsl")
+    x = draw.standard_normal(50)
+    cut, index = da.from_array(x, chunks=20), np.arange(50)
+    assert np.array_equal(sh.sort(cut).compute(), np.sort(x))
+    assert np.array_equal(sh.argsort(cut).compute(), np.argsort(x))
+    assert np.array_equal(sh.scatter(cut, index, 50).compute(), x)
+
+
+@pytest.mark.parametrize(("combine", "cls"), [(mixed, sh.Attrib1f), (mixed_doubles, sh.Attrib1d)])
+def test_combining_computes_in_the_floats_of_the_program(combine, cls):
+    x, index = draw.standard_normal(50), draw.integers(0, 7, 50)
+    wanted = sh.scatter(sh.Stream(x, cls, "numpy"), index, 7, combine).numpy()
+    found = sh.scatter(da.from_array(x, chunks=20), index, 7, combine)
+    assert (found.dtype, found.compute().tobytes()) == (wanted.dtype, wanted.tobytes())

@@ -49,16 +49,18 @@ def test_the_network_sorts_all_zeros_and_ones(count):
 
 @pytest.mark.parametrize("chunks", [1_000, 777, 130, 90])
 @pytest.mark.parametrize("descending", [False, True])
-@pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
+@pytest.mark.parametrize("kind", ["f", "d", "h", "i", "u", "b"])
 def test_numbers_are_in_the_order_of_one_stream(chunks, descending, kind):
     x = {
         "f": np.concatenate((draw.standard_normal(900).astype(np.float32), draw.choice(EDGES, 100))),
+        "d": 1 + draw.random(1000) * 1e-9,  # of which float32 holds one number
+        "h": draw.standard_normal(1000).astype(np.float16),
         "i": draw.integers(-(2**31), 2**31, 1000).astype(np.int32),
         "u": draw.integers(0, 2**32, 1000).astype(np.uint32),
         "b": draw.random(1000) < 0.5,
     }[kind]
     x = draw.permutation(x)
-    cls = {"f": sh.Attrib1f, "i": sh.Attrib1i, "u": sh.Attrib1u, "b": sh.Attrib1b}[kind]
+    cls = getattr(sh, f"Attrib1{kind}")
     wanted = sh.sort(sh.Stream(x, cls, "numpy"), descending=descending).numpy()
     found = sh.sort(da.from_array(x, chunks=chunks), descending=descending)
     assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
