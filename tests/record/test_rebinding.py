@@ -192,3 +192,24 @@ def test_more_mistakes_that_are_found_without_text(case: str) -> None:
         record(text)
     assert caught.value.loc is not None
     assert str(caught.value).removeprefix(f"{caught.value.loc.file}:").startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "cure", "right"),
+    [
+        ("x = math.sqrt(x)", "sh.sin(x) for math.sin(x)", "x = sh.sqrt(x)"),
+        ("x = float(x)", "sh.Attrib1f(x) for float(x)", "x = sh.Attrib1f(x)"),
+        ("x = math.trunc(x)", "sh.trunc(x)", "x = sh.trunc(x)"),
+        (
+            "for i in range(sh.Attrib1i(x)): x += i",
+            "with SH_FOR(n) as i: for range(n)",
+            "with SH_FOR(sh.Attrib1i(x)) as i: x += i",
+        ),
+    ],
+)
+def test_a_number_that_python_needs_has_a_cure_that_works(wrong, cure, right) -> None:
+    """Without text the error knows only which method of the value Python called."""
+    with pytest.raises(sh.RecordError, match="needs a number") as raised:
+        record(f"def f(x):\n    {wrong}\n    return x\n")
+    assert cure in raised.value.cure
+    record(f"def f(x):\n    {right}\n    return x\n")

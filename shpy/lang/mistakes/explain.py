@@ -79,10 +79,16 @@ _UNSEEN: dict[str, Hint] = {
         "the function of the same name in shpy, sh.sin(x) for np.sin(x); sh.Table(array, type)[i] for array[i]",
     ),
     "int": (_NUMBER.format("int()"), "sh.Attrib1i(x)"),
-    "float": (_NUMBER.format("float()"), "sh.Attrib1f(x)"),
-    "index": (_NUMBER.format("an index of a Python object"), "sh.Table(list, sh.Attrib1f)[x]"),
+    "float": (
+        _NUMBER.format("float(), or a function of math,"),
+        "sh.Attrib1f(x) for float(x), sh.sin(x) for math.sin(x)",
+    ),
+    "index": (
+        _NUMBER.format("an index of a Python object, or range(),"),
+        "sh.Table(list, sh.Attrib1f)[x] for list[x], with SH_FOR(n) as i: for range(n)",
+    ),
     "round": (_NUMBER.format("round()"), "sh.round(x)"),
-    "trunc": (_NUMBER.format("math.trunc()"), "a value of the language"),
+    "trunc": (_NUMBER.format("math.trunc()"), "sh.trunc(x)"),
 }
 """The sentence and the cure where the text does not tell which construct asks."""
 
