@@ -239,6 +239,7 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
         found.append(ask_surface(program, hit))
         return sh.Attrib1f(0)
 
+    _check_ends(program, surface)
     return Examined(frozenset(hit.read), frozenset(found[-1].given))
 
 
@@ -250,6 +251,16 @@ def examine_shade(program: Callable[..., Any]) -> None:
     def shade() -> sh.Attrib1f:
         ask_shade(program, surface, sh.Vector3f(0, 0, 1))
         return sh.Attrib1f(0)
+
+    _check_ends(program, shade)
+
+
+def _check_ends(program: Callable[..., Any], recorded: Any) -> None:
+    """Raise SceneError for a program that discards: it would end the rays of its pixel, with all light so far."""
+    if recorded.recorded.discards:
+        raise SceneError(
+            f"{place_of(program)}: SH_DISCARD would end the whole pixel: a cutout says where there is no surface"
+        )
 
 
 def _zeros(cls: type[_Known]) -> Sources:

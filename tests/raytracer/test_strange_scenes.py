@@ -8,16 +8,19 @@ from raytracer import (
     Camera,
     DirectionalLight,
     EnvironmentLight,
+    Hit,
     Material,
     Path,
     PointLight,
     Scene,
     SceneError,
     Staged,
+    Surface,
     Texture,
     render,
 )
 from raytracer.meshes.shapes import floor, sphere
+from shpy import SH_DISCARD, SH_IF
 
 AHEAD = Camera((0, 0, 3))
 
@@ -108,3 +111,22 @@ def two(u: sh.Attrib1f, v: sh.Attrib1f) -> sh.Color3f:
 def test_the_program_of_a_sky_takes_a_direction_alone(sky, words):
     with pytest.raises(SceneError, match=f": the program of an EnvironmentLight takes one input, a direction.*{words}"):
         render(Scene([floor(1)], [EnvironmentLight(sky)]), (4, 4), backend="numpy", integrator="path")
+
+
+def cut(hit: Hit) -> Surface:
+    SH_DISCARD(hit.uv.x > 0.5)
+    return Surface()
+
+
+def dark(surface: Surface, light: sh.Vector3f) -> sh.Color3f:
+    with SH_IF(light.x > 0):
+        SH_DISCARD()
+    return surface.color
+
+
+@pytest.mark.parametrize(("kind", "program"), [("surface", cut), ("shade", dark)])
+def test_a_program_of_a_surface_that_discards_names_the_cutout(kind, program):
+    """It would end the pixel, with other layers for each integrator."""
+    scene = Scene([floor(1, Material(**{kind: program}))], [DirectionalLight((0, -1, 0))])
+    with pytest.raises(SceneError, match=rf"{program.__name__} \(test_.*: SH_DISCARD would end .* cutout says where"):
+        render(scene, (4, 4), backend="numpy")

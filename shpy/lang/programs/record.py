@@ -20,6 +20,7 @@ from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
 from shpy.ir.metadata import NOTHING
 from shpy.ir.nodes import Loc, Module, Port, Store
+from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify
 from shpy.lang.data.defaults import check_default
 from shpy.lang.data.params import Param
@@ -47,6 +48,11 @@ class Recorded:
     params: dict[str, Any] = field(default_factory=dict)
     tables: dict[str, Any] = field(default_factory=dict)
     defaults: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def discards(self) -> bool:
+        """True if SH_DISCARD stands in the program or in a function that it calls."""
+        return any(isinstance(s, nodes.Discard) for function in self.module.functions for s in walk(function.body))
 
 
 def input_type(annotation: Any, name: str) -> InputType:
