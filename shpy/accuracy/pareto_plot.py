@@ -20,7 +20,7 @@ _MARKERS: Final = "os^DvP*X"
 _SERIES: Final = ("numpy", "opencl", "glsl")
 _GAP: Final = 9.0
 """Points between a label and its marker."""
-_FARTHEST: Final = 250
+_FARTHEST: Final = 100
 """The largest power of ten of an error, up or down, that is drawn in its place."""
 
 
