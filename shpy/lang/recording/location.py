@@ -80,7 +80,7 @@ def user_frame(*besides: str) -> FrameType | None:
         if skipped is None:
             skipped = _skipped[file] = _look_inside(file) or is_standard(file)
             enter_text(file, frame.f_globals)
-        if (not skipped and not file.startswith(besides)) or (library and file.startswith(_LIBRARIES)):
+        if not (skipped or (besides and file.startswith(besides))) or (library and file.startswith(_LIBRARIES)):
             return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None
@@ -151,16 +151,18 @@ def at(loc: Loc | None) -> Iterator[None]:
 def here() -> Loc | None:
     """Return the user's line that is running."""
     elsewhere = _thread.elsewhere
-    return elsewhere[-1] if elsewhere else _loc_of(user_frame())
+    if elsewhere:
+        return elsewhere[-1]
+    frame = user_frame()
+    return None if frame is None else loc_in(frame.f_code.co_filename, frame.f_lineno)
 
 
 def caller() -> Loc | None:
     """Return the user's line that is running; that of the ray tracer's caller where it runs for the user."""
     elsewhere = _thread.elsewhere
-    return elsewhere[-1] if elsewhere else _loc_of(user_frame(_TRACER))
-
-
-def _loc_of(frame: FrameType | None) -> Loc | None:
+    if elsewhere:
+        return elsewhere[-1]
+    frame = user_frame(_TRACER)
     return None if frame is None else loc_in(frame.f_code.co_filename, frame.f_lineno)
 
 
