@@ -1,17 +1,32 @@
 """Every operation of a type in one kernel of OpenCL: at one lane and in packets, for numbers and for vectors."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
+from backends.running import compiled_anew
 from backends.test_opencl_ops import ELEMENTS, values
 from backends.test_packets import same
 
+import shpy as sh
+from shpy import SH_WHILE
 from shpy.backends.base import Array, Call, Options
 from shpy.backends.opencl import backend
+from shpy.backends.opencl.device.driver import machine_of
+from shpy.backends.opencl.packets.prologue import Abilities
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Module, Port
 from shpy.ir.ops import OPS
 from shpy.ir.types import vec
 from shpy.testing.conformance.operations import meant
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The compiler is not Clang: it has functions of OpenCL alone."""
+    with monkeypatch.context() as patch:
+        patch.setitem(machine_of(None).__dict__, "abilities", Abilities())
+        yield
 
 
 @pytest.mark.parametrize("base", "fdiub")
@@ -29,6 +44,30 @@ def test_every_operation_on_vectors(base: str, size: int, lanes: int) -> None:
 @pytest.mark.parametrize("lanes", [16, 8])
 def test_every_operation(lanes: int, base: str) -> None:
     check_every_operation(lanes, base, 1)
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(("base", "lanes"), [(base, 1) for base in "fdiu"] + [("f", 8), ("b", 4)])
+def test_every_operation_where_the_compiler_has_no_extensions(base: str, lanes: int) -> None:
+    check_every_operation(lanes, base, 1)
+
+
+@pytest.mark.usefixtures("plain")
+def test_lanes_where_the_compiler_has_no_extensions() -> None:
+    @sh.program
+    def ask(x: sh.Attrib1f, n: sh.Attrib1i) -> tuple[sh.Attrib1b, sh.Attrib1b, sh.Attrib1f]:
+        y, k = sh.Attrib1f(x), sh.Attrib1i(0)
+        with SH_WHILE(lambda: k < n):
+            y[:] = sh.round(1.5 * y) + k
+            k += 1
+        return sh.any_lane(x > 20), sh.all_lanes(x > 20), y
+
+    x, n = np.arange(37, dtype=np.float32) - 8, np.arange(37) % 5
+    some, every, found = compiled_anew(ask, "opencl", lanes=8)(x, n)
+    packets = [x[k : k + 8] > 20 for k in range(0, 37, 8)]
+    assert np.array_equal(some, np.repeat([p.any() for p in packets], 8)[:37])
+    assert np.array_equal(every, np.repeat([p.all() for p in packets], 8)[:37])
+    same(found, ask.compile("numpy")(x, n)[2])
 
 
 def check_every_operation(lanes: int, base: str, size: int) -> None:
