@@ -39,7 +39,8 @@ class Scope:
 
     `live`, `iterating`: slots with the masks of the lanes still in the loop and still in this iteration.
     `inner`: the variables that have a slot of their own in the loop. `kept`: the variables needed by lanes that skip
-    the rest of the iteration. `continued`: some lanes may be skipping it.
+    the rest of the iteration. `continued`: some lanes may be skipping it. `left`: an exit for all lanes was translated.
+    `late`: a later one brought a variable that varies, which the first did not spread.
     """
 
     facts: LoopFacts
@@ -50,6 +51,8 @@ class Scope:
     inner: frozenset[int] = frozenset()
     kept: set[int] = field(default_factory=set)
     continued: bool = False
+    left: bool = False
+    late: bool = False
 
 
 def of_all_lanes(function: Function) -> Function:
@@ -141,3 +144,10 @@ class LaneBuilder:
         facts |= self.state & stored & live
         for variable in sorted(facts - self.state):
             self.spread(variable)
+
+    def meet_outside(self, stored: frozenset[int], live: frozenset[int]) -> None:
+        """Join control flow where all lanes leave the loop, or the function, together."""
+        scope = self.scope
+        scope.late |= scope.left and not self.state & stored & live <= scope.facts.exit
+        scope.left = True
+        self.meet(scope.facts.exit, stored, live)

@@ -51,7 +51,7 @@ class ExitBuilder(LaneBuilder):
         live = scope.note.after if needed is None else frozenset(needed)
         together = here.whole and not scope.continued
         if together and not scope.facts.varying:
-            self.meet(scope.facts.exit, scope.note.stored - self.arrays, live)
+            self.meet_outside(scope.note.stored - self.arrays, live)
             self.b.append(s)
             return True
         mask = self.mask(here)
@@ -103,7 +103,7 @@ class ExitBuilder(LaneBuilder):
         """Translate a Return, or a Discard outside loops."""
         scope = self.scope
         if here.whole:
-            self.meet(scope.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+            self.meet_outside(frozenset(self.outputs), frozenset(self.outputs))
             self.b.append(Return(s.loc))
             return True
         scope.facts.varying = True
@@ -115,7 +115,7 @@ class ExitBuilder(LaneBuilder):
         """Append a Return that is taken if no lane of `mask` is left."""
         none = self.none(mask)
         self.b.push()
-        self.meet(self.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+        self.meet_outside(frozenset(self.outputs), frozenset(self.outputs))
         self.b.append(Return())
         self.b.append(If(none, self.b.pop()))
 

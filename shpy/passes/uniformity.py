@@ -44,6 +44,6 @@ class LoopFacts:
     """... and where all lanes leave together."""
 
     def size(self) -> int:
-        """Return the number of facts; the analysis repeats until it stops growing."""
-        sets = (self.copied, self.head, self.step, self.exit)
+        """Return the number of facts that the translation of an iteration uses; it is repeated if they have grown."""
+        sets = (self.copied, self.head, self.step)
         return self.varying + self.continues + self.jumps + sum(map(len, sets))

@@ -113,7 +113,7 @@ class _Vectorizer(CallBuilder):
             self.b.push()
             self.body()
             body = self.b.pop()
-            if self.facts.size() + len(self.varying_arrays) > found:
+            if self.scope.late or self.facts.size() + len(self.varying_arrays) > found:
                 continue
             spread = self.spread_only(body)
             if not spread:
@@ -142,7 +142,7 @@ class _Vectorizer(CallBuilder):
         if self.facts.varying:
             self.b.store(self.scope.live, self.mask(Here(mask, whole=True)))
         if not self.region(self.function.body, self.notes, Here(mask, whole=True)):
-            self.meet(self.facts.exit, frozenset(self.outputs), frozenset(self.outputs))
+            self.meet_outside(frozenset(self.outputs), frozenset(self.outputs))
 
     def finished(self, body: Region) -> Function:
         outputs = [self.slots.lanes(v.id) if v.id in self.facts.exit else self.slots.uniform(v.id)
@@ -362,14 +362,14 @@ class _Vectorizer(CallBuilder):
             found = note.facts.size()
             self.state = set(before)
             self.b.push()
-            self.attempt(s, note, here)
+            scope = self.attempt(s, note, here)
             made = self.b.pop()
-            if note.facts.size() == found:
+            if note.facts.size() == found and not scope.late:
                 self.b.extend(made)
                 return
 
-    def attempt(self, s: Loop, note: Note, here: Here) -> None:
-        """Append the translation of a loop under the facts known so far."""
+    def attempt(self, s: Loop, note: Note, here: Here) -> Scope:
+        """Append the translation of a loop under the facts known so far; return the loop's scope."""
         facts, outer, kept = note.facts, self.scope, self.kept(here)
         stored = note.stored - self.arrays
         inner = frozenset(v for v in stored if v in kept or (facts.varying and v in facts.copied))
@@ -391,6 +391,7 @@ class _Vectorizer(CallBuilder):
         self.state = self.always | inner | (entry if facts.varying else (entry - stored) | facts.exit)
         if not facts.varying:
             self.merge(inner & note.after, facts.exit, here, scope)
+        return scope
 
     def enter(self, note: Note, inner: frozenset[int]) -> Scope:
         live = self.slots.mask("live", id(note))
@@ -453,7 +454,7 @@ class _Vectorizer(CallBuilder):
         if note.facts.varying:
             self.put_aside(note.dirty_at_until, note.after, self.mask(here))
         else:
-            self.meet(note.facts.exit, note.stored - self.arrays, note.after)
+            self.meet_outside(note.stored - self.arrays, note.after)
         leaving = self.b.pop()
         if leaving:
             self.b.append(If(until, leaving, (), s.loc))

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-from shpy.backends.numpy.text.iterations import counted, lanes_alone
+from shpy.backends.numpy.text.iterations import counted, lanes_alone, with_counters
 from shpy.ir.nodes import Let, Loop, Module, Region, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import regions_of, walk
@@ -43,21 +43,24 @@ class Layout:
 
 def lay_out(module: Module) -> Layout:
     """Return the prepared module, vectorised as it is or taken apart, whichever is quicker."""
-    whole = cache(lambda: vectorize(module))  # a kernel that is taken apart, and has no place in a grid, needs none
+    whole = cache(lambda: vectorize(module))  # most kernels that are taken apart need none
+    placed = _knows_its_place(module) and not _holds(module, lambda slot: slot.length is not None)
+
+    def grid(vector: VectorModule) -> bool:
+        return placed and not any(facts.live for facts in vector.facts.values())
+
     made, used = _vectors([f.body for f in module.functions])
-    grid = _knows_its_place(module) and not _holds(module, lambda slot: slot.length is not None)
-    grid = grid and not any(facts.live for facts in whole().facts.values())
     if not made + used:
-        return Layout(whole(), apart=False, grid=grid and not _holds(module, lambda slot: slot.type.size > 1))
-    regions = _iterated(module)
-    in_loops, used_in_loops = _vectors(regions)
-    pays = (grid and (made > 0 or _only_places(module))) or used_in_loops < _WORTH_MAKING * in_loops
-    if not pays and not regions:
+        return Layout(whole(), apart=False, grid=grid(whole()))
+    in_loops, used_in_loops = _vectors(_iterated(module))
+    pays = used_in_loops < _WORTH_MAKING * in_loops
+    pays = pays or (placed and (made > 0 or _only_places(module)) and grid(whole()))
+    if not pays and not any(with_counters(f) for f in whole().module.functions if not f.pure):
         return Layout(whole(), apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
     alone = lanes_alone(scalars.module.functions)
     if pays or any(counted(f, scalars.facts[f.name], alone) for f in scalars.module.functions if not f.pure):
-        return Layout(scalars, apart=True, grid=grid)
+        return Layout(scalars, apart=True, grid=grid(scalars))
     return Layout(whole(), apart=False, grid=False)
 
 

@@ -133,6 +133,17 @@ class _Reader:
 
     def __init__(self) -> None:
         self.found: dict[int, _Found] = {}
+        self.known: dict[int, frozenset[Expr]] = {}
+        """The names in an expression, by its `id`: a loop's statements are followed once for each loop around them."""
+
+    def names(self, *expressions: Expr | None) -> frozenset[Expr]:
+        """Return the names in expressions."""
+        found = _NONE
+        for e in expressions:
+            if id(e) not in self.known:
+                self.known[id(e)] = _names(e)
+            found |= self.known[id(e)]
+        return found
 
     def before(
         self, block: Block, after: frozenset[Expr], leave: frozenset[Expr], again: frozenset[Expr]
@@ -142,7 +153,7 @@ class _Reader:
             match s:
                 case If():
                     sides = self.before(s.then, after, leave, again) | self.before(s.orelse, after, leave, again)
-                    after = sides | _names(s.condition)
+                    after = sides | self.names(s.condition)
                 case Loop() | Each():
                     after = self.loop(s, after)
                 case Exit("break"):
@@ -150,15 +161,15 @@ class _Reader:
                 case Exit("continue"):
                     after = again
                 case Exit():
-                    after = _names(s.value)
+                    after = self.names(s.value)
                 case Assign():
                     stored = _targets(s)
-                    target = _NONE if stored else _names(s.target)
-                    after = (after - stored) | target | _names(s.value)
+                    target = _NONE if stored else self.names(s.target)
+                    after = (after - stored) | target | self.names(s.value)
                 case Update():
-                    after |= _names(s.target, s.value)
+                    after |= self.names(s.target, s.value)
                 case Do():
-                    after |= _names(s.value)
+                    after |= self.names(s.value)
         return after
 
     def loop(self, s: Loop | Each, after: frozenset[Expr]) -> frozenset[Expr]:
@@ -166,11 +177,11 @@ class _Reader:
         made, tested = (frozenset({s.name}), True) if isinstance(s, Each) else (_NONE, s.test is not None)
         out = after if tested else _NONE
         if isinstance(s, Loop):
-            out |= _names(s.test)
+            out |= self.names(s.test)
         head = out
         while (again := out | (self.before(s.body, head, after, head) - made)) != head:
             head = again
         if isinstance(s, LaneLoop):
             self.found[id(s)] = _Found(s, _stored(s.body), head | {s.live}, after)
             head = (head | {s.live}) - {s.lane}  # it is stored in front
-        return head | _names(s.over) if isinstance(s, Each) else head
+        return head | self.names(s.over) if isinstance(s, Each) else head

@@ -72,13 +72,19 @@ def lanes_alone(functions: Iterable[Function]) -> frozenset[str]:
     return frozenset(found)
 
 
+def with_counters(function: Function) -> dict[int, tuple[Iterations, Region]]:
+    """Find the loops of a function that test a counter and step it, with their statements, by `id` of the loop."""
+    every = [s for s in walk(function.body) if isinstance(s, Loop)]
+    made = _lets(function) if every else {}
+    return {id(loop): iterations for loop in every if (iterations := _iterations(loop, made))}
+
+
 def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict[int, Iterations]:
     """Find such loops of a function, by `id` of the loop; `alone` are the functions that `lanes_alone` finds."""
-    every = [s for s in walk(function.body) if isinstance(s, Loop)]
-    made = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)} if every else {}
-    candidates = {id(loop): iterations for loop in every if (iterations := _iterations(loop, made))}
+    candidates = with_counters(function)
     if not candidates:
         return {}
+    made = _lets(function)
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
     summed = {k: _summed(*iterations, facts, made, used, sizes, alone) for k, iterations in candidates.items()}
@@ -114,6 +120,10 @@ def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Functio
         return loop
 
     return (replace(function, body=region(function.body)), made) if found else (function, made)
+
+
+def _lets(function: Function) -> dict[int, Let]:
+    return {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
 
 
 def _iterations(loop: Loop, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
