@@ -52,3 +52,29 @@ def test_lanes_that_return_one_value_for_all_keep_it_where_the_other_side_return
     doubled, found = kernel(x, n)
     assert_same(doubled, np.where(n > 0, 2 * x, x).astype(doubled.dtype))
     assert (found == [3, -1, 0]).all()
+
+
+@everywhere
+@pytest.mark.parametrize("most", [0, 1, 3])
+def test_a_value_that_varies_at_the_last_of_the_exits_for_all_is_found_behind_each(options, most):
+    first, last = sh.Param(sh.Attrib1i, most, name="first"), sh.Param(sh.Attrib1i, 2, name="last")
+
+    @sh.program
+    def chosen(x: sh.Attrib1f) -> sh.Attrib1f:
+        k, y = sh.Attrib1i(0), sh.Attrib1f(0)
+        with sh.SH_DO():
+            y[:] = 7
+            sh.SH_BREAK(k >= first)
+            y[:] = x
+            k += 1
+            sh.SH_UNTIL(k >= last)
+        return y
+
+    @sh.program
+    def returned(x: sh.Attrib1f) -> sh.Attrib1f:
+        sh.SH_RETURN(sh.Attrib1f(7), first < 2)
+        return x
+
+    x = np.linspace(-1, 1, 17)
+    for program in (chosen, returned):
+        assert (program.compile(**options)(x) == (7 if most < 2 else x)).all()
