@@ -51,7 +51,7 @@ def lay_out(module: Module) -> Layout:
 
     made, used = _vectors([f.body for f in module.functions])
     if not made + used:
-        return Layout(whole(), apart=False, grid=grid(whole()))
+        return Layout(whole(), apart=False, grid=grid(whole()) and not _holds(module, lambda slot: slot.type.size > 1))
     in_loops, used_in_loops = _vectors(_iterated(module))
     pays = used_in_loops < _WORTH_MAKING * in_loops
     pays = pays or (placed and (made > 0 or _only_places(module)) and grid(whole()))
