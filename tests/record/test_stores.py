@@ -299,6 +299,8 @@ def copied(m: sh.Matrix2f, v: sh.Vector3f, i: sh.Attrib1i, how: str = "") -> sh.
         doubled(m[0, 1])
     if how == "element given":
         doubled(GRID[i][1])
+    if how == "whole matrix":
+        m[:][1] += v.xy
     return v.x
 
 
@@ -361,6 +363,11 @@ def doubled(x):
             "element given",
             29,
             "doubled stores into x, which is given GRID[…][1], a copy\n  write instead: x = GRID[…][1]",
+        ),
+        (
+            "whole matrix",
+            31,
+            "m[1] is a copy, so a store into m[1][:] would be lost\n  write instead: m[1] = …, with the whole value",
         ),
     ],
 )

@@ -354,3 +354,28 @@ def test_a_deep_copy_of_the_state_of_a_program_has_values_of_its_own():
     gain.value = 5
     assert other.value == 3
     assert f(1) == (1, 1, 2, 11, 12, 6)
+
+
+def test_operators_in_place_reach_matrices_wherever_they_are_held():
+    @sh.struct
+    class Pose:
+        turn: sh.Matrix2f
+
+    @sh.program
+    def f(x: sh.Attrib1f) -> sh.Matrix2f:
+        many = sh.Array(sh.Matrix2f, 2)
+        many[1] += 1
+        many[1] *= x
+        one = Pose(many[1])
+        one.turn -= 2
+        one.turn[:] /= 4
+        return one.turn
+
+    assert f(10).tolist() == [[2, 2], [2, 2]]
+    with pytest.raises(sh.RecordError, match=r"a store into poses\[i\]\[:\] would be lost"):
+
+        @sh.program
+        def lost(x: sh.Attrib1f) -> sh.Matrix2f:
+            poses = sh.Array(Pose, 2)
+            poses[0].turn *= x
+            return poses[0].turn

@@ -172,7 +172,8 @@ class Frame:
         loc = here()
         name = name_for(loc.file, loc.line) if loc is not None else None
         for part, variable in parts.items():
-            self.names[variable] = f"{name}_{part}" if name and part else name or part or None
+            alone = None if part.isdigit() else part or None  # the number of a row is no name
+            self.names[variable] = f"{name}_{part}" if name and part else name or alone
             if spelling:
                 self.spelled[variable] = spelling.format(name or "x", part)
 

@@ -132,18 +132,21 @@ class Matrix(Symbolic):
             row, column = self._pair(key, "sh.transpose(m)[c]")
             return self[row][column]
         if isinstance(key, slice) and key == slice(None):
-            return self.copy()
+            whole = self.copy()
+            for r, (copy, row) in enumerate(zip(whole.rows, self.rows, strict=True)):
+                self._marked(copy, row, f"m[{r}]")
+            return whole
         if isinstance(key, Value):
             check_index(key)
             chosen = self.rows[-1]
             for i in reversed(range(self.size - 1)):
                 chosen = builtins.cond(key <= i, self.rows[i], chosen)
             return chosen._read_from("m[i]", "matrix")
-        return self._read_row(self._row(key), f"m[{key}]")
+        row = self._row(key)
+        return self._marked(row.copy(), row, f"m[{key}]")
 
-    def _read_row(self, row: Value, spelled: str) -> Any:
-        """Return a copy of a row that knows what it was read from: a matrix, or what this line read the matrix from."""
-        copy = row.copy()
+    def _marked(self, copy: Value, row: Value, spelled: str) -> Any:
+        """Let the copy of a row know what it was read from: a matrix, or what this line read the matrix from."""
         if row._frame is None:
             return copy._read_from(spelled, "constant")
         if row._part is not None and row._loc == here():
@@ -298,26 +301,27 @@ class Matrix(Symbolic):
     def __neg__(self) -> Any:
         return self._plain()(*(-r for r in self.rows))
 
-    def _inplace(self, result: Any) -> Any:
+    def _inplace(self, result: Any, what: str) -> Any:
         if result is NotImplemented:
             return result
-        self[:] = result
+        for row, new in zip(self.rows, self._plain()(result).rows, strict=True):
+            row._keep(new, what)
         return self
 
     def __iadd__(self, other: Any) -> Any:
-        return self._inplace(self + other)
+        return self._inplace(self + other, "+")
 
     def __isub__(self, other: Any) -> Any:
-        return self._inplace(self - other)
+        return self._inplace(self - other, "-")
 
     def __imul__(self, other: Any) -> Any:
-        return self._inplace(self * other)
+        return self._inplace(self * other, "*")
 
     def __itruediv__(self, other: Any) -> Any:
-        return self._inplace(self / other)
+        return self._inplace(self / other, "/")
 
     def __imatmul__(self, other: Any) -> Any:
-        return self._inplace(self @ other)
+        return self._inplace(self @ other, "@")
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         array = np.stack([np.asarray(r) for r in self.rows])

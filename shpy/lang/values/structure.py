@@ -356,8 +356,9 @@ class Struct(Symbolic):
             if is_value(value):
                 check_exchange(leaves_of(field), leaves_of(value))
             field[:] = value
-        elif isinstance(field, Value):  # `ray.o += d` stored already
-            field._storable("[:]")
+        else:  # `ray.o += d` stored already
+            for leaf in leaves_of(field):
+                leaf._storable("[:]")
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not (isinstance(key, slice) and key == slice(None)):
