@@ -9,10 +9,15 @@ the error has nothing to do with the language.
 
 from __future__ import annotations
 
+import ast
+import builtins
+import inspect
 import linecache
 import re
 import traceback
 from collections import Counter
+from itertools import islice
+from types import TracebackType
 from typing import Any
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
@@ -20,12 +25,19 @@ from shpy.ir.nodes import Loc
 from shpy.lang.data.array import Array
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture
+from shpy.lang.mistakes.objects import named
 from shpy.lang.recording.location import is_users
+from shpy.lang.recording.scope import from_shpy
+from shpy.lang.recording.tree import parsed
 from shpy.lang.values.matrix import Matrix
+from shpy.lang.values.structure import Struct
 from shpy.lang.values.value import Value
 
 _CALLED = re.compile(r"'(\w+)' object is not callable")
 _INDEXED = re.compile(r"'(\w+)' object is not subscriptable")
+_COUNTED = re.compile(r"'(\w+)' object is not iterable|non-iterable (\w+) object|type '(\w+)' has no len")
+_ARGUMENTS = re.compile(r"\(\) ((missing|takes|got) .*argument.*)")
+_FIXED = re.compile(r"can't set attribute|'(\w+)' object does not support item assignment")
 _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {
     "Array": (Array, "array[i]"),
@@ -68,7 +80,7 @@ def explain_python_error(
         itself = error.name == recorded  # the name is bound when the recording is done
         return RecordError(f"{recorded} calls itself: {_ENDLESS}", loc=loc, cure=_STACK) if itself else None
     if isinstance(error, AttributeError):
-        return _attribute(error, loc)
+        return _attribute(error, loc) or _tuple(text, loc)
     if "does not support ufuncs" in text:
         return RecordError(
             "numpy's functions cannot take values of the language",
@@ -77,7 +89,7 @@ def explain_python_error(
         )
     if places[-1] is not place:  # raised inside of a library: its own affair
         return None
-    return _call(text, loc) or _container(text, loc)
+    return _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _arguments(error, loc)
 
 
 def _recursion(error: RecursionError) -> ShpyError | None:
@@ -114,6 +126,49 @@ def _call(text: str, loc: Loc) -> ShpyError | None:
     return None
 
 
+def _arguments(error: Exception, loc: Loc) -> ShpyError | None:
+    """Return the error for a call of a function or class of shpy with arguments that it does not take."""
+    found, call = _ARGUMENTS.search(str(error)), _running(error.__traceback__)
+    if found is None or not isinstance(call, ast.Call):
+        return None
+    assert error.__traceback__ is not None
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    called = named(call.func, frame)
+    if called is None or not from_shpy(called):
+        return None
+    spelled, parameters = ast.unparse(call.func), inspect.signature(called).parameters.values()
+    takes = [str(p.replace(annotation=p.empty, default=p.empty)) for p in parameters if p.kind is not p.KEYWORD_ONLY]
+    return ShpyTypeError(f"{spelled}() {found[1]}", loc=loc, cure=f"{spelled}({', '.join(takes)})")
+
+
+def _running(trace: TracebackType | None) -> ast.expr | None:
+    """Return the expression that raised an error, in the innermost frame of its traceback."""
+    if trace is None:
+        return None
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    code = trace.tb_frame.f_code
+    line, end, column, end_column = next(islice(code.co_positions(), trace.tb_lasti // 2, None))
+    tree = parsed(code.co_filename)
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, ast.expr) and (node.lineno, node.end_lineno) == (line, end):
+            if (node.col_offset, node.end_col_offset) == (column, end_column):
+                return node
+    return None
+
+
+def _tuple(text: str, loc: Loc) -> ShpyError | None:
+    """Return the error for a store that would bind a field of a tuple to another value."""
+    fixed = _FIXED.search(text)
+    if fixed is None or getattr(builtins, fixed[1] or "", tuple) is not tuple:  # a NamedTuple is none of Python's types
+        return None
+    return ShpyTypeError(
+        f"{text}: Python would bind another value, and a tuple keeps those that it has",
+        loc=loc,
+        cure="point.x[:] = …, which stores into the value; or a @sh.struct, whose fields take stores",
+    )
+
+
 def _container(text: str, loc: Loc) -> ShpyError | None:
     if "'set' object is not subscriptable" in text:
         return ShpyTypeError(
@@ -128,6 +183,10 @@ def _container(text: str, loc: Loc) -> ShpyError | None:
             loc=loc,
             cure="texture(uv); sh.Table(array, sh.Color3f)[row, column] for a pixel",
         )
+    counted = indexed or _COUNTED.search(text)
+    if counted is not None and counted[counted.lastindex or 0] in _classes(Struct):
+        kind = counted[counted.lastindex or 0]
+        return ShpyTypeError(f"{kind} is a struct, whose fields have names alone", loc=loc, cure="ray.o, for one field")
     hashed = _HASHED.search(text)
     if hashed is not None and hashed[1] in _classes(Value):
         return ShpyTypeError(
@@ -139,12 +198,14 @@ def _container(text: str, loc: Loc) -> ShpyError | None:
 
 
 def _attribute(error: AttributeError, loc: Loc) -> ShpyError | None:
-    if isinstance(error, ShpyError) or not isinstance(error.obj, Array | Table | Texture):
+    if isinstance(error, ShpyError) or not isinstance(error.obj, Array | Table | Texture | Struct):
         return None
     name, missing = _name(error.name, loc), error.name or ""
     match error.obj:
         case Array():
             kind, cure = "Array", _OF_ARRAYS.get(missing, "{0}[i], and {1}").format(name, f"len({name})")
+        case Struct():
+            kind, cure = type(error.obj).__name__, f"one of {', '.join(error.obj._shpy_fields)}"
         case Texture():
             kind, cure = _shown(type(error.obj).__name__), f"{name}.shape" if missing == "size" else f"{name}(uv)"
         case _:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any, ClassVar, NamedTuple, Self
 
-from shpy.errors import RecordError
+from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.constants import from_array
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
@@ -36,6 +36,13 @@ class Symbolic:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Any:
         return _copied(self, lambda parts: deepcopy(parts, memo))
+
+    def __delitem__(self, part: Any) -> None:
+        raise ShpyTypeError(
+            f"del takes nothing from {type(self).__name__}, whose parts are fixed", loc=here(), cure="x[:] = …, a store"
+        )
+
+    __delattr__ = __delitem__
 
 
 def _copied(value: Any, kept: Callable[[tuple[Any, ...]], tuple[Any, ...]]) -> Any:
