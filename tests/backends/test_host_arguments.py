@@ -344,3 +344,21 @@ def test_options_of_numpy_are_ints_too():
         work.compile("numpy", device=7)
     with pytest.raises(sh.BackendUnavailable, match="no device -1"):
         work.compile("numpy", device=-1)
+
+
+@pytest.mark.parametrize("dtype", ["i8", ">i8", "longdouble"])
+def test_integers_beyond_binary64_are_rounded_once(dtype):
+    ints = [2**54 + 2**30 + 1, -(2**54) - 2**30 - 1, 2**60 + 2**36 + 1, 2**53 + 1]
+    once = np.array([2**54 + 2**31, -(2**54) - 2**31, 2**60 + 2**37, 2**53], np.float32)
+    array = np.array(ints).astype(dtype)
+    table = sh.Table(array, sh.Attrib1f, name="table")
+
+    @sh.program
+    def both(x: sh.Attrib1f, i: sh.Attrib1i) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+        return x, table[i]
+
+    given, held = both(array, np.arange(4))
+    np.testing.assert_array_equal(given, once)
+    np.testing.assert_array_equal(held, once)
+    at_64, _ = both.compile("numpy", precision="f64")(array, np.arange(4))
+    np.testing.assert_array_equal(at_64, array.astype(np.float64))

@@ -56,7 +56,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     if kind not in wanted:
         raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
     if base in FLOATS:
-        return array if kind == "f" and array.dtype.itemsize <= 8 else in_range(array, np.dtype(np.float64), what)
+        return array if kind == "f" else _floats_of_ints(array)
     if base is not Base.B and array.size and array.dtype != DTYPES[base]:
         limits = np.iinfo(DTYPES[base])
         low, high = array.min(), array.max()
@@ -78,6 +78,13 @@ def as_array(data: Any, what: str) -> NDArray[Any]:
         raise ShpyTypeError(
             f"{what} is not an array: {error}", loc=here(), cure="np.asarray(rows), all of one length"
         ) from error
+
+
+def _floats_of_ints(array: NDArray[Any]) -> NDArray[Any]:
+    """Return ints as floats that hold each of them, where the machine has such: they are rounded once, later."""
+    floats = array.astype(np.float64)
+    beyond = array.dtype.itemsize == 8 and np.any(np.abs(floats) > 2.0**53)
+    return array.astype(np.longdouble) if beyond else floats
 
 
 def _floats_of_long_ints(array: NDArray[Any], what: str) -> NDArray[Any]:
