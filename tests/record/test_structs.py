@@ -379,3 +379,15 @@ def test_operators_in_place_reach_matrices_wherever_they_are_held():
             poses = sh.Array(Pose, 2)
             poses[0].turn *= x
             return poses[0].turn
+
+
+@pytest.mark.parametrize("number", [1.5, True, sh.Attrib1f(1), sh.Attrib1u(1)])
+def test_a_constructor_narrows_no_field_as_no_store_does(number):
+    @sh.struct
+    class Item:
+        count: sh.Attrib1i
+        weight: sh.Attrib1f
+
+    with pytest.raises(sh.ShpyTypeError, match=r"field Item\.count (of type i would narrow|mixes i with u)"):
+        Item(number, 1)
+    assert np.asarray(Item(2, 1).weight) == 1

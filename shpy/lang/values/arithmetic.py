@@ -276,6 +276,19 @@ def _takes_nothing(function: Callable[..., Any]) -> bool:
 def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
     """Return `x` as a value of `type` for a store: widens and splats, never narrows."""
     value = operand(x, what)
+    check_width(value, type, what)
+    if value.size not in (1, type.size):
+        if type.size == 1:
+            wanted, cure = "one component", "pick one, as in v.x"
+        else:
+            wanted = f"{type.size} components or one"
+            cure = "pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)"
+        raise ShpyTypeError(f"{what} takes {wanted}, not {value.size}", loc=here(), cure=cure)
+    return read(frame, value, type)
+
+
+def check_width(value: Operand, type: Type, what: str) -> None:
+    """Raise ShpyTypeError for an operand that a store into this type would narrow."""
     if isinstance(value, Literal):
         narrow = (value.weak == "float" and not type.is_float) or (value.weak == "bool") != type.is_bool
     else:
@@ -287,14 +300,6 @@ def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
             loc=here(),
             cure=f"the conversion written out, sh.Attrib{type.size}{type.base.value}(…)",
         )
-    if value.size not in (1, type.size):
-        if type.size == 1:
-            wanted, cure = "one component", "pick one, as in v.x"
-        else:
-            wanted = f"{type.size} components or one"
-            cure = "pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)"
-        raise ShpyTypeError(f"{what} takes {wanted}, not {value.size}", loc=here(), cure=cure)
-    return read(frame, value, type)
 
 
 # What constructors do

@@ -384,6 +384,9 @@ def is_struct(type_: Any) -> bool:
 def _field(type_: Any, value: Any, what: str) -> Any:
     """Return a field of a new struct: a copy, or for a struct one of the parts of a dict, tuple or other struct."""
     if not is_struct(type_):
+        if issubclass(type_, Value):
+            for part in arithmetic.parts(type_, value):
+                arithmetic.check_width(part, type_.type, f"the field {what}")
         return type_(value)
     if isinstance(value, Struct) and value._plain() is type_._shpy_class:
         return value.copy()
