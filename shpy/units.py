@@ -52,8 +52,8 @@ def ulp(found: Any, exact: Any) -> Array: ...
 def ulp(found: Any, exact: Any = None) -> Budget | Array:
     """Return a budget, `ulp(4)`, or the errors of results, `ulp(found, exact)`, in units in the last place.
 
-    `found` is an array of floats, `exact` one of the same shape, in the same type or a wider one, such as mpmath's
-    numbers. See `ulps`.
+    `found` is an array of floats, in which ints count as binary64. `exact` has the same shape, and the same type or a
+    wider one, such as mpmath's numbers. See `ulps`.
     """
     if exact is None:
         return Budget(found)
@@ -61,7 +61,8 @@ def ulp(found: Any, exact: Any = None) -> Budget | Array:
     with np.errstate(all="ignore"):
         high = given.astype(np.float64)
         rest = np.where(np.isfinite(high), given - high, 0).astype(np.float64)
-    return ulps(np.asarray(found), high, rest=rest)
+    judged = np.asarray(found)
+    return ulps(judged.astype(np.float64) if judged.dtype.kind in "iu" else judged, high, rest=rest)
 
 
 def ulps(found: Array, exact: Array, *, dtype: Any = None, rest: Array | None = None) -> Array:

@@ -59,18 +59,22 @@ def variants(
     Raises ShpyTypeError for an unknown mode or precision, BackendUnavailable for an unknown backend.
     """
     for what, given, known in (("precision", precision, PRECISIONS), ("math", math, MODES)):
-        for unknown in set(_several(given, ())) - set(known):
+        for unknown in [x for x in _several(given, (), what) if x not in known]:
             raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, known)))
-    for name in _several(backends, ()):
+    for name in _several(backends, (), "backends"):
         backend(name)
-    modes: list[str | None] = list(_several(math, MODES))
+    modes: list[str | None] = list(_several(math, MODES, "math"))
     if "math" not in inspect.signature(Program.compile).parameters:
         modes = [None]
-    names = _several(backends, [b.name for b in listed() if b.available])
-    return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"])]
+    names = _several(backends, [b.name for b in listed() if b.available], "backends")
+    return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"], "precision")]
 
 
-def _several(given: Iterable[str] | str | None, default: Iterable[str]) -> list[str]:
+def _several(given: Iterable[str] | str | None, default: Iterable[str], what: str) -> list[str]:
+    if not isinstance(given, Iterable | None):
+        raise ShpyTypeError(
+            f"{what}={given!r} is no name and no list of names", loc=here(), cure=f"{what}=None for all"
+        )
     return list(default) if given is None else [given] if isinstance(given, str) else list(given)
 
 

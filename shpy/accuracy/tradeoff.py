@@ -26,7 +26,7 @@ from shpy.choice import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.outputs import new_figure, save_figure
-from shpy.program import Program, check_count
+from shpy.program import Program, check_count, check_program
 from shpy.run.kernel import Kernel
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -212,11 +212,11 @@ def tradeoff(
     check_count("elements", elements, 1)
     check_count("rounds", rounds, 1)
     check_count("seed", seed, 0)
+    tell = _checked_progress(progress)
     made = list(combinations(program))
     tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
-    tell = progress or (lambda done, total: None)
     steps = len(tried) + rounds
-    first = made[0][1]
+    first = _first_of(made)
     search = _Search(first, domain, budget, reference, samples, seed)
     found: list[Candidate] = []
     skipped: list[tuple[str, str]] = []
@@ -246,6 +246,29 @@ def _check_budget(budget: object) -> None:
         raise ShpyTypeError(f"the limit of a budget is a number from 0 on, not {budget.limit!r}", loc=here(), cure=cure)
     if budget.unit not in ("ulp", "relative"):
         raise ShpyTypeError(f"the unit of a budget is not {budget.unit!r}", loc=here(), cure=cure)
+
+
+def _checked_progress(progress: Any) -> Callable[[int, int], None]:
+    if not (progress is None or callable(progress)):
+        cure = "progress=lambda done, total: print(done, total)"
+        raise ShpyTypeError(f"progress={progress!r} is no function", loc=here(), cure=cure)
+    return progress or (lambda done, total: None)
+
+
+def _first_of(made: list[tuple[dict[str, str], Program]]) -> Program:
+    """Return the program that the others are judged by; ShpyTypeError for outputs of other sizes among them."""
+    for _, one in made:
+        check_program(one)
+    signatures = {" and ".join(picks.values()): [out.type.size for out in one.ir.entry.outputs] for picks, one in made}
+    (first, wanted), *others = signatures.items()
+    for other, sizes in others:
+        if sizes != wanted:
+            raise ShpyTypeError(
+                f"{first} and {other} give outputs of {wanted} and {sizes} components",
+                loc=here(),
+                cure="alternatives that give the same",
+            )
+    return made[0][1]
 
 
 def _rounded_up(number: float) -> str:

@@ -13,13 +13,15 @@ Times: about log2(events) + 12 runs of the program on each of the two backends, 
 from __future__ import annotations
 
 import linecache
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from shpy.errors import ShpyTypeError
+from shpy.errors import ShpyIndexError, ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here
 from shpy.program import Program
@@ -173,8 +175,8 @@ def first_divergence(
 
     `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """
-    modes = _pair_of_modes(named)
     given, options = split_options(named, program)
+    modes = _pair_of_modes(options)
     names = targets(backends)
     if modes and len(names) == 1:
         names *= 2  # one backend in two modes
@@ -184,6 +186,7 @@ def first_divergence(
     setting, other = settings or [Setting(program, inputs, given, shape, options)] * 2
     bound = Bound(ulp, atol, rtol)
     first = run(setting, names[0])
+    _check_element(element, setting)
     for name in names[1:]:
         second = run(other, name)
         places = np.flatnonzero(parted(first, second, bound))
@@ -195,6 +198,15 @@ def first_divergence(
             if found is not None:
                 return found
     return None
+
+
+def _check_element(element: Any, setting: Setting) -> None:
+    """Raise ShpyIndexError for anything but the number of an element of the run, in C order, or None."""
+    count = math.prod(setting.element_shape)
+    if element is not None and not (is_int(element) and 0 <= element < count):
+        raise ShpyIndexError(
+            f"element {element!r} of a run over {count}", loc=here(), cure=f"0 to {count - 1}, or None"
+        )
 
 
 def _pair_of_modes(named: dict[str, Any]) -> tuple[Any, Any] | None:

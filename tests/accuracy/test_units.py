@@ -84,3 +84,7 @@ def test_budgets():
     for wrong in ("-1ulp", "ulp", "2 pixels", "nan"):
         with pytest.raises(ValueError):  # noqa: PT011 - argparse shows it with the words
             Budget.parse(wrong)
+
+
+def test_lists_of_ints_count_as_binary64():
+    assert sh.accuracy.ulp([1, 2, 3], [1, 2, 3 + 2**-50]).tolist() == [0, 0, 2]

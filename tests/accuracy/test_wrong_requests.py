@@ -16,6 +16,11 @@ def grown(x: sh.Attrib1f) -> sh.Attrib1f:
     return sh.exp(x)
 
 
+@sh.program
+def wide(x: sh.Attrib1f) -> sh.Attrib2f:
+    return sh.exp(x.xx)
+
+
 @pytest.mark.parametrize("backends", ["opnecl", ["numpy", "cuda"]])
 def test_an_unknown_backend_is_an_error(backends):
     for work in (measure, lambda *given, **options: tradeoff(*given, budget=ulp(4), **options)):
@@ -36,12 +41,16 @@ def test_an_unknown_backend_is_an_error(backends):
         (tradeoff, grown, {"x": (0, 1)}, {"seed": "now"}, "seed is an int from 0 on, not 'now'"),
         (tradeoff, grown, {"x": (0, 1)}, {"elements": 0}, "elements is an int from 1 on, not 0"),
         (tradeoff, grown, {"x": (0, 1)}, {"rounds": 0}, "rounds is an int from 1 on, not 0"),
+        (tradeoff, grown, {"x": (0, 1)}, {"progress": 3}, "progress=3 is no function"),
+        (measure, grown, {"x": (0, 1)}, {"math": 3}, "math=3 is no name and no list of names"),
+        (measure, grown, {"x": (0, 1)}, {"backends": 3}, "backends=3 is no name and no list of names"),
+        (tradeoff, sh.choice("way", {"f": grown, "g": wide}), {"x": (0, 1)}, {}, r"f and g give .* \[1\] and \[2\]"),
     ],
 )
 def test_what_cannot_be_measured_is_an_error(work, program, domain, options, said):
     budget = {"budget": ulp(4)} if work is tradeoff else {}
     with pytest.raises(sh.ShpyTypeError, match=said) as caught:
-        work(program, domain, backends="numpy", **budget, **options)
+        work(program, domain, **{"backends": "numpy", **budget, **options})
     assert caught.value.loc.file == __file__
 
 

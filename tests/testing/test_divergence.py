@@ -257,6 +257,20 @@ def test_two_modes_are_compared(modes):
         sh.testing.first_divergence(small, X, backends=["numpy", "opencl"], math=modes)
 
 
+@pytest.mark.parametrize("element", [-1, 1.5, (0, 1), len(X)])
+def test_an_element_is_one_of_the_run(element):
+    with pytest.raises(sh.ShpyIndexError, match=rf"element .* of a run over {len(X)}"):
+        sh.testing.first_divergence(turning, X, 6, element=element)
+
+
+def test_an_input_may_be_called_math():
+    @sh.program
+    def doubled(math: sh.Attrib1f) -> sh.Attrib1f:
+        return 2 * math
+
+    assert sh.testing.first_divergence(doubled, math=(0, 1, 2), backends=("numpy", "interpreter")) is None
+
+
 def test_a_backend_that_is_none_is_named():
     with pytest.raises(sh.BackendUnavailable, match="there is no backend 'opencl-3'"):
         sh.testing.first_divergence(small, X, backends=["numpy", "opencl-3"])
