@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from shpy.ieee import in_ieee_arithmetic
 
 _bound: Final[dict[str, Callable[..., Any]]] = {}
@@ -21,6 +23,20 @@ def bind_reductions(**functions: Callable[..., Any]) -> None:
     _bound.update((name, in_ieee_arithmetic(function)) for name, function in functions.items())
 
 
+def _on_host(given: Any) -> Any:
+    """Return what numpy's functions get for a stream, or for streams in lists: arrays that nothing can store into."""
+    match given:
+        case StreamReductions():
+            array = np.asarray(given).view()
+            array.flags.writeable = False
+            return array
+        case list() | tuple():
+            return [_on_host(entry) for entry in given]
+        case dict():
+            return {name: _on_host(entry) for name, entry in given.items()}
+    return given
+
+
 class StreamReductions:
     """The methods of a Stream that reduce its elements, all of them or along an axis.
 
@@ -28,6 +44,9 @@ class StreamReductions:
     components, each of which is reduced on its own. A reduction along an axis returns a Stream without that axis.
     Streams of structs and matrices raise ShpyTypeError: `sh.reduce` takes them with a program.
     """
+
+    def __array_function__(self, function: Callable[..., Any], _: Any, args: Any, named: Any) -> Any:
+        return function(*_on_host(args), **_on_host(named))
 
     def sum(self, method: Literal["pairwise", "compensated", "exact"] = "pairwise", axis: int | None = None) -> Any:
         """Return the sum of the elements: 0 for none. Ints and unsigned ints wrap modulo 2**32; bools are counted.

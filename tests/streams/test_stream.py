@@ -412,3 +412,15 @@ def test_an_index_or_a_slice_reads_its_rows_alone(name, type_, monkeypatch):
     assert asked == [(2 * 3001, 4 * 3001)]
     with pytest.raises(IndexError):
         stream[5]
+
+
+@every
+def test_functions_of_numpy_take_the_elements_and_store_none(name):
+    x = sh.Stream(np.float32([[1, 2], [3, 5]]), sh.Attrib1f, backend=name)
+    assert np.sum(x) == 11
+    assert np.mean(x) == 2.75
+    assert np.max(x, axis=0).tolist() == [3, 5]
+    assert np.concatenate([x, x], axis=1).shape == (2, 4)
+    with pytest.raises(ValueError, match="read-only"):
+        np.copyto(x, 0)
+    assert np.any(x, axis=1).tolist() == [True, True]
