@@ -26,7 +26,7 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Layout, Leaf, leaves
+from shpy.lang.values.structure import Layout, Leaf, leaves, spoken_type
 from shpy.passes.modes import Precision
 from shpy.run import host
 from shpy.run.kernel import Kernel
@@ -316,7 +316,7 @@ class Run:
                 f"the stream {name} has the shape {stream.shape}, and {member.signature} reads it as a Table of "
                 f"{type_.rank} axes",
                 loc=here(),
-                cure=f"sh.Table[sh.{type_.cls.__name__}, {len(stream.shape)}]",
+                cure=f"sh.Table[{spoken_type(type_.cls)}, {len(stream.shape)}]",
             )
         return stream
 

@@ -56,7 +56,7 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
     if isinstance(index, Stream):
         check_place(index, place, name)
         if index.type.__name__ not in ("Attrib1i", "Attrib1u"):
-            raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of Attrib1i")
+            raise ShpyTypeError(f"{name} is {index!r}", loc=here(), cure="a Stream of sh.Attrib1i")
         return index.leaf_entries()[0].memory, index.shape
     array = as_array(index, name)
     if not array.size:  # numpy makes floats of an empty list
@@ -81,7 +81,7 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
         mask = Stream(array, Attrib1b, *place)
     check_place(mask, place, "mask")
     if mask.type.__name__ != "Attrib1b":
-        raise ShpyTypeError(f"mask is {mask!r}", loc=here(), cure="a Stream of Attrib1b")
+        raise ShpyTypeError(f"mask is {mask!r}", loc=here(), cure="a Stream of sh.Attrib1b")
     if mask.shape != shape:
         raise ShpyTypeError(
             f"mask has the shape {mask.shape}, and the stream {shape}", loc=here(), cure="a bool for each element"

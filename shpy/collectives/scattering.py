@@ -27,7 +27,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import cond
-from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves
+from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves, spoken_type
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.program import Program
 from shpy.streams.elements import given_shape
@@ -103,7 +103,7 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
         raise ShpyTypeError(
             f"out is {out!r}, not {values.type.__name__} of shape {wanted}",
             loc=here(),
-            cure=f"sh.Stream.empty({wanted}, {values.type.__name__}, {values.backend!r})",
+            cure=f"sh.Stream.empty({wanted}, {spoken_type(values.type)}, {values.backend!r})",
         )
     return out
 

@@ -26,7 +26,7 @@ from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import is_lazy
+from shpy.lang.values.structure import is_lazy, spoken_type
 from shpy.lang.values.types import Attrib1i
 from shpy.program import Program
 from shpy.streams.stream import Stream
@@ -101,7 +101,7 @@ def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
         raise ShpyTypeError(
             f"{stream!r} has elements of several components, which have no order",
             loc=here(),
-            cure=f"sh.{name}(stream, key=program), where the program gives one number for an element",
+            cure=f"sh.{name}(…, key=program), where the program gives one number for an element",
         )
     memory: Memory = entries[0].memory
     return memory
@@ -109,7 +109,7 @@ def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
 
 def _computed(stream: Stream, key: Any, name: str) -> Any:
     """Return the key of each element; ShpyTypeError unless `key` is a program from an element to a scalar."""
-    wanted = f"@sh.program of one sh.{stream.type.__name__} that gives one number"
+    wanted = f"@sh.program of one {spoken_type(stream.type)} that gives one number"
     if not isinstance(key, Program):
         raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=wanted)
     inputs = list(key.inputs.values())

@@ -23,7 +23,7 @@ from shpy.ir.types import vec
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Leaf, layout_of, leaves
+from shpy.lang.values.structure import Leaf, layout_of, leaves, spoken_type
 from shpy.lang.values.types import Attrib1i
 from shpy.lang.values.value import CLASSES
 from shpy.program import Program
@@ -65,7 +65,8 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
             loc=here(),
             cure="@sh.program before the function",
         )
-    wanted = f"{program.name}(a: sh.{stream.type.__name__}, b: sh.{stream.type.__name__}) -> sh.{stream.type.__name__}"
+    element = spoken_type(stream.type)
+    wanted = f"{program.name}(a: {element}, b: {element}) -> {element}"
     if not _fits(program, stream.type):
         raise ShpyTypeError(
             f"sh.{name} combines two elements of {stream!r} into one, and {program!r} does not",

@@ -21,7 +21,7 @@ from shpy.lang.data.tables import Table, TableArgument, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Group, Layout, entries_of, flatten, leaves
+from shpy.lang.values.structure import Group, Layout, annotation_of, entries_of, flatten, leaves, spoken_type
 from shpy.lang.values.value import Value
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 
@@ -139,7 +139,11 @@ def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
     found, wanted = given.leaf_entries(), list(leaves(layout, what))
     if len(found) != len(wanted):
         listed = ", ".join(path for path, _, _ in wanted)
-        raise ShpyTypeError(f"{what} has the parts {listed}, and {given!r} has others", loc=here(), cure="its own type")
+        raise ShpyTypeError(
+            f"{what} has the parts {listed}, and {given!r} has others",
+            loc=here(),
+            cure=f"a stream of {annotation_of(layout)}",
+        )
     return list(found)
 
 
@@ -221,7 +225,7 @@ def _table(name: str, type_: TableType, given: Any) -> Table:
             f"{name} is a Table[{type_.cls.__name__}, {type_.rank}], "
             f"and this one a Table[{table.type.__name__}, {table.rank}]",
             loc=here(),
-            cure=f"sh.Table(array, sh.{type_.cls.__name__}) with {type_.rank} axes",
+            cure=f"sh.Table(array, {spoken_type(type_.cls)}) with {type_.rank} axes",
         )
     return table
 

@@ -27,7 +27,7 @@ from shpy.lang.data.tables import CompoundTable, Table, fits_type
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
 from shpy.lang.recording.names import assigned_name
-from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, type_of
+from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
 from shpy.passes.modes import Precision
 from shpy.shown import Shown
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
@@ -302,7 +302,7 @@ class Stream(StreamReductions, Shown):
     def way_to(self, place: Place) -> str:
         """Return the expression that brings it to another place, as messages spell it."""
         if self.precision != place.precision:
-            type_, told = self._type.__name__, f'"{place.backend}", precision="{place.precision}"'
+            type_, told = spoken_type(self._type), f'"{place.backend}", precision="{place.precision}"'
             return f"sh.Stream(stream.numpy(), {type_}, {told})"
         return f"stream.to({place.backend!r}{f', {place.device}' if place.device else ''})"
 
@@ -405,7 +405,9 @@ class CompoundStreamTable(CompoundTable):
 def _check_table(stream: Stream, type: Any) -> None:
     if type is not None and not fits_type(type, stream.type):
         raise ShpyTypeError(
-            f"{stream!r} is no Table of {getattr(type, '__name__', type)}", loc=here(), cure="sh.Table(stream)"
+            f"{stream!r} is no Table of {getattr(type, '__name__', type)}",
+            loc=here(),
+            cure=f"a stream of {spoken_type(type)}",
         )
     if len(stream.shape) not in (1, 2, 3):
         raise ShpyTypeError(

@@ -234,3 +234,22 @@ def test_fields_of_a_struct_can_be_renamed():
     assert renamed(2).position.tolist() == [2, 0, 0]
     with pytest.raises(sh.ShpyTypeError, match="two outputs would have one name"):
         ray_of.rename(o="d")
+
+
+def test_errors_of_a_called_program_name_the_users_line_and_a_type_as_it_is_written():
+    @sh.struct
+    class Ray:
+        o: sh.Attrib1f
+
+    @sh.program
+    def first(rays: sh.Table[Ray]) -> sh.Attrib1f:
+        return rays[0].o
+
+    def other(rays: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
+        return first(rays)
+
+    with pytest.raises(sh.ShpyTypeError, match=r"the input rays is a Table\[Ray, 1\]") as caught:
+        sh.program(other)
+    assert caught.value.loc is not None
+    assert (caught.value.loc.file, caught.value.loc.line) == (__file__, other.__code__.co_firstlineno + 1)
+    assert caught.value.cure == "sh.Table(array, Ray)"

@@ -325,10 +325,10 @@ def test_errors_name_the_cure():
     assert caught.value.cure == "stream.to('numpy')"
     with refused("scale is compiled for opencl, f64, and") as caught:
         scale.compile("opencl", precision="f64")(stream, 1.0)
-    assert caught.value.cure == 'sh.Stream(stream.numpy(), Point3f, "opencl", precision="f64")'
+    assert caught.value.cure == 'sh.Stream(stream.numpy(), sh.Point3f, "opencl", precision="f64")'
     with refused("mask is <Stream (4,) of Attrib1b on opencl, f64>") as caught:
         sh.compact(stream, sh.Stream([True] * 4, sh.Attrib1b, "opencl", precision="f64"))
-    assert caught.value.cure == 'sh.Stream(stream.numpy(), Attrib1b, "opencl", precision="f32")'
+    assert caught.value.cure == 'sh.Stream(stream.numpy(), sh.Attrib1b, "opencl", precision="f32")'
     with refused("x is a Point3f, f3, and <Stream (2,) of Attrib2f on opencl> holds f2"):
         scale(sh.Stream(np.zeros((2, 2)), sh.Attrib2f, "opencl"), 1.0)
     with refused("x is a stream of shape (4,) in a run over (3, 4): streams do not broadcast"):

@@ -25,7 +25,7 @@ from shpy.lang.recording.recorder import Frame, Recording, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent
 from shpy.lang.values.snapshot import Same
-from shpy.lang.values.structure import built, flatten, leaves
+from shpy.lang.values.structure import built, flatten, leaves, spoken_type
 
 Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
@@ -71,7 +71,7 @@ class _Names:
                     raise ShpyTypeError(
                         f"the input {name} is a Table[{type_.cls.__name__}, {type_.rank}]",
                         loc=here(),
-                        cure=f"sh.Table(array, sh.{type_.cls.__name__})",
+                        cure=f"sh.Table(array, {spoken_type(type_.cls)})",
                     )
                 for leaf, part in table.leaves(name).items():
                     if leaf == name or any(leaf == declared.name for declared in self.recorded.module.tables):

@@ -81,6 +81,9 @@ def user_frame(*besides: str) -> FrameType | None:
             skipped = _skipped[file] = _look_inside(file) or is_standard(file)
             enter_text(file, frame.f_globals)
         if not (skipped or (besides and file.startswith(besides))) or (library and file.startswith(_LIBRARIES)):
+            if file == "<string>" and frame.f_code.co_name == "__init__":  # which `dataclasses` has generated
+                frame = frame.f_back
+                continue
             return None if file.startswith(_START) else frame
         frame = frame.f_back
     return None

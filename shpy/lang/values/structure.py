@@ -153,6 +153,11 @@ def annotation_of(layout: Layout) -> str:
             return form if cls is None else str(cls.__name__)
 
 
+def spoken_type(type_: Any) -> str:
+    """Return a type as users write it: `sh.Attrib1f`, or the name of their own struct."""
+    return annotation_of(layout_of(type_, "a type"))
+
+
 def leaves(layout: Layout, prefix: str) -> Iterator[tuple[str, str, type[Value]]]:
     """Yield the name, kind and class of each leaf: `ray.o`; `m[0]`, of kind `Matrix3f[0]`, for a row of a matrix."""
     match layout:
