@@ -73,7 +73,8 @@ def placed(what: str, position: ArrayLike, origin: Rows, scale: float, dtype: np
 
     Raises SceneError, which names the object `what`, if `dtype` cannot hold them.
     """
-    found = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
+    with np.errstate(over="ignore"):
+        found = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
     if not (np.abs(found) <= np.finfo(dtype).max).all():
         place = ", ".join(f"{x:.6g}" for x in np.ravel(position))
         raise SceneError(

@@ -40,6 +40,17 @@ def radius_of(low: Vector, high: Vector) -> float:
     return radius or 1e-6 * max(float(np.abs(low).max()), 1.0)
 
 
+def _direction(vector: ArrayLike) -> tuple[float, Vector]:
+    """Return the length of a vector and the unit vector along it; zero stays zero.
+
+    A power of two, which rounds nothing, brings large and small components to where binary64 holds their squares.
+    """
+    _, exponent = np.frexp(np.abs(vector).max())
+    near = np.ldexp(vector, -exponent)
+    size = np.linalg.norm(near)
+    return float(np.ldexp(size, exponent)), near / (size or 1)
+
+
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
     """A calibrated camera: `matrix`, 9 numbers by rows, maps a pixel (x, y, 1) to the direction of its eye ray."""
@@ -86,10 +97,12 @@ class Camera:
             object.__setattr__(self, name, self._number(name))
         if not 0 < self.fov < 180:
             raise SceneError(f"a camera's fov lies between 0 and 180 degrees, not {self.fov}")
-        sight = np.subtract(self.target, self.position)
-        if not np.any(sight):
+        if self.position == self.target:
             raise SceneError("a camera cannot look at its own position")
-        if np.linalg.norm(np.cross(sight, self.up)) <= 1e-9 * np.linalg.norm(sight) * np.linalg.norm(self.up):
+        distance, forward = self._sight
+        if not math.isfinite(distance):
+            raise SceneError("a camera's position and target are too far from each other: the distance leaves binary64")
+        if np.linalg.norm(np.cross(forward, _direction(self.up)[1])) <= 1e-9:
             raise SceneError("a camera's up must not be along its line of sight")
         if self.projection not in get_args(Projection):
             raise SceneError(
@@ -117,12 +130,16 @@ class Camera:
             raise SceneError(f"a camera's {name} is a number, not {value!r}") from None
 
     @property
+    def _sight(self) -> tuple[float, Vector]:
+        """The distance of the target, infinite beyond binary64, and the unit vector to it."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _direction(np.subtract(self.target, self.position))
+
+    @property
     def axes(self) -> tuple[Vector, Vector, Vector]:
         """Unit vectors to the right, up, and along the line of sight."""
-        forward = np.subtract(self.target, self.position).astype(np.float64)
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, self.up)
-        right /= np.linalg.norm(right)
+        _, forward = self._sight
+        _, right = _direction(np.cross(forward, _direction(self.up)[1]))
         return right, np.cross(right, forward), forward
 
     def view(self, width: int, height: int) -> View:
@@ -140,9 +157,21 @@ class Camera:
     ) -> dict[str, Any]:
         """Return the params of `kernels.eye_rays`, where positions are from `origin`, times `scale`.
 
-        Raises SceneError for a position that `dtype`, the kernel's working precision, does not hold.
+        Raises SceneError for numbers that `dtype`, the kernel's working precision, or a Param does not hold.
         """
-        place = placed("the camera", self.position, origin, scale, dtype)
+        held = min(dtype, np.dtype(np.float32), key=lambda floats: floats.itemsize)  # Params are no wider than f32
+        place = placed("the camera", self.position, origin, scale, held)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self._uniforms(place, width, height, scale)
+        if not all(np.all(np.abs(value) <= np.finfo(held).max) for value in found.values()):
+            raise SceneError(
+                f"the span, aperture or focus of the camera is too large for a scene of this size, in floats of "
+                f"{8 * held.itemsize} bits: scale the scene, or choose a smaller one"
+            )
+        return found
+
+    def _uniforms(self, place: Vector, width: int, height: int, scale: float) -> dict[str, Any]:
+        """Return the params of a camera at `place`, in the kernel's coordinates."""
         right, above, forward = self.axes
         if self.projection == "panorama":
             return {"eye": place, "right": right, "above": above, "forward": forward, "size": (width, height)}
@@ -154,7 +183,7 @@ class Camera:
         view = self.view(width, height)
         found: dict[str, Any] = view._replace(eye=place)._asdict()
         if self.aperture:
-            focus = np.linalg.norm(np.subtract(self.target, self.position)) if self.focus is None else self.focus
+            focus = self._sight[0] if self.focus is None else self.focus
             found["focus"] = focus * scale
             found |= {
                 "lens_right": right * (self.aperture * scale / 2),

@@ -26,6 +26,27 @@ def wall(z):
     return floor(40).moved((0, 0, z), tilt=90)
 
 
+@pytest.mark.parametrize("far", [1e150, 1e160, 1e300])
+def test_directions_that_are_long_or_short_are_those_of_any_length(far):
+    for camera in (Camera((0, 0, 5), (0, 0, -far), (0, far, 0)), Camera((0, 0, 1 / far), up=(0, 1 / far, 0))):
+        np.testing.assert_array_equal(camera.axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+@pytest.mark.parametrize("given", [{"aperture": 1e30}, {"aperture": 0.1, "focus": 1e300}, {"span": 1e300}])
+def test_lengths_of_a_camera_that_no_kernel_holds_are_told(given, precision):
+    camera = Camera((0, 0, 5), projection="orthographic" if "span" in given else "perspective", **given)
+    with pytest.raises(SceneError, match="the span, aperture or focus of the camera is too large"):
+        render(Scene([sphere()], camera=camera), (4, 4), backend="numpy", precision=precision)
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_a_camera_that_no_kernel_holds_is_told(precision):
+    for far in (1e30, 1e160):
+        with pytest.raises(SceneError, match=f"the camera at .*{far:g}.* is too far away".replace("+", r"\+")):
+            render(Scene([sphere()], camera=Camera((0, 0, far))), (4, 4), backend="numpy", precision=precision)
+
+
 def test_orthographic_rays_are_parallel():
     camera = Camera(**AWRY, projection="orthographic", span=3.0)
     found = places(camera, [wall(-4)])
