@@ -96,7 +96,7 @@ class Intersector:
     have that shape without its last axis. Directions may have any length; `t_min` and `t_max` are numbers or arrays
     of the results' shape, in lengths of the directions. float32 arrays go to the device as they are, others are rounded
     to it on the way. Raises SceneError for shapes that do not fit, for what is no real number, for NaN, for infinite
-    origins or directions, and for directions of length zero. A ray from farther away than a kernel's numbers reach, which is
+    origins or directions, and for directions of length zero. A ray from farther away than a kernel's numbers reach,
     2**90 times the mesh's size in f32, meets nothing: its own numbers do not say where it passes.
 
     A ray that starts on a triangle may meet it again at a distance of a few roundings. With `leaving=True` it only

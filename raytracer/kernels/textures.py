@@ -71,8 +71,11 @@ class Atlas:
         return sh.mix(top, bottom, part.y)
 
     def wrapped(self, x: Any, mode: Any) -> Any:
-        """Wrap a coordinate into [0, 1]."""
-        ways = {"repeat": sh.fract(x), "clamp": sh.clamp(x, 0, 1), "mirror": 1 - abs(1 - 2 * sh.fract(0.5 * x))}
+        """Wrap a coordinate into [0, 1]; what lies on the picture, its far edges too, stays."""
+        part = sh.fract(x)
+        if "nearest" in self.filters:  # the linear filter blends the same two texels at either edge
+            part = sh.cond((part == 0) & (x > 0), 1.0, part)
+        ways = {"repeat": part, "clamp": sh.clamp(x, 0, 1), "mirror": 1 - abs(1 - 2 * sh.fract(0.5 * x))}
         return self._chosen(ways, mode)
 
     def cell(self, k: Any, count: Any, mode: Any) -> Any:

@@ -232,7 +232,9 @@ def test_textures_are_read_as_opengl_reads_them(filter, wrap, backend):
     rng = np.random.default_rng(3)
     images = [rng.random((3, 5, 3)).astype(np.float32), rng.random((4, 4, 3)).astype(np.float32)]
     atlas = Atlas([Texture(images[0], wrap="clamp"), Texture(images[1], filter=filter, wrap=wrap)])
-    uv = np.concatenate([rng.uniform(-3, 3, (500, 2)), rng.random((500, 2)), [(0, 0), (1, 1), (0.5, 0.5), (-1, 2)]])
+    uv = np.concatenate(
+        [rng.uniform(-3, 3, (500, 2)), rng.random((500, 2)), [(0.5, 0.5), (-1, 2), (0, 0), (1, 1), (1e-9, 1e-9)]]
+    )
     uv = uv.astype(np.float32)
 
     @sh.program
@@ -246,6 +248,8 @@ def test_textures_are_read_as_opengl_reads_them(filter, wrap, backend):
     assert (error < 1e-5).mean() > 0.995  # beside the edge of a texel f32 may choose the other
     if filter == "linear" and wrap != "repeat":
         assert error.max() < 1e-4
+    if filter == "nearest":  # the corners of the picture are those of its texels
+        np.testing.assert_array_equal(found[-3:], images[1][[-1, 0, -1], [0, -1, 0]])
 
 
 def test_uv_that_are_no_numbers_read_some_texel():
