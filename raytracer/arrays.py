@@ -49,6 +49,17 @@ def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
+def finite_number(what: str, value: Any) -> float:
+    """Return a number as a float; SceneError, which begins with `what`, unless it is finite."""
+    try:
+        found = math.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        found = math.nan
+    if not math.isfinite(found):
+        raise SceneError(f"{what} is a finite number, not {value!r}")
+    return found
+
+
 def is_whole(value: object, low: int, high: float = math.inf) -> TypeGuard[int]:
     """Return whether a value is an int of Python or numpy in a range, both ends included; a bool is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and low <= int(value) <= high

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
-from raytracer.arrays import array_of, finite_triple, numbers
+from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError
 
 Floats = NDArray[np.float64]
@@ -168,7 +168,9 @@ class Mesh:
 
         A negative scale mirrors, so it turns the faces over, as `transformed` does.
         """
-        a, b = np.radians(turn), np.radians(tilt)
+        given = {"scale": scale, "turn": turn, "tilt": tilt}
+        scale, *angles = (finite_number(f"{self.name}: a {what}", value) for what, value in given.items())
+        a, b = np.radians(angles)
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
         matrix = about_y @ about_x
@@ -207,6 +209,7 @@ class Mesh:
         Faces are weighed by their area; vertices at the same place count as one. Where more than 64 faces meet, the
         angles are taken between groups of faces whose normals differ by a few degrees.
         """
+        widest = np.cos(np.radians(finite_number(f"{self.name}: an angle", below)))
         if not len(self):
             return self
         corners = self.corners
@@ -219,7 +222,7 @@ class Mesh:
         direction, place = units[first // 3], place[first]
         sums = np.zeros_like(held)
         for one, other in _sharing(place):
-            near = np.einsum("ij,ij->i", direction[one], direction[other]) > np.cos(np.radians(below))
+            near = np.einsum("ij,ij->i", direction[one], direction[other]) > widest
             sums += _added(held[other[near]], one[near], len(sums))
         normals = unit(sums)[group].reshape(-1, 3, 3)
         empty = ~normals.any(axis=2, keepdims=True)

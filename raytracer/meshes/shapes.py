@@ -10,18 +10,48 @@ floor and each triangle of an icosahedron is a whole picture; round shapes have 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
+from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.planes import normals_of
 from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.arrays import finite_number, finite_triple, is_whole
+from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh
 
 Floats = NDArray[np.float64]
+Count = int
+"""A whole number above 0."""
+_MOST = 1 << 31
+_Given = ParamSpec("_Given")
 
 
+def shape(make: Callable[_Given, Mesh]) -> Callable[_Given, Mesh]:
+    """Let a function check the numbers that it is given, by their annotations; SceneError for others."""
+    kinds = make.__annotations__
+
+    @functools.wraps(make)
+    def checked(*args: _Given.args, **named: _Given.kwargs) -> Mesh:
+        for name, value in [*zip(kinds, args, strict=False), *named.items()]:
+            what, kind = f"a {make.__name__}'s {name}", kinds.get(name)
+            if kind == "Count" and not is_whole(value, 1, _MOST):
+                raise SceneError(f"{what} is a whole number above 0, not {value!r}")
+            if kind == "int" and not is_whole(value, -_MOST, _MOST):
+                raise SceneError(f"{what} is a whole number, not {value!r}")
+            if kind == "float" or (kind == "Triple" and isinstance(value, float | int)):
+                finite_number(what, value)
+            elif kind == "Triple":
+                finite_triple(what, value)
+        return make(*args, **named)
+
+    return checked
+
+
+@shape
 def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = False) -> Mesh:
     """Make a box of 12 triangles; `inward` turns its faces so that it is a room."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
@@ -38,6 +68,7 @@ def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = 
     return Mesh(signs * np.asarray(size) / 2, faces, material=material, name="box", uv=uv)
 
 
+@shape
 def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
     """Make a square of two triangles in the plane y = 0, facing up."""
     s = size / 2
@@ -46,7 +77,8 @@ def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
     return Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=material, name="floor", uv=uv)
 
 
-def checkerboard(size: float, squares: int, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
+@shape
+def checkerboard(size: float, squares: Count, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
     """Make a floor of `squares` by `squares` in two colours: 2 * squares**2 triangles."""
     lines = np.linspace(-size / 2, size / 2, squares + 1)
     x, z = (g.reshape(-1) for g in np.meshgrid(lines, lines, indexing="ij"))
@@ -59,7 +91,8 @@ def checkerboard(size: float, squares: int, light: Triple, dark: Triple, materia
     return Mesh(vertices, quads.reshape(-1, 3), colors=colors, material=material, name="checkerboard")
 
 
-def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, segments: int = 64) -> Mesh:
+@shape
+def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: Count = 32, segments: Count = 64) -> Mesh:
     """Make a sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
     vertices, faces = lattice(rings, segments, closed=False)
     theta, phi = np.pi * vertices[:, 0], 2 * np.pi * vertices[:, 1]
@@ -71,8 +104,9 @@ def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: int = 32, 
     return Mesh(units * radius, faces[~poles], units, material=material, name="sphere", uv=uv)
 
 
+@shape
 def torus(
-    radius: float = 1.0, tube: float = 0.35, material: Material = PLAIN, *, segments: int = 96, sides: int = 48
+    radius: float = 1.0, tube: float = 0.35, material: Material = PLAIN, *, segments: Count = 96, sides: Count = 48
 ) -> Mesh:
     """Make a ring about the y axis: 2 * segments * sides triangles."""
 
@@ -82,9 +116,10 @@ def torus(
     return _tube(ring, tube, segments, sides, material, "torus")
 
 
+@shape
 def knot(
     p: int = 2, q: int = 3, radius: float = 1.0, tube: float = 0.3, material: Material = PLAIN,
-    *, segments: int = 400, sides: int = 40,
+    *, segments: Count = 400, sides: Count = 40,
 ) -> Mesh:  # fmt: skip
     """Make a tube along the (p, q) torus knot: 2 * segments * sides triangles."""
 
@@ -95,10 +130,12 @@ def knot(
     return _tube(curve, tube, segments, sides, material, "knot")
 
 
-def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAIN, *, segments: int = 64) -> Mesh:
+@shape
+def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAIN, *, segments: Count = 64) -> Mesh:
     """Make a closed cylinder about the y axis: 4 * segments triangles; its caps are flat, its side is smooth."""
     angle = 2 * np.pi * np.arange(segments) / segments
-    rim = np.stack([radius * np.sin(angle), np.zeros(segments), radius * np.cos(angle)], axis=1)
+    circle = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    rim = np.insert(radius * circle, 1, 0, axis=1)
     up = np.array([0, height / 2, 0])
     top, bottom = rim + up, rim - up
     vertices = np.concatenate([top, bottom, [up, -up]])
@@ -109,11 +146,12 @@ def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAI
     faces = np.concatenate([np.stack(f, axis=1) for f in (*sides, (k, n, upper), (n + segments, k + segments, lower))])
     turns = np.tile(k / segments, 2)
     side = np.stack([turns, np.repeat([1.0, 0.0], segments)], axis=1)
-    caps = vertices[:, ::2] / (2 * radius) * [1, -1] + 0.5
+    caps = np.concatenate([circle, circle, np.zeros((2, 2))]) / 2 * [1, -1] + 0.5
     uv = np.concatenate([unwrapped(side[faces[: 2 * segments]], (0,)), caps[faces[2 * segments :]]])
     return Mesh(vertices, faces, material=material, name="cylinder", uv=uv).smoothed(60)
 
 
+@shape
 def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
     """Make twenty flat triangles."""
     g = (1 + 5**0.5) / 2
@@ -134,7 +172,10 @@ def _tube(
     t = 2 * np.pi * np.arange(segments) / segments
     step = 1e-4
     tangent = curve(t + step) - curve(t - step)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    pace = np.linalg.norm(tangent, axis=1, keepdims=True)
+    if not pace.all():
+        raise SceneError(f"the curve of a {name} has a length above 0: its radius is not 0, and p and q are not both 0")
+    tangent /= pace
     frame = np.empty_like(tangent)
     start = np.array([0.0, 1.0, 0.0]) if abs(tangent[0, 1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     for here in range(segments):

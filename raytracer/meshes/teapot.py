@@ -19,7 +19,7 @@ import numpy as np
 from raytracer.appearance.materials import PLAIN, Material
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh, joined
-from raytracer.meshes.shapes import Floats, lattice, unwrapped
+from raytracer.meshes.shapes import Count, Floats, lattice, shape, unwrapped
 
 # Turned on a wheel: radius and height of each ring, from the pole on.
 _POT = ((0, 0), (1.425, 0), (1.5, 0.075), (1.5, 0.15), (1.5, 0.225), (2, 0.45), (2, 0.9), (2, 1.35), (1.75, 1.875),
@@ -38,7 +38,8 @@ _KNOB_ARC = 0.5625
 """The same for the ring of radius 0.8 round the knob of the lid."""
 
 
-def teapot(material: Material = PLAIN, *, divisions: int = 31) -> Mesh:
+@shape
+def teapot(material: Material = PLAIN, *, divisions: Count = 31) -> Mesh:
     """Make Newell's teapot on the plane y = 0, its spout along x: 64 * divisions**2 - 8 * divisions triangles.
 
     The pot is 4 wide and the knob of the lid 3.15 high. Each patch is cut into `divisions` by `divisions` cells; 31

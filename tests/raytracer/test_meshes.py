@@ -7,6 +7,7 @@ import trimesh
 
 from raytracer import EnvironmentLight, Material, Mesh, Scene, SceneError, Texture
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
+from raytracer.meshes.teapot import teapot
 
 CUBE_OBJ = """\
 v 0 0 0
@@ -144,6 +145,37 @@ def test_wrong_arrays_are_named(arguments, words):
 def test_an_offset_is_three_numbers(wrong):
     with pytest.raises(SceneError, match="box: an offset is three finite numbers"):
         box().moved(wrong)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: box((1, 1)), r"a box's size is three finite numbers, not \(1, 1\)"),
+        (lambda: box(size="abc"), "a box's size is three finite numbers, not 'abc'"),
+        (lambda: floor(np.nan), "a floor's size is a finite number, not nan"),
+        (lambda: sphere((1, 2, 3)), r"a sphere's radius is a finite number, not \(1, 2, 3\)"),
+        (lambda: sphere(rings=2.5), "a sphere's rings is a whole number above 0, not 2.5"),
+        (lambda: torus(segments=0), "a torus's segments is a whole number above 0, not 0"),
+        (lambda: torus(0), "the curve of a torus has a length above 0"),
+        (lambda: knot(0, 0), "the curve of a knot has a length above 0"),
+        (lambda: knot(2, 2.5), "a knot's q is a whole number, not 2.5"),
+        (lambda: checkerboard(1, 2, (1, 1), (0, 0, 0)), "a checkerboard's light is three finite numbers"),
+        (lambda: teapot(divisions=2.5), "a teapot's divisions is a whole number above 0, not 2.5"),
+        (lambda: box().moved(scale=(1, 2, 3)), r"box: a scale is a finite number, not \(1, 2, 3\)"),
+        (lambda: box().smoothed("flat"), "box: an angle is a finite number, not 'flat'"),
+    ],
+)
+def test_wrong_numbers_of_a_shape_are_named(make, words):
+    with pytest.raises(SceneError, match=words):
+        make()
+
+
+def test_shapes_may_be_flat_and_mirrored():
+    flat = cylinder(0, 2)
+    assert np.isfinite(flat.uv).all()
+    assert not flat.vertices[:, ::2].any()
+    np.testing.assert_array_equal(np.ptp(box(2).vertices, axis=0), [2, 2, 2])
+    assert len(knot(-2, 3)) == len(knot(2, 3))
 
 
 def test_pixels_in_rows_of_different_lengths_are_refused():
