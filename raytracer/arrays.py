@@ -60,6 +60,23 @@ def finite_number(what: str, value: Any) -> float:
     return found
 
 
+def real(word: str) -> float:
+    """Read a number as files and commands write it; ValueError for what is none."""
+    return float(_plain(word))
+
+
+def whole(word: str) -> int:
+    """Read a whole number as files write it; ValueError for what is none."""
+    return int(_plain(word))
+
+
+def _plain(word: str) -> str:
+    """Return a word; ValueError for what only Python takes for numbers: with _ between digits, or in other scripts."""
+    if "_" in word or not word.isascii():
+        raise ValueError(f"{word[:40]!r} is no number")
+    return word
+
+
 def is_whole(value: object, low: int, high: float = math.inf) -> TypeGuard[int]:
     """Return whether a value is an int of Python or numpy in a range, both ends included; a bool is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and low <= int(value) <= high

@@ -20,6 +20,7 @@ import numpy as np
 
 from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import decoded
+from raytracer.arrays import real
 from raytracer.errors import SceneError
 from raytracer.image import READING
 from raytracer.scene.animated_file import AnimatedFile
@@ -171,7 +172,7 @@ def _numbers(text: str, count: int) -> list[float] | None:
     """Return finite numbers with commas between them; None for another text."""
     words = text.split(",")
     try:
-        found = [float(word) for word in words if word.isascii() and "_" not in word]
+        found = [real(word) for word in words]
     except ValueError:
         return None
     return found if len(found) == len(words) == count and all(map(math.isfinite, found)) else None

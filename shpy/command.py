@@ -178,7 +178,7 @@ def real(lowest: float) -> Callable[[str], float]:
     def read(text: str) -> float:
         with suppress(ValueError):
             number = float(text)
-            if text.isascii() and math.isfinite(number) and number >= lowest:
+            if text.isascii() and "_" not in text and math.isfinite(number) and number >= lowest:
                 return number
         raise argparse.ArgumentTypeError(f"a finite number from {lowest:g} on, not {text!r}")
 

@@ -217,6 +217,7 @@ NUMBERS = [
     (["raytracer", "render", "boxes", "--bounces", "-1"], "--bounces: a whole number from 0 on, not '-1'"),
     (["raytracer", "render", "boxes", "--samples", "1.5"], "--samples: a whole number from 1 on, not '1.5'"),
     (["raytracer", "tradeoff", "boxes", "--error", "nan"], "--error: a finite number from 0 on, not 'nan'"),
+    (["raytracer", "tradeoff", "boxes", "--error", "1_0"], "--error: a finite number from 0 on, not '1_0'"),
 ]
 
 

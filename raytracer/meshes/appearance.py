@@ -18,6 +18,7 @@ import numpy as np
 
 from raytracer.appearance.materials import CUTOFF, Material, Triple
 from raytracer.appearance.textures import Texture
+from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.pictures import Picture, channel
 
@@ -264,12 +265,12 @@ def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:
 def _number(words: Mapping[str, list[str]], name: str, default: float) -> float:
     """Return the last number of a statement; the default where it is missing."""
     given = words.get(name, [])
-    return float(given[-1]) if given else default
+    return real(given[-1]) if given else default
 
 
 def _rgb(words: Mapping[str, list[str]], name: str, default: float) -> Triple:
     """Return the colour of a statement; one number stands for three."""
-    given = [float(word) for word in words.get(name, [default])]
+    given = [real(word) for word in words[name]] if name in words else [default]
     if len(given) == 1:
         given *= 3
     if len(given) != 3 or not all(0 <= x < np.inf for x in given):

@@ -1,8 +1,8 @@
 """Checks of a mesh file's contents against its header, made before a library reads the file.
 
 Stage: scene description. Takes a file's bytes, gives bytes that trimesh reads as they are meant: ASCII texts without a
-byte-order mark. Raises SceneError, without the file's name, for faults that trimesh would ignore or report with a wrong
-cause.
+byte-order mark. Notes what the file holds that is not read. Raises SceneError, without the file's name, for faults that
+trimesh would ignore or report with a wrong cause.
 
 >>> text_of("v 0 0 1".encode("utf-8-sig"))
 'v 0 0 1'
@@ -18,7 +18,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from raytracer.arrays import whole
 from raytracer.errors import SceneError
+from raytracer.meshes.folder import Notices
 from raytracer.meshes.ply_faces import TYPES, as_triangles
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
@@ -36,11 +38,11 @@ def text_of(data: bytes) -> str:
         return data.decode("latin-1")
 
 
-def stl(data: bytes) -> bytes:
+def stl(data: bytes, notices: Notices) -> bytes:
     """Check an STL file, which is binary with as many triangles as it declares, or text; return what trimesh takes."""
     count = int.from_bytes(data[80:_STL_HEAD], "little") if len(data) >= _STL_HEAD else 0
     if len(data) >= _STL_HEAD and len(data) == _STL_HEAD + _STL_TRIANGLE * count:
-        return data
+        return _binary_stl(data, count, notices)
     text = text_of(data)
     if text.lstrip()[:5].lower() == "solid" and "facet" in text.lower():
         return _ascii(text)
@@ -50,10 +52,17 @@ def stl(data: bytes) -> bytes:
         raise SceneError(
             f"it declares {count:,} triangles and ends within number {(len(data) - _STL_HEAD) // _STL_TRIANGLE + 1:,}"
         )
-    return data[: _STL_HEAD + _STL_TRIANGLE * count]
+    return _binary_stl(data[: _STL_HEAD + _STL_TRIANGLE * count], count, notices)
 
 
-def ply(data: bytes) -> bytes:
+def _binary_stl(data: bytes, count: int, notices: Notices) -> bytes:
+    """Note how many triangles have attributes, in which some programs write colours."""
+    rows = np.frombuffer(data, np.uint8, count * _STL_TRIANGLE, _STL_HEAD).reshape(count, _STL_TRIANGLE)
+    notices.ignore("attributes of triangles", int(rows[:, -2:].any(axis=1).sum()))
+    return data
+
+
+def ply(data: bytes, _: Notices) -> bytes:
     """Check a PLY file, which has at least as many elements as its header declares; return what trimesh takes."""
     if data.startswith(tuple(mark for mark, _ in _MARKS)):
         data = _ascii(text_of(data))
@@ -119,47 +128,31 @@ class _Off(NamedTuple):
         return cls(found[1], rest[:vertices], rest[vertices : vertices + faces])
 
 
-def off(data: bytes) -> bytes:
+def off(data: bytes, notices: Notices) -> bytes:
     """Return an OFF file as trimesh takes it: fans of triangles replace faces, of which it mixes only small ones."""
     found = _Off.of(data)
     if found is None:
         return _ascii(text_of(data))
     made = []
     for number, (count, *words) in enumerate(found.faces):
-        corners = words[: int(count)]
+        corners = words[: whole(count)]
         if len(corners) < int(count):
             raise SceneError(f"face {number:,} has {count} corners, and {len(words)} numbers follow")
         made += [f"3 {corners[0]} {corners[k]} {corners[k + 1]}" for k in range(1, len(corners) - 1)]
+        notices.ignore("colours of faces", int(len(words) > len(corners)))
+    for letter, what in (("C", "colours"), ("N", "normals"), ("ST", "uv coordinates")):
+        if letter in found.letters:
+            notices.ignore(f"{what} of vertices", len(found.vertices))
     places = [" ".join(words[:3]) for words in found.vertices]
-    return _ascii("\n".join(["OFF", f"{len(places)} {len(made)} 0", *places, *made, ""]))
-
-
-def skipped_of_off(data: bytes) -> Iterator[tuple[str, int]]:
-    """Yield the kinds of data in an OFF file that are not read, and how many vertices or faces have them."""
-    found = _Off.of(data)
-    if found is not None:
-        for letter, what in (("C", "colours"), ("N", "normals"), ("ST", "uv coordinates")):
-            if letter in found.letters:
-                yield f"{what} of vertices", len(found.vertices)
-        yield "colours of faces", sum(len(words) > int(words[0]) + 1 for words in found.faces)
-
-
-def skipped_of_stl(data: bytes) -> Iterator[tuple[str, int]]:
-    """Yield how many triangles of a binary STL file have attributes, in which some programs write colours."""
-    count = int.from_bytes(data[80:_STL_HEAD], "little")
-    if len(stl(data)) == _STL_HEAD + _STL_TRIANGLE * count:  # else it is a text
-        rows = np.frombuffer(data, np.uint8, count * _STL_TRIANGLE, _STL_HEAD).reshape(count, _STL_TRIANGLE)
-        yield "attributes of triangles", int(rows[:, -2:].any(axis=1).sum())
+    text = "\n".join(["OFF", f"{len(places)} {len(made)} 0", *places, *made, ""])
+    if "_" in text:
+        raise SceneError("it has a number with a _ between its digits")
+    return _ascii(text)
 
 
 def _ascii(text: str) -> bytes:
     return text.encode("ascii", "replace")
 
 
-READABLE: Final[dict[str, Callable[[bytes], bytes]]] = {".stl": stl, ".ply": ply, ".off": off}
+READABLE: Final[dict[str, Callable[[bytes, Notices], bytes]]] = {".stl": stl, ".ply": ply, ".off": off}
 """By ending: gives a file's contents as trimesh takes them. OBJ, GLB and glTF have readers of their own."""
-SKIPPED: Final[dict[str, Callable[[bytes], Iterator[tuple[str, int]]]]] = {
-    ".stl": skipped_of_stl,
-    ".off": skipped_of_off,
-}
-"""By ending: yields what a file holds that is not read, and how often."""

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.textures import decoded
+from raytracer.arrays import real, whole
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh
 
@@ -143,7 +144,7 @@ def _said(line: str) -> str:
 def _floats(words: list[str], line: int) -> list[float]:
     what, least = {"v": ("vertex", 3), "vt": ("texture vertex", 1), "vn": ("normal", 3)}[words[0]]
     try:
-        found = [float(word) for word in words[1:]]
+        found = [real(word) for word in words[1:]]
     except ValueError:
         raise SceneError(f"line {line}: a {what} has a coordinate that is no number") from None
     if len(found) < least:
@@ -168,7 +169,7 @@ def _corners(words: list[str], line: int, numbers: tuple[Rows, ...]) -> list[tup
             if column and not part:
                 continue
             try:
-                place = int(part)
+                place = whole(part)
             except ValueError:
                 raise SceneError(f"line {line}: {word[:40]!r} in a face is no vertex number") from None
             if place == 0:
@@ -257,7 +258,7 @@ def picture_words(words: list[str]) -> PictureWords:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        real(word)
     except ValueError:
         return False
     return True

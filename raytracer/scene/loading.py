@@ -25,7 +25,7 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
-from raytracer.meshes.contents import READABLE, SKIPPED, text_of
+from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
 from raytracer.meshes.from_trimesh import join_strips, parts_of, texture_file
 from raytracer.meshes.gltf import Document
@@ -251,12 +251,9 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
     import trimesh
 
     kind = path.suffix.lower()
-    scene: Any = trimesh.load(
-        BytesIO(READABLE[kind](data)), file_type=kind[1:], process=False, force="scene", skip_materials=True
-    )
+    readable = BytesIO(READABLE[kind](data, notices))
+    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True)
     join_strips(scene)
-    for what, count in SKIPPED[kind](data) if kind in SKIPPED else ():
-        notices.ignore(what, count)
     parts = _placed(list(parts_of(scene, notices)))
     found = [replace(mesh, name=path.stem) for mesh in parts] if len(parts) == 1 else parts
     header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
