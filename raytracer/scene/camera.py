@@ -23,6 +23,8 @@ from raytracer.errors import SceneError
 Vector = NDArray[np.float64]
 _DOUBLE: np.dtype[Any] = np.dtype(np.float64)
 Projection = Literal["perspective", "orthographic", "panorama"]
+ALONG = 1e-9
+"""The largest sine of the angle between two directions that are taken for one."""
 
 
 class View(NamedTuple):
@@ -102,7 +104,7 @@ class Camera:
         distance, forward = self._sight
         if not math.isfinite(distance):
             raise SceneError("a camera's position and target are too far from each other: the distance leaves binary64")
-        if np.linalg.norm(np.cross(forward, _direction(self.up)[1])) <= 1e-9:
+        if np.linalg.norm(np.cross(forward, _direction(self.up)[1])) <= ALONG:
             raise SceneError("a camera's up must not be along its line of sight")
         if self.projection not in get_args(Projection):
             raise SceneError(

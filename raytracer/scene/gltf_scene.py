@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.accel.planes import unit
 from raytracer.appearance.materials import PLAIN, Material
 from raytracer.errors import SceneError
 from raytracer.memory import check_triangles
@@ -29,7 +30,7 @@ from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
-from raytracer.scene.camera import Camera
+from raytracer.scene.camera import ALONG, Camera
 from raytracer.scene.framing import triple
 from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 
@@ -153,6 +154,8 @@ class GltfScene:
                 self.notices.ignore("orthographic cameras")
             elif found is not None:
                 self.notices.ignore("cameras after the first")
+            elif np.linalg.norm(np.cross(*unit(node.matrix[:3, 1:3].T))) <= ALONG:
+                self.notices.ignore("cameras that a scale of 0 leaves without a direction")
             else:
                 found = _camera(entry["perspective"], node.matrix, (low + high) / 2)
         return found
@@ -184,6 +187,9 @@ class GltfScene:
         kind, place = entry.get("type"), matrix[:3, 3]
         if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
             raise SceneError(f"a light has the colour {shown(str(color))}")
+        if kind == "directional" and not matrix[:3, 2].any():
+            self.notices.ignore("lights that a scale of 0 leaves without a direction")
+            return None
         if kind == "directional":
             return DirectionalLight(triple(-matrix[:3, 2]), triple(color)), 1.0
         if kind not in ("point", "spot"):
@@ -317,7 +323,6 @@ def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
     angle, aspect = float(lens["yfov"]), float(lens.get("aspectRatio", 1))
     if aspect < 1:
         angle = 2 * math.atan(aspect * math.tan(angle / 2))
-    place, ahead = matrix[:3, 3], -matrix[:3, 2]
-    ahead = ahead / (np.linalg.norm(ahead) or 1)
+    place, ahead = matrix[:3, 3], -unit(matrix[:3, 2])
     distance = float(np.linalg.norm(middle - place)) or 1.0
     return Camera(triple(place), triple(place + distance * ahead), triple(matrix[:3, 1]), math.degrees(angle))

@@ -108,6 +108,24 @@ def test_upright_and_turned_cameras(tmp_path):
     assert len(scene.lights) == 2  # two are added, as it has none
 
 
+@pytest.mark.parametrize("scale", [(0, 0, 0), (1, 0, 1), (1, 1, 0), (1e-200, 1e-200, 1e-200)])
+def test_cameras_and_lights_of_nodes_that_are_scaled_away(tmp_path, scale):
+    """A file hides a node by the scale 0, which leaves it no direction."""
+    file = File()
+    file.node(mesh=file.mesh(file.square()))
+    lens = file.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.2, "znear": 0.1}})
+    file.light(type="directional", place={"scale": scale, "translation": (0, 0, 5)})
+    file.node(camera=lens, scale=scale, translation=(0, 0, 7))
+    path = file.save(tmp_path / "hidden.glb")
+    if min(scale) > 0:
+        scene = loaded(path)
+        np.testing.assert_allclose(scene.camera.axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]], atol=1e-12)
+        return
+    with pytest.warns(sh.ShpyWarning, match=r"cameras that a scale of 0 leaves without a direction \(1\)"):
+        scene = Scene.load(path)
+    assert len(scene.meshes) == 1 + (scale[2] == 0)  # a file without camera and lights stands on a floor
+
+
 def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file = File()
     image = file.picture(np.zeros((2, 2, 3)))
