@@ -10,6 +10,7 @@ raytracer tradeoff mixed --error 0.5 -o tradeoff.png
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 import warnings
@@ -43,6 +44,8 @@ _SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
 _SHARE = 20
 """It is not written before computing has taken this many times as long as writing did."""
+_KEYWORD = re.compile(r"\b(integrator|tracer|accel|grid|math)=[\"']?([\w:]+)[\"']?")
+"""The options of the command as messages spell them, which are keywords of Python."""
 _PATIENCE = 2.0
 """Seconds until a progress bar appears."""
 
@@ -62,7 +65,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except BrokenPipeError:
         raise
     except (SceneError, ClusterError, sh.ShpyError, OSError) as error:
-        print(f"raytracer: {error}", file=sys.stderr)
+        print("raytracer:", _KEYWORD.sub(r"--\1 \2", str(error)), file=sys.stderr)
         return 1
 
 

@@ -107,7 +107,7 @@ class Layout:
         object_of = np.repeat(places, sizes).astype(np.int32)
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
-        check_range(scene, materials, dtype)
+        check_range(scene, materials)
         forest = Forest(corners, ranges, dtype, accel, backend) if moving else None
         found = cls(
             origin=origin,
@@ -213,7 +213,7 @@ class Layout:
         before = self.material_of[[first for first, _ in ranges]]
         if not np.array_equal(index, before) or not all(map(_differ_in_numbers, materials, self.materials)):
             return None
-        check_range(scene, materials, self.dtype)
+        check_range(scene, materials)
         lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
         if kinds_of(lights) != kinds_of(self.lights):
             return None
@@ -241,8 +241,8 @@ class Layout:
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def check_range(scene: Scene, materials: Sequence[Material], dtype: np.dtype[Any]) -> None:
-    """Raise SceneError for a number of a material, a light or the background that `dtype` does not hold."""
+def check_range(scene: Scene, materials: Sequence[Material]) -> None:
+    """Raise SceneError for a number of a material, a light or the background that a pixel, in binary32, cannot hold."""
     given: list[tuple[str, Any]] = [
         ("the background", scene.background),
         *(("a light's color", light.color) for light in scene.lights),
@@ -254,14 +254,12 @@ def check_range(scene: Scene, materials: Sequence[Material], dtype: np.dtype[Any
     for what, held in given:
         plain = held is not None and not isinstance(held, Texture)
         largest = float(np.abs(held).max()) if plain else 0.0
-        if largest > float(np.finfo(dtype).max):
+        if largest > float(np.finfo(np.float32).max):
             raise _out_of_range(what, largest)
 
 
 def _out_of_range(what: str, number: float) -> SceneError:
-    return SceneError(
-        f'{what} is {number:.3g}, out of the range of binary32: choose smaller numbers, or precision="f64"'
-    )
+    return SceneError(f"{what} is {number:.3g}, out of the range of binary32: choose smaller numbers")
 
 
 def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float, dtype: np.dtype[Any]) -> Rows:

@@ -81,6 +81,7 @@ def test_free_memory_is_what_the_system_has():
         (["render", "boxes", "--size", "0x4", "-o", "a.npy"], "pixels"),
         (["render", "boxes", "--samples", "3", "-o", "a.npy"], "samples"),
         (["render", "boxes", "--backend", "vulkan", "-o", "a.npy"], "vulkan"),
+        (["render", "boxes", "--grid", "4", "-o", "a.npy"], "--grid 4 is for --accel grid, not 'bvh'"),
     ],
 )
 def test_errors_are_one_line_and_leave_nothing(arguments, words, tmp_path, monkeypatch, capsys):
