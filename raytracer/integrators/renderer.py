@@ -313,8 +313,8 @@ class Renderer:
         if self.layout is None or not isinstance(self.integrator, Path):
             return ""
         assert isinstance(self._tracer, PathTracer)
-        assert self.scene.camera is not None  # a scene frames one if it has none
-        return origin_of(self.scene, self.layout, self._tracer, camera or self.scene.camera, self.integrator.seed)
+        camera = known(self.scene.camera if camera is None else camera)
+        return origin_of(self.scene, self.layout, self._tracer, camera, self.integrator.seed)
 
     def passes(
         self,
@@ -358,7 +358,6 @@ class Renderer:
         if self.layout is None:
             first = samples
         else:
-            aim()
             origin = self.origin(camera)
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             if resume is not None:

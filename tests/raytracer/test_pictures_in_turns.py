@@ -44,6 +44,14 @@ def test_passes_end_where_the_scene_has_changed(small):
         small.show(scene)
 
 
+def test_each_pass_sets_the_eye_rays_once(small, monkeypatch):
+    aimed, uniforms = [], Camera.uniforms
+    monkeypatch.setattr(Camera, "uniforms", lambda *given: aimed.append(given) or uniforms(*given))
+    assert len(list(small.passes((4, 3), samples=40))) == len(aimed) == 3
+    with pytest.raises(SceneError, match=r"is a Camera, such as .*, not \(\)"):
+        next(small.passes((4, 3), camera=()))
+
+
 def test_passes_do_not_change_pictures_that_were_given(small):
     images = list(small.passes((4, 3), samples=40))
     assert [image.samples for image in images] == [16, 32, 40]
