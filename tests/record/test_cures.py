@@ -1,6 +1,7 @@
 """Cures for host arrays, and what an index or a hash takes."""
 
 import inspect
+import math
 from decimal import Decimal
 from fractions import Fraction
 
@@ -69,6 +70,34 @@ def test_names_of_shpy_and_of_values_can_be_asked_for():
     with pytest.raises(sh.ShpyAttributeError, match=r"shpy has no 'vec5'") as caught:
         sh.vec5  # noqa: B018
     assert caught.value.cure
+
+
+@pytest.mark.parametrize(
+    ("name", "result"),
+    [
+        ("fmax", "sh.max(2, 3)"),
+        ("sqr", "4"),
+        ("mad24", "11"),
+        ("sinpi", "sh.sin(2 * math.pi)"),
+        ("as_int", "2**30"),
+        ("floatBitsToInt", "sh.Attrib1i(2**30)"),
+        ("intBitsToFloat", "sh.float_from_bits(7)"),
+        ("ilogb", "1"),
+        ("dvec2", "sh.Attrib2d"),
+        ("half3", "sh.Attrib3h"),
+        ("vec4u", "sh.uvec4"),
+        ("Point3", "sh.Point3f"),
+        ("Color", "sh.Color3f"),
+        ("normal", "sh.Normal3f"),
+        ("SH_ELSEIF", "sh.SH_ELIF"),
+    ],
+)
+def test_names_of_other_languages_have_cures_of_the_same_meaning(name, result):
+    with pytest.raises(sh.ShpyAttributeError) as caught:
+        getattr(sh, name)
+    names = {"sh": sh, "math": math, "x": sh.Attrib1f(2), "a": 2, "b": 3, "c": 5, "i": sh.Attrib1i(7)}
+    cure, wanted = eval(caught.value.cure.removesuffix("(c)"), names), eval(result, names)
+    assert cure is wanted or np.asarray(cure) == np.asarray(wanted)
 
 
 PICTURE = sh.Texture2D(np.zeros((2, 2, 3)))

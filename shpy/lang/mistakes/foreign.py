@@ -26,9 +26,10 @@ _SHADING = {
     "lerp": "mix(a, b, t)", "frac": "fract(x)", "roundEven": "round(x)", "magnitude": "length(v)", "mag": "length(v)",
     "normalized": "normalize(v)", "unit": "normalize(v)", "invert": "inverse(m)", "inv": "inverse(m)",
     "det": "determinant(m)", "select": "cond(c, a, b), a where c holds", "ifelse": "cond(c, a, b)",
-    "intBitsToFloat": "float_from_bits(u)", "floatBitsToInt": "bits_from_float(x)",
     "asuint": "bits_from_float(x)", "asfloat": "float_from_bits(u)", "bitCount": "popcount(x)",
-    "clz": "count_leading_zeros(x)",
+    "clz": "count_leading_zeros(x)", "fmin": "min(a, b)", "fmax": "max(a, b)", "SH_ELSEIF": "SH_ELIF(c)",
+    "as_uint": "bits_from_float(x)", "as_float": "float_from_bits(u)", "sinpi": "sin(math.pi * x)",
+    "cospi": "cos(math.pi * x)", "tanpi": "tan(math.pi * x)",
     "float": "Attrib1f(x)", "int": "Attrib1i(x)", "uint": "Attrib1u(x)", "bool": "Attrib1b(x)", "double": "Attrib1d(x)",
     "half": "Attrib1h(x)", "vec1": "Attrib1f(x)", "mat2": "Matrix2f(row0, row1), which takes rows",
     "mat3": "Matrix3f(row0, row1, row2), which takes rows", "mat4": "Matrix4f(row0, …, row3), which takes rows",
@@ -51,11 +52,21 @@ _PLAIN = {
     "greaterThan": "a > b", "lessThanEqual": "a <= b", "greaterThanEqual": "a >= b", "equal": "a == b",
     "notEqual": "a != b", "mul": "a * b, or m @ v for matrices", "outer": "sh.library.outer(a, b)",
     "outerProduct": "sh.library.outer(a, b)", "logical_and": "a & b", "logical_or": "a | b",
-    "logical_not": "~a",
+    "logical_not": "~a", "sqr": "x * x", "mul24": "a * b", "mad24": "a * b + c",
+    "intBitsToFloat": "sh.float_from_bits(sh.Attrib1u(i))", "floatBitsToInt": "sh.Attrib1i(sh.bits_from_float(x))",
+    "as_int": "sh.Attrib1i(sh.bits_from_float(x))", "asint": "sh.Attrib1i(sh.bits_from_float(x))",
+    "frexp": "e = sh.Attrib1i(sh.bits_from_float(x) >> 23 & 255) - 126, and sh.ldexp(x, -e)",
+    "ilogb": "sh.Attrib1i(sh.bits_from_float(x) >> 23 & 255) - 127",
     "ddx": "sh.dFdx(x)", "ddy": "sh.dFdy(x)", "fwidth": "abs(sh.dFdx(x)) + abs(sh.dFdy(x))",
     "lookAt": "sh.library.look_at", "textureCube": "sh.library.TextureCube", "texture3D": "sh.library.Texture3D",
 }  # fmt: skip
-_VECTORS = {"float": "vec", "int": "ivec", "uint": "uvec", "bool": "bvec"}
+_VECTORS = {
+    spelled.format(n): f"sh.Attrib{n}{base}"
+    for base, word in {"f": "float", "i": "int", "u": "uint", "b": "bool", "d": "double", "h": "half"}.items()
+    for n in (2, 3, 4)
+    for spelled in (word + "{}", "vec{}" + base, base + "vec{}")
+}
+"""The vectors of OpenCL, of WGSL and of GLSL; shpy has most of the last itself."""
 _OF_VALUES = {
     "sum": "sum({0}), Python's", "mean": "sum({0}) / len({0})", "prod": "the product of its components",
     "max": "sh.max(*{0})", "min": "sh.min(*{0})", "item": "the program's output, or program.trace(…), for its value",
@@ -84,11 +95,12 @@ def module_cure(name: str, known: Iterable[str]) -> str | None:
         return f"sh.{_SHADING[name]}"
     if is_in_library(name):
         return f"sh.library.{name}"
-    if name[:-1] in _VECTORS and name[-1] in "234":
-        return f"sh.{_VECTORS[name[:-1]]}{name[-1]}"
+    if name in _VECTORS:
+        return _VECTORS[name]
     lower = {k.lower(): k for k in known}
-    if name.lower() in lower:
-        return f"sh.{lower[name.lower()]}"
+    for whole in (name.lower(), f"{name.lower()}f", f"{name.lower()}3f"):  # Point3 and Color lack what says the type
+        if whole in lower:
+            return f"sh.{lower[whole]}"
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.75)
     return f"sh.{near[0]}" if near else None
 
