@@ -81,6 +81,10 @@ def a_matrix_and_an_array(x: sh.Attrib3f) -> sh.Attrib3f:
     return sh.Matrix3f() @ np.eye(3) @ x
 
 
+def a_choice_of_structs(x: Pair, y: Pair) -> Pair:
+    return sh.cond(x.a < y.a, x, y)
+
+
 def an_element_of_numpy(x: sh.Attrib1f) -> sh.Attrib1f:
     a, x = np.zeros(3), x + 1
     a[0] = x
@@ -116,6 +120,7 @@ MESSAGES = {
     an_array_as_a_matrix: MATRIX,
     a_value_and_an_array: MATRIX,
     a_matrix_and_an_array: MATRIX,
+    a_choice_of_structs: "sh.cond cannot take Pair\n  write instead: its rows, fields or elements, one at a time",
     an_element_of_numpy: STORED.format(0),
     a_row_of_numpy: STORED.format(1),
     another_field: "'Pair' has no field 'c'\n  write instead: one of a, b",

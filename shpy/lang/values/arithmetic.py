@@ -20,7 +20,7 @@ from shpy.ir.types import FLOATS, Base, Type, vec
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame, need_frame
-from shpy.lang.values.abstract import CLASSES, AbstractValue
+from shpy.lang.values.abstract import CLASSES, AbstractValue, Symbolic
 from shpy.lang.values.coerce import (
     Literal,
     cast_literal,
@@ -84,7 +84,7 @@ def operand(x: Any, what: str) -> Operand:
         raise ShpyTypeError(
             f"{what} cannot take {spoken}",
             loc=here(),
-            cure=_OPERANDS,
+            cure=_OPERANDS if not isinstance(x, Symbolic) else "its rows, fields or elements, one at a time",
         )
     single_parts = [operand(e, what) for e in entries]
     literals = [p for p in single_parts if isinstance(p, Literal)]
