@@ -18,10 +18,10 @@ class Found(NamedTuple):
     odd: sh.Attrib1b
 
 
-def program():
+def program(alone=True):
     rows = sh.Table(TABLE, sh.Attrib4f)
 
-    @sh.subroutine(alone=True)
+    @sh.subroutine(alone=alone)
     def wander(start: sh.Attrib3f, limit: sh.Attrib1f, forward: sh.Attrib1b) -> Found:
         place = sh.Attrib3f(start)
         steps = sh.Attrib1i(0)
@@ -65,6 +65,8 @@ def test_every_width_gives_the_same_bits(limit):
     kernels = [many.compile("opencl", lanes=lanes, loop_limit=limit) for lanes in (1, 4, 16, 32)]
     assert "_alone(" in kernels[2].source
     assert "_alone(" not in kernels[0].source
+    kernels.append(program(alone=False).compile("opencl", lanes=8, loop_limit=limit))
+    assert "_alone(" not in kernels[-1].source
     for given_back in [*found, *(kernel(*given) for kernel in kernels)]:
         for one, other in zip(wanted, given_back, strict=True):
             np.testing.assert_array_equal(one, other)

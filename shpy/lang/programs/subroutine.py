@@ -343,7 +343,7 @@ def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = Fals
 
     Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
     """
-    if function is None and alone:
+    if function is None:
         return functools.partial(subroutine, alone=alone)
     if not callable(function):
         raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
