@@ -147,6 +147,16 @@ def functions(a: sh.Attrib3f, c: sh.Color3f, i: sh.Attrib1i, u: sh.Attrib1u) -> 
     assert_type(sh.noise(a), sh.Attrib1f)
     assert_type(sh.isnan(a), sh.Attrib3b)
     assert_type(abs(i), sh.Attrib1i)
+    counts = sh.Attrib3i(1, 2, 3)
+    assert_type(i << counts, sh.Attrib3i)
+    assert_type(i / counts, sh.Attrib3f)
+    assert_type(i**counts, sh.Attrib3f)
+    assert_type(sh.cond(a > 0, a.x, 0.0), sh.Attrib3f)
+    assert_type(sh.cond(a > 0, i, 0), sh.Attrib3i)
+    assert_type(sh.max(sh.Attrib1h(1), 2), sh.Attrib1h)
+    wider: sh.Attrib3d = sh.max(a, sh.Attrib3d(a))
+    floats: sh.Attrib3f = sh.min(counts, 0.5 * wider.x)
+    assert_type(floats, sh.Attrib3f)
     return sh.mix(c, sh.Color3f(1), sh.saturate(sh.atan2(a.y, a.x) + sh.pow(2.0, a.x)))
 
 
