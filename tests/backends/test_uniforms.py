@@ -169,6 +169,21 @@ def test_a_dependent_uniform_cannot_be_set(change):
     assert caught.value.loc.file == __file__
 
 
+def test_a_row_of_a_matrix_is_set_by_its_matrix():
+    turn = sh.Param(sh.Matrix2f, np.eye(2))
+    with pytest.raises(sh.RecordError, match=r"write instead: turn\.value = … between runs"):
+        turn[0].value = (1, 2)
+
+    def turned(x: sh.Attrib2f) -> sh.Attrib2f:
+        turn[0] += x
+        return turn[0]
+
+    with pytest.raises(sh.RecordError, match=r"write instead: turn\.value = … between runs"):
+        sh.program(turned)
+    turn.value = [[1, 2], [3, 4]]
+    assert np.asarray(turn[0]).tolist() == [1, 2]
+
+
 def test_bind_and_specialize_take_dependent_uniforms():
     gain = sh.Param(sh.Attrib1f, 3.0)
     twice = gain * 2

@@ -23,7 +23,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic, coerce
-from shpy.lang.values.dependent import Dependent
+from shpy.lang.values.dependent import Dependent, set_between_runs
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.snapshot import Same
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves
@@ -253,7 +253,7 @@ class _ValueParam(_MadeParam):
         raise RecordError(
             f"{self._called()} is a Param: the same for all elements, and not stored into by a program",
             loc=here(),
-            cure=f"{self._name or 'p'}.value = … between runs, or a copy, y = x.copy()",
+            cure=f"{set_between_runs(self._name)}, or a copy, y = x.copy()",
         )
 
 

@@ -114,8 +114,13 @@ class Dependent:
         raise RecordError(
             f"{self._called()} {what}: it is a dependent uniform, which follows {', '.join(followed)}",
             loc=here(),
-            cure=f"{followed[0]}.value = … between runs, or an sh.Param of its own",
+            cure=f"{set_between_runs(followed[0])}, or an sh.Param of its own",
         )
+
+
+def set_between_runs(name: str | None) -> str:
+    """Return the statement that sets the Param of this name, of a row the matrix that it stands in."""
+    return f"{(name or 'p').partition('[')[0]}.value = … between runs"
 
 
 _classes: dict[str, type] = {}
