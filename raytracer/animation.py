@@ -10,6 +10,7 @@ are checked before the first frame is rendered.
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
@@ -195,7 +196,8 @@ def _mistake(path: Path, error: Exception) -> SceneError:
     """Return the error of a user's file with the last line of it that took part, if there is one."""
     line = _line_in(path, error)
     place = path if line is None else f"{path}:{line}"
-    return SceneError(f"{place}: {type(error).__name__}: {error}")
+    said = traceback.TracebackException(type(error), error, None)  # whose text is one even if that of the error raises
+    return SceneError(f"{place}: {type(error).__name__}: {said}")
 
 
 def _line_in(path: Path, error: Exception) -> int | None:

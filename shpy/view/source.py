@@ -103,11 +103,15 @@ def open_file(path: Path) -> Opened:
 
 def explain(error: BaseException, path: Path) -> dict[str, Any]:
     """Return an error for the page: message, cure, file and line, and the lines around it."""
-    place = _place(error, path)
-    cure = getattr(error, "cure", None)
-    if cure is None and isinstance(error, CompileError):
-        cure = "another backend, at the top of the page"  # an error of a driver has no cure of its own
-    message = getattr(error, "message", None) or (error.msg if isinstance(error, SyntaxError) else str(error))
+    place, cure = _place(error, path), None
+    if isinstance(error, ShpyError):
+        message, cure = error.message, error.cure
+        if cure is None and isinstance(error, CompileError):
+            cure = "another backend, at the top of the page"  # an error of a driver has no cure of its own
+    elif isinstance(error, SyntaxError):
+        message = error.msg
+    else:
+        message = str(traceback.TracebackException(type(error), error, None))  # of any error: its __str__ may raise
     return {
         "type": type(error).__name__,
         "message": message or type(error).__name__,
@@ -120,9 +124,8 @@ def explain(error: BaseException, path: Path) -> dict[str, Any]:
 
 def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
     """Return the file and line of an error: its own, or the innermost line of the user's files in its traceback."""
-    loc = getattr(error, "loc", None)
-    if loc is not None:
-        return loc.file, loc.line
+    if isinstance(error, ShpyError) and error.loc is not None:
+        return error.loc.file, error.loc.line
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         return error.filename, error.lineno
     frames = traceback.extract_tb(error.__traceback__)

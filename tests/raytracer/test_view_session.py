@@ -306,6 +306,9 @@ def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
     assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera 0,0,5 ")
 
 
+ODD = "class Odd(Exception):\n    {}\ndef scene(time):\n    raise Odd('it is odd')\n"
+
+
 @pytest.mark.parametrize(
     ("text", "message", "line"),
     [
@@ -313,6 +316,8 @@ def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
         ("import raytracer as rt\ndef scene(time):\n    return rt.Scene(ambient=2)\n", "ambient lies in [0, 1]", 3),
         ("scene = (\n", "'(' was never closed", 1),
         ("x = 1\n", "defines no function scene", None),
+        (ODD.format("def __str__(self): raise ValueError"), "str() failed", 4),
+        (ODD.format("message, loc, cure = b'', 3, {}"), "it is odd", 4),
         ("def scene(time):\n    return 3\n", "gives a int, not a raytracer.Scene", None),
     ],
 )
