@@ -230,7 +230,7 @@ class PathTracer:
         pending[:] = path.throughput * value * found.incoming * share
         ray[:] = found.ray
         eye[:] = surface.inter
-        limit[:] = sh.cond(largest(pending) > 0, found.limit, 0.0)
+        limit[:] = sh.cond(largest(abs(pending)) > 0, found.limit, 0.0)  # a light may be negative
         around[:] = found.around
 
     def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any) -> None:
@@ -261,7 +261,7 @@ class PathTracer:
             pixel.normal[:] = surface.normal
             pixel.object[:] = self.surfaces.object_at(hit)
         if emission is not None:
-            with SH_IF(largest(emission) > 0):
+            with SH_IF(largest(abs(emission)) > 0):
                 other = self.emitters.density_of(hit, ray, surface.face)
                 share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
                 path.color += path.throughput * emission * share
