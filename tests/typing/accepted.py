@@ -154,9 +154,9 @@ def functions(a: sh.Attrib3f, c: sh.Color3f, i: sh.Attrib1i, u: sh.Attrib1u) -> 
     assert_type(sh.cond(a > 0, a.x, 0.0), sh.Attrib3f)
     assert_type(sh.cond(a > 0, i, 0), sh.Attrib3i)
     assert_type(sh.max(sh.Attrib1h(1), 2), sh.Attrib1h)
-    wider: sh.Attrib3d = sh.max(a, sh.Attrib3d(a))
-    floats: sh.Attrib3f = sh.min(counts, 0.5 * wider.x)
-    assert_type(floats, sh.Attrib3f)
+    wider = sh.max(a, sh.Attrib3d(a))
+    assert_type(wider, sh.Attrib3d)
+    assert_type(sh.min(counts, 0.5 * wider.x), sh.Attrib3d)
     return sh.mix(c, sh.Color3f(1), sh.saturate(sh.atan2(a.y, a.x) + sh.pow(2.0, a.x)))
 
 

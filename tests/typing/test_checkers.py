@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,39 @@ def test_every_mistake_is_found_and_nothing_else(checker: str) -> None:
     assert len(mistakes) > 45
     assert {n: lines[n - 1].strip() for n in mistakes - set(reported)} == {}
     assert {n: text for n, text in reported.items() if n not in mistakes} == {}
+
+
+NUMBERS = {f"{base}{size}": getattr(sh, f"Attrib{size}{base}") for base in "hfdiu" for size in (1, 3)}
+MEETINGS = (
+    "{0} * {1}",
+    "{0} / {1}",
+    "sh.max({0}, {1})",
+    "sh.pow({0}, {1})",
+    "sh.mix({0}, {1}, 0.5)",
+    "sh.cond({0} < 1, {0}, {1})",
+)
+
+
+def meetings() -> list[str]:
+    """Return an assertion of the type that runs have, for each two types that may meet and each of MEETINGS."""
+    values = {"sh": sh, **{name: cls(2) for name, cls in NUMBERS.items()}}
+    pairs = [pair for pair in product(NUMBERS, NUMBERS) if {pair[0][0], pair[1][0]} != {"i", "u"}]
+    expressions = [meeting.format(*pair) for pair in pairs for meeting in MEETINGS]
+    return [f"assert_type({e}, sh.{type(eval(e, values)).__name__})" for e in expressions]
+
+
+@pytest.mark.parametrize("checker", COMMANDS)
+def test_numbers_of_two_types_meet_in_the_type_that_runs_have(checker: str, tmp_path: Path) -> None:
+    lines = [
+        "from typing import assert_type",
+        "import shpy as sh",
+        *(f"{name} = sh.{cls.__name__}(2)" for name, cls in NUMBERS.items()),
+    ]
+    file = tmp_path / "meetings.py"
+    file.write_text("\n".join([*lines, *meetings()]) + "\n")
+    command = [sys.executable, "-m", *COMMANDS[checker], str(file)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=HANGING)
+    assert run.returncode == 0, run.stdout[:2000] + run.stderr
 
 
 def test_the_script_runs() -> None:
