@@ -37,7 +37,7 @@ EXAMPLES = """examples:
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _NEGATIVE = ("--camera", "--target", "--up", "--background")
 """The options whose values may begin with a minus, which argparse takes for another option's."""
-_MOST = 64.0
+MOST = 64.0
 """The largest exposure, in stops: beyond it a picture is black or white."""
 
 
@@ -203,8 +203,8 @@ def _fov(text: str) -> float:
 
 def _stops(text: str) -> float:
     found = _numbers(text, 1)
-    if found is None or abs(found[0]) > _MOST:
-        raise argparse.ArgumentTypeError(f"a number from -{_MOST:g} to {_MOST:g}, such as 1.5, not {text!r}")
+    if found is None or abs(found[0]) > MOST:
+        raise argparse.ArgumentTypeError(f"a number from -{MOST:g} to {MOST:g}, such as 1.5, not {text!r}")
     return found[0]
 
 

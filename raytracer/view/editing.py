@@ -20,6 +20,7 @@ from raytracer.appearance.materials import Material
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
+from raytracer.meshes.mesh import Mesh
 from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
 from raytracer.scene.scene import Scene
 
@@ -47,7 +48,7 @@ _SAID: Final = {
 
 
 class Edits:
-    """The changes to a scene, whose numbers of meshes and lights stay the same."""
+    """The changes to a scene, which may have more or fewer meshes and lights at other times."""
 
     def __init__(self, scene: Scene) -> None:
         self.labels: list[str] = []
@@ -107,14 +108,22 @@ class Edits:
         if not self._changed:
             return scene
         if self._applied is None or self._applied[0] is not scene:
-            materials = {label: self._material(label) for label in self._materials}
-            meshes = [
-                mesh if materials[label] == mesh.material else mesh.with_material(materials[label])
-                for mesh, label in zip(scene.meshes, self.labels, strict=True)
-            ]
+            meshes = [self._remade(mesh, self.label(scene, number)) for number, mesh in enumerate(scene.meshes)]
             lights = [self._light(number, light) for number, light in enumerate(scene.lights)]
             self._applied = scene, dataclasses.replace(scene, meshes=meshes, lights=lights)
         return self._applied[1]
+
+    def label(self, scene: Scene, number: int) -> str:
+        """Return the name of a mesh's material; of a mesh that came later, that of a mesh with the same one."""
+        if number < len(self.labels):
+            return self.labels[number]
+        mesh = scene.meshes[number]
+        known = zip(scene.meshes, self.labels, strict=False)
+        return next((label for other, label in known if other.material == mesh.material), shown(mesh.name, _LONGEST))
+
+    def _remade(self, mesh: Mesh, label: str) -> Mesh:
+        values = self._values(f"material.{label}.", mesh.material)
+        return mesh.with_material(dataclasses.replace(mesh.material, **values)) if values else mesh
 
     def _material(self, label: str) -> Material:
         found = self._materials[label]
@@ -175,8 +184,7 @@ def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> d
     if isinstance(value, Texture):
         return None
     numbers = [float(x) for x in np.atleast_1d(value)]
-    low, high = span
-    high = max(high, *numbers)
+    low, high = min(span[0], *numbers), max(span[1], *numbers)
     return {
         "name": prefix + name,
         "title": name,

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer import viewing
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import INTEGRATORS
 from raytracer.scene.camera import Camera
@@ -115,11 +116,13 @@ class Session:
     def set(self, changes: dict[str, Any]) -> list[str]:
         """Change the state of the view; return the messages of what is refused."""
         params = dict(changes.get("params", {}))
-        if "exposure" in params:
-            self.stops = self._stops if params["exposure"] is None else float(params.pop("exposure")[0])
-            params.pop("exposure", None)
-            self._exposed = True
+        given = params.pop("exposure", [self.stops])
+        stops = self._stops if given is None else float(given[0])
         refused = self.edits.set(params)
+        if not abs(stops) <= viewing.MOST:
+            refused.append(f"an exposure is a number from -{viewing.MOST:g} to {viewing.MOST:g}, not {stops:g}")
+        elif stops != self.stops:
+            self.stops, self._exposed = stops, True
         size = changes.get("size", self.size)
         self.size = int(size[0]), int(size[1])
         self._backend = changes.get("backend") or self._backend
@@ -286,7 +289,7 @@ class Session:
         return asking.camera_texts(self.seen, self.options, integrator, self.stops, moving=moving)
 
     def _names(self, number: int) -> dict[str, Any]:
-        return {"object": self._scene.meshes[number].name, "material": self.edits.labels[number]}
+        return {"object": self._scene.meshes[number].name, "material": self.edits.label(self._scene, number)}
 
     def _inside(self, at: list[int]) -> tuple[int, int]:
         row, column = (min(n, most - 1) for n, most in zip(at, (self.size[1], self.size[0]), strict=True))

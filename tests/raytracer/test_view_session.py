@@ -34,6 +34,18 @@ def scene(time):
     return rt.Scene([ball], [rt.PointLight((0, 5, 5))], rt.Camera((0, 0, 5), (0, 0, 0)), background=(0, 0, 0))
 """
 
+GROWING = """
+import raytracer as rt
+from raytracer.meshes.shapes import floor, sphere
+
+def scene(time):
+    look = rt.Material((0, 0, 0), specular=0, emission=(0, 0, 1) if time > 1 else (0, 0, 0))
+    balls = [sphere(0.5, look, rings=8, segments=12).moved((1 - k, 0, 0)) for k in range(int(time))]
+    still = [floor(9).moved((0, -9, 0)), sphere(0.3, look, rings=8, segments=12)]
+    lights = [rt.PointLight((0, 5, 5))] * (1 + int(time))
+    return rt.Scene([*still, *balls], lights, rt.Camera((0, 0, 5), (0, 0, 0)), background=(0, 0, 0))
+"""
+
 
 def opened(*words):
     options = _parser().parse_args(["view", *map(str, words)])
@@ -304,6 +316,32 @@ def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
     assert last(session)[1][8, 8].tolist() == middle
     assert session.files() == [str(path)]
     assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera 0,0,5 ")
+
+
+def test_a_scene_may_get_more_meshes_and_other_materials_with_time(tmp_path):
+    """Clicks on later meshes were errors, and so was any edit, which also stopped the changes of other materials."""
+    path = tmp_path / "growing.py"
+    path.write_text(GROWING)
+    session = opened(path, "--backend", "numpy", "--size", "24x16", "--samples", "1")
+    session.set({"size": list(SIZE), "time": 2.5})
+    assert last(session)[1][8, 12].tolist() == [0, 0, 255, 255]
+    found, _ = session.answer({"about": "surface", "at": [8, 12]})
+    assert (found["number"], found["object"], found["material"]) == (3, "sphere", "sphere")
+    session.set({"params": {"material.floor.specular": [0.0]}})
+    assert last(session)[1][8, 12].tolist() == [0, 0, 255, 255]
+    session.set({"params": {"material.sphere.emission": [1.0, 0.0, 0.0]}})
+    assert last(session)[1][8, 12].tolist() == [255, 0, 0, 255]
+    session.set({"time": 0.0})
+    assert last(session)[1][8, 12].tolist() == [255, 0, 0, 255]
+
+
+@pytest.mark.parametrize("wrong", [5000.0, -65.0, math.nan])
+def test_an_exposure_beyond_that_of_the_command_is_refused(session, wrong):
+    shown = last(session)[1].tolist()
+    assert session.set({"params": {"exposure": [wrong]}}) == [f"an exposure is a number from -64 to 64, not {wrong:g}"]
+    session.set(turned())
+    session.set({"scene": {}})
+    assert last(session)[1].tolist() == shown
 
 
 ODD = "class Odd(Exception):\n    {}\ndef scene(time):\n    raise Odd('it is odd')\n"
