@@ -240,6 +240,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
 
     def merge(self, other: Program) -> Program:
         """Side by side; inputs of equal name and type are shared."""
+        check_program(other)
         return Program(algebra.beside(self.recorded, other.recorded, share=True))
 
     def rename(self, **names: str) -> Program:

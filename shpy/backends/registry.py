@@ -34,9 +34,9 @@ class BackendInfo:
 
 def backend(name: str) -> Backend:
     """Return the backend of this name; BackendUnavailable where there is no such backend."""
-    found = _found.get(name)
+    found = _found.get(name) if isinstance(name, str) else None
     if found is None:
-        if name not in NAMES:
+        if not isinstance(name, str) or name not in NAMES:
             raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
         found = _found[name] = importlib.import_module(f"shpy.backends.{name}").backend
     return found

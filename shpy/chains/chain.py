@@ -284,6 +284,9 @@ def loop(
 def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
     """Return the members; each that `when` names waits until its share of the elements is ready."""
     names = dict.fromkeys(member.name for member in members if isinstance(member, Member))
+    if not isinstance(when, Mapping):
+        cure = f'when={{"{next(iter(names), "program")}": sh.share("waiting", 0.2)}}'
+        raise ShpyTypeError(f"when={when!r} is no dict of members and their shares", loc=here(), cure=cure)
     kernels = [kernel for member in members for kernel in member.kernels]
     known = {n: layout for kernel in kernels for n, layout in kernel.outputs}
     known |= {n: element_layout(t) for kernel in kernels for n, t in kernel.inputs.items() if not is_gathered(t)}

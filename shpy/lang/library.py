@@ -55,7 +55,7 @@ def hash(x: Any, y: Any = None, z: Any = None) -> Any:
 
     The last word is hashed first, and each hash is added to the word before it.
     """
-    words = [_unsigned(w) for w in (x, y, z) if w is not None]
+    words = [_unsigned(w) for w in (x, *(w for w in (y, z) if w is not None))]
     result = pcg(words[-1])
     for word in reversed(words[:-1]):
         result = pcg(word + result)

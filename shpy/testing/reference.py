@@ -110,6 +110,8 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
     """
     if wanted is None:
         wanted = [b.name for b in backends() if b.available]
+    if not isinstance(wanted, Iterable):
+        raise ShpyTypeError(f"backends={wanted!r} names no backends", loc=here(), cure='backends=["numpy", "glsl"]')
     names = [wanted] if isinstance(wanted, str) else list(wanted)
     known = [INTERPRETER, *(t for name in NAMES for t in _widths(name))]
     known += [f"{name}-{lanes}" for name, more in _MORE_WIDTHS.items() for lanes in more]

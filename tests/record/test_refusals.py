@@ -334,3 +334,27 @@ def test_numbers_of_python_and_numpy_fit():
 
     assert f(2, (1, 0, 0)) == (-4, 1, -np.inf, 0, -1)
     assert np.asarray(sh.float_from_bits((0, 1))).tolist() == [0, 2.0**-149]
+
+
+@sh.program
+def doubled(x: sh.Attrib1f) -> sh.Attrib1f:
+    return 2 * x
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: sh.Matrix2f(None), "Matrix2f takes rows, not one NoneType"),
+        (lambda: sh.Matrix3f() @ (), "Matrix3f @ tuple has no meaning"),
+        (lambda: sh.Matrix3f() @ (1, 2, 3, 4, 5), "Matrix3f @ tuple has no meaning"),
+        (lambda: sh.hash(None), "sh.hash cannot take NoneType"),
+        (lambda: doubled.merge(lambda x: x), "is no program"),
+        (lambda: sh.Table([1.0], sh.Attrib1f).update([2.0], start="a"), "start='a' is no index of a Table"),
+        (lambda: sh.loop(doubled, when=["x"]), r"when=\['x'\] is no dict of members and their shares"),
+        (lambda: sh.testing.assert_equivalent(doubled, 1, backends=3), "backends=3 names no backends"),
+        (lambda: sh.default_backend(["numpy"]), r"there is no backend \['numpy'\]"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_in_our_words(call, said):
+    with pytest.raises(sh.ShpyError, match=said):
+        call()

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import as_base, working
@@ -164,6 +165,8 @@ class Table:
                 loc=here(),
                 cure="array.reshape(-1, ...)",
             )
+        if not is_int(start):
+            raise ShpyTypeError(f"start={start!r} is no index of {self._spoken}", loc=here(), cure="start=0, an int")
         if not 0 <= start <= len(self) - len(data):
             raise ShpyIndexError(
                 f"elements {start} to {start + len(data) - 1} of {self._spoken}, which has {len(self)}",

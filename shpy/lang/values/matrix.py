@@ -11,7 +11,7 @@ transpose of the upper 3x3.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,7 +81,7 @@ class Matrix(Symbolic):
 
     def _rows_of(self, given: Any) -> tuple[Any, ...]:
         """Return the rows of one argument, a matrix or a sequence of rows; raise ShpyTypeError for a single number."""
-        if literal(given) is not None or isinstance(given, Value):
+        if literal(given) is not None or isinstance(given, Value) or not isinstance(given, Iterable):
             name = f"sh.{type(self).__name__}"
             raise ShpyTypeError(
                 f"{type(self).__name__} takes rows, not one {type(given).__name__}",
@@ -204,7 +204,8 @@ class Matrix(Symbolic):
         entries = sequence(other)
         if entries is None and isinstance(other, np.ndarray):
             refuse_operand(other, "@")
-        return other if entries is None else CLASSES["Attrib", len(entries), Base.F](*entries)
+        fits = entries is not None and ("Attrib", len(entries), Base.F) in CLASSES
+        return CLASSES["Attrib", len(entries), Base.F](*entries) if entries is not None and fits else other
 
     def __matmul__(self, other: Any) -> Any:
         if isinstance(other, Matrix):
