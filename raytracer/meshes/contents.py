@@ -25,6 +25,12 @@ from raytracer.meshes.ply_faces import TYPES, as_triangles
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _STL_HEAD, _STL_TRIANGLE = 84, 50
+_PLY: Final = {
+    "vertex": frozenset("x y z nx ny nz red green blue alpha texture_u texture_v u v s t".split()),
+    "face": frozenset("vertex_index vertex_indices red green blue alpha texcoord texnumber".split()),
+    "tristrips": frozenset(("vertex_index", "vertex_indices")),
+}
+"""The properties of each element of a PLY file that are read."""
 
 
 def text_of(data: bytes) -> str:
@@ -62,7 +68,7 @@ def _binary_stl(data: bytes, count: int, notices: Notices) -> bytes:
     return data
 
 
-def ply(data: bytes, _: Notices) -> bytes:
+def ply(data: bytes, notices: Notices) -> bytes:
     """Check a PLY file, which has at least as many elements as its header declares; return what trimesh takes."""
     if data.startswith(tuple(mark for mark, _ in _MARKS)):
         data = _ascii(text_of(data))
@@ -71,7 +77,8 @@ def ply(data: bytes, _: Notices) -> bytes:
         raise SceneError("it has no PLY header that ends")
     head, body = data[: found.end()], data[found.end() :]
     head = bytes(byte if byte < 128 else ord("?") for byte in head)
-    declared = list(_elements(head.decode("ascii")))
+    head = re.sub(rb"^(element[ \t]+edge)\b", rb"\1_", head, flags=re.MULTILINE)  # else trimesh makes a path of them
+    declared = list(_elements(head.decode("ascii"), notices))
     if re.search(rb"^format[ \t]+ascii", head, re.MULTILINE):
         body = _ascii(text_of(body))
         there = sum(1 for line in body.splitlines() if line.strip())
@@ -86,8 +93,8 @@ def ply(data: bytes, _: Notices) -> bytes:
     return as_triangles(head, body, declared)
 
 
-def _elements(head: str) -> Iterator[tuple[str, int, int]]:
-    """Yield name, number and least size in bytes of the elements that a header declares."""
+def _elements(head: str, notices: Notices) -> Iterator[tuple[str, int, int]]:
+    """Yield name, number and least size in bytes of the elements that a header declares; note what is not read."""
     name, count, size = "", 0, 0
     for words in map(str.split, head.splitlines()):
         if words[:1] == ["element"]:
@@ -97,9 +104,13 @@ def _elements(head: str) -> Iterator[tuple[str, int, int]]:
                 given = " ".join(words[1:])[:60]
                 raise SceneError(f"an element in its header is {given!r} instead of a name and a number")
             name, count, size = words[1], int(words[2]), 0
+            if name not in _PLY:
+                notices.ignore(f"elements {name.removesuffix('_')}", count)
         elif words[:1] == ["property"] and len(words) > 1:
             kind = TYPES.get(words[2] if words[1] == "list" and len(words) > 2 else words[1], "B")
             size += struct.calcsize(f"={kind}")
+            if words[-1] not in _PLY.get(name, words[-1:]):
+                notices.ignore(f"{words[-1]} of each {name}", count)
     if name:
         yield name, count, size
 
@@ -112,15 +123,13 @@ class _Off(NamedTuple):
     faces: list[list[str]]
 
     @classmethod
-    def of(cls, data: bytes) -> _Off | None:
-        """Split a file into its parts, as many as it declares; None if it has no header."""
+    def of(cls, data: bytes) -> _Off:
+        """Split a file into its parts, as many as it declares."""
         lines = [words for line in text_of(data).splitlines() if (words := line.partition("#")[0].split())]
         found = re.fullmatch("((?:ST)?C?N?)OFF", lines[0][0]) if lines else None
-        if found is None:
-            return None
-        declared, *rest = [lines[0][1:], *lines[1:]] if len(lines[0]) > 1 else [*lines[1:], []]
-        if len(declared) < 2 or not all(word.isascii() and word.isdigit() for word in declared[:2]):
-            return None
+        declared, *rest = [lines[0][1:], *lines[1:]] if found and len(lines[0]) > 1 else [*lines[1:], []]
+        if found is None or len(declared) < 2 or not all(w.isascii() and w.isdigit() for w in declared[:2]):
+            raise SceneError("it has no header: OFF, and then the numbers of its vertices and faces")
         vertices, faces = int(declared[0]), int(declared[1])
         there = sum(1 for line in rest if line)
         if there < vertices + faces:
@@ -131,8 +140,6 @@ class _Off(NamedTuple):
 def off(data: bytes, notices: Notices) -> bytes:
     """Return an OFF file as trimesh takes it: fans of triangles replace faces, of which it mixes only small ones."""
     found = _Off.of(data)
-    if found is None:
-        return _ascii(text_of(data))
     made = []
     for number, (count, *words) in enumerate(found.faces):
         corners = words[: whole(count)]

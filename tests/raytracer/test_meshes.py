@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import shpy as sh
 from raytracer import EnvironmentLight, Material, Mesh, Scene, SceneError, Texture
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot
@@ -241,6 +242,7 @@ def test_formats_give_the_same_shape_back(tmp_path, suffix):
         ("digits_too.obj", b"v 0 0 0\nf 1 1 0_1\n", "line 2: '0_1' in a face is no vertex number"),
         ("digits.off", b"OFF\n3 1 0\n1_0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "it has a number with a _ between its digits"),
         ("digits_too.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n0_3 0 1 2\n", "'0_3' is no number"),
+        ("bare.off", b"3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "it has no header: OFF, and then the numbers"),
         ("cut.off", b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "3 vertices and 2 faces, and 4 lines follow"),
         ("corners.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "face 0 has 4 corners, and 3 numbers follow"),
         ("short.stl", b"\0" * 30, "ends within the header"),
@@ -283,6 +285,17 @@ def test_an_off_file_has_faces_of_any_number_of_corners(tmp_path, text, triangle
         mesh = Mesh.load(path)
     assert len(mesh) == triangles
     assert [str(warning.message) for warning in caught] == [f"part.off: ignored: {what}" for what in said]
+
+
+def test_what_a_ply_file_holds_beyond_its_triangles_is_said(tmp_path):
+    """trimesh would make a path of edges, for which it needs scipy."""
+    path = tmp_path / "scan.ply"
+    head = PLY.replace("property float z\n", "property float z\nproperty float confidence\n")
+    edges = "element edge 2\nproperty int vertex1\nproperty int vertex2\nend_header"
+    path.write_text(head.replace("end_header", edges) + "0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2 255 0 128\n0 1\n1 2\n")
+    with pytest.warns(sh.ShpyWarning, match=r"ignored: confidence of each vertex \(3\), elements edge \(2\)$"):
+        mesh = Mesh.load(path)
+    assert mesh.corners.tolist() == [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]
 
 
 def test_missing_file(tmp_path):

@@ -78,7 +78,7 @@ FORMS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("faces", [FACES, FACES[:1] * 2], ids=["several sizes", "squares"])
-@pytest.mark.parametrize("flags", [[], ["int flags"]])
+@pytest.mark.parametrize("flags", [[], ["int texnumber"]])
 def test_each_triangle_of_a_face_has_its_colour(tmp_path, form, faces, flags):
     path = tmp_path / "one.ply"
     path.write_bytes(with_properties(form, faces, flags, BESIDE, lambda face: (*[7] * len(flags), *SKY[face])))
