@@ -109,6 +109,7 @@ def components(p: sh.Point3f) -> sh.Attrib3f:
 def operators(a: sh.Attrib3f, c: sh.Color3f, p: sh.Point3f, q: sh.Point3f, n: sh.Attrib1i) -> sh.Color3f:
     assert_type(p - q, sh.Vector3f)
     assert_type(p + (p - q), sh.Point3f)
+    assert_type((p - q) + p, sh.Point3f)
     assert_type(a * c, sh.Color3f)
     assert_type(c * a, sh.Color3f)
     assert_type(2 * c, sh.Color3f)
@@ -173,6 +174,7 @@ def matrices(p: sh.Point3f, v: sh.Vector3f, n: sh.Normal3f) -> sh.Point3f:
     assert_type(turn @ v, sh.Vector3f)
     assert_type(sh.transpose(turn), sh.Matrix3f)
     assert_type(2 * m, sh.Matrix4f)
+    assert_type(1 - m + p.x, sh.Matrix4f)
     assert_type(-turn @ turn + turn.copy(), sh.Matrix3f)
     return sh.inverse(m) @ p + sh.determinant(turn)
 

@@ -30,6 +30,8 @@ def values(c: sh.Color3f, p: sh.Point3f, n: sh.Attrib1i, u: sh.Attrib1u) -> sh.C
 @sh.program
 def functions(c: sh.Color3f, n: sh.Attrib1i) -> sh.Attrib1f:
     sh.lerp(c, c, 0.5)  # mistake
+    sh.max(c, c.xy)  # mistake
+    sh.mix(c.xyz, c.xy, 0.5)  # mistake
     sh.dot(c)  # mistake
     sh.sin("x")  # mistake
     sh.any(c)  # mistake
