@@ -85,6 +85,11 @@ def a_choice_of_structs(x: Pair, y: Pair) -> Pair:
     return sh.cond(x.a < y.a, x, y)
 
 
+def a_slice_of_an_array(x: sh.Attrib1f) -> sh.Attrib1f:
+    a = sh.Array(sh.Attrib1f, [x, 2, 3])
+    return sum(a[0:2])
+
+
 def an_element_of_numpy(x: sh.Attrib1f) -> sh.Attrib1f:
     a, x = np.zeros(3), x + 1
     a[0] = x
@@ -121,6 +126,7 @@ MESSAGES = {
     a_value_and_an_array: MATRIX,
     a_matrix_and_an_array: MATRIX,
     a_choice_of_structs: "sh.cond cannot take Pair\n  write instead: its rows, fields or elements, one at a time",
+    a_slice_of_an_array: "an index cannot take slice\n  write instead: [a[k] for k in range(…)], or SH_FOR for many",
     an_element_of_numpy: STORED.format(0),
     a_row_of_numpy: STORED.format(1),
     another_field: "'Pair' has no field 'c'\n  write instead: one of a, b",

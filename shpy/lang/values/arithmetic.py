@@ -81,11 +81,12 @@ def operand(x: Any, what: str) -> Operand:
     entries = sequence(x)
     if entries is None or not 1 <= len(entries) <= 4:
         spoken = f"{len(entries)} numbers" if entries is not None else type(x).__name__
-        raise ShpyTypeError(
-            f"{what} cannot take {spoken}",
-            loc=here(),
-            cure=_OPERANDS if not isinstance(x, Symbolic) else "its rows, fields or elements, one at a time",
-        )
+        cure = _OPERANDS
+        if isinstance(x, Symbolic):
+            cure = "its rows, fields or elements, one at a time"
+        elif isinstance(x, slice):
+            cure = "[a[k] for k in range(…)], or SH_FOR for many"
+        raise ShpyTypeError(f"{what} cannot take {spoken}", loc=here(), cure=cure)
     single_parts = [operand(e, what) for e in entries]
     literals = [p for p in single_parts if isinstance(p, Literal)]
     if len(literals) == len(single_parts):
@@ -215,7 +216,8 @@ def _shift(op: str, left: Operand, right: Operand, what: str) -> Any:
 def check_index(i: Operand) -> None:
     """Raise ShpyTypeError for an index that is not one int."""
     if i.size != 1 or not (i.weak == "int" if isinstance(i, Literal) else i.type.is_int):
-        raise ShpyTypeError("an index is one int", loc=here(), cure="sh.Attrib1i(x) makes an int of a float")
+        cure = "sh.Attrib1i(x) makes an int of a float" if i.size == 1 else "one component of a vector of ints"
+        raise ShpyTypeError("an index is one int", loc=here(), cure=cure)
 
 
 def index(emitter: Emitter, i: AbstractValue) -> Handle:
