@@ -159,7 +159,7 @@ def worley(p: Any, metric: str = "euclidean", count: int = 1) -> Any:
     differences) or "chebyshev" (the greatest one). As many cells are visited as the result takes: it is exact but for
     rounding. A coordinate that is infinite or NaN gives NaN.
     """
-    if metric not in _METRICS:
+    if not isinstance(metric, str) or metric not in _METRICS:
         cure = " or ".join(f'metric="{known}"' for known in _METRICS)
         raise ShpyTypeError(f"sh.library.worley has no metric {metric!r}", loc=here(), cure=cure)
     _check_count(count, "sh.library.worley", "distances")

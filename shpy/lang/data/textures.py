@@ -108,7 +108,7 @@ class Texture:
                 loc=here(),
                 cure=f"{self.name or 'texture'}(({place}))",
             )
-        return sample(self, uv if isinstance(uv, Value) else CLASSES["Attrib", self.AXES, Base.F](*uv))
+        return sample(self, uv if isinstance(uv, Value) else CLASSES["Attrib", self.AXES, Base.F](uv))
 
 
 class Texture2D(Texture):

@@ -38,6 +38,7 @@ _INDEXED = re.compile(r"'(\w+)' object is not subscriptable")
 _COUNTED = re.compile(r"'(\w+)' object is not iterable|non-iterable (\w+) object|type '(\w+)' has no len")
 _ARGUMENTS = re.compile(r"\(\) ((missing|takes|got) .*argument.*)")
 _FIXED = re.compile(r"can't set attribute|'(\w+)' object does not support item assignment")
+_OPERATED = re.compile(r"unsupported operand type\(s\) for (\S+?)(?: or pow\(\))?: '(\w+)' and '(\w+)'")
 _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {
     "Array": (Array, "array[i]"),
@@ -89,7 +90,8 @@ def explain_python_error(
         )
     if places[-1] is not place:  # raised inside of a library: its own affair
         return None
-    return _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _arguments(error, loc)
+    found = _call(text, loc) or _operands(text, loc) or _container(text, loc) or _tuple(text, loc)
+    return found or _arguments(error, loc)
 
 
 def _recursion(error: RecursionError) -> ShpyError | None:
@@ -123,6 +125,20 @@ def _call(text: str, loc: Loc) -> ShpyError | None:
         return ShpyTypeError(
             f"{wanted} is no method but the number itself", loc=loc, cure=f"{wanted}, or len({size[1]})"
         )
+    return None
+
+
+def _operands(text: str, loc: Loc) -> ShpyError | None:
+    """Return the error for an operator beside an object of the language that is no value: a Table, a struct."""
+    operated = _OPERATED.search(text)
+    if operated is None:
+        return None
+    cures = {name: cure for name, (_, cure) in _KINDS.items()}
+    cures |= dict.fromkeys(_classes(Struct), "ray.o, for one field") | dict.fromkeys(_classes(Texture), "texture(uv)")
+    cures |= dict.fromkeys(("Program", "Subroutine"), "f(x), a call") | {"Stream": "an input of the program"}
+    for name in operated.groups()[1:]:
+        if name in cures:
+            return ShpyTypeError(f"{operated[1]} takes values, and {name} is none", loc=loc, cure=cures[name])
     return None
 
 

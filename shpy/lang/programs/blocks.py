@@ -180,14 +180,14 @@ class Counted(LoopBlock):
             raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
         name = for_name(self.loc.file, self.loc.line) if self.loc else None
         self.name = name or "i"
+        self.first = arithmetic.read(self.frame, bounds[0], _INT)
+        self.last = arithmetic.read(self.frame, bounds[1], _INT)
+        self.step = arithmetic.read(self.frame, bounds[2], _INT)
         first, _, by = known
         if first is not None and known[1] is not None and by is not None:
             self.turns = len(range(first, known[1], by))
         # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
         simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
-        self.first = arithmetic.read(self.frame, bounds[0], _INT)
-        self.last = arithmetic.read(self.frame, bounds[1], _INT)
-        self.step = arithmetic.read(self.frame, bounds[2], _INT)
         self.down = known[2] is not None and known[2] < 0
         self.trips = None if simple else self._trips()
 

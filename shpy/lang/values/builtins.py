@@ -16,6 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import is_int
 from shpy.ir.ops import COMPOSITES, OPS, Op
 from shpy.ir.types import FLOATS, INTS, Base, vec
 from shpy.lang.recording.location import here
@@ -184,7 +185,7 @@ def all_lanes(c: Any) -> Any:
 
 
 def _grid(op: str, n: int) -> Any:
-    if n not in (1, 2, 3, 4):
+    if not is_int(n) or n not in (1, 2, 3, 4):
         raise ShpyTypeError(f"sh.{op} takes the rank of the elements' shape, 1 to 4", loc=here(), cure=f"sh.{op}(2)")
     frame = need_frame(f"sh.{op}")
     ranks = frame.recording.ranks

@@ -343,9 +343,11 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
     keys = key if isinstance(key, tuple) else (key,)
     if any(isinstance(k, Value) for k in keys):
         raise ShpyTypeError("components of a list are constants", loc=here(), cure="one index at a time, x[i]")
-    if not all(hasattr(k, "__index__") and np.ndim(k) == 0 for k in keys):
-        raise ShpyTypeError("a component is named by an int or a letter", loc=here(), cure="v[0], v[0:2] or v.x")
-    indices = [operator.index(k) for k in keys]
+    try:
+        indices = [operator.index(k) for k in keys]
+    except TypeError:
+        text = "a component is named by an int or a letter"
+        raise ShpyTypeError(text, loc=here(), cure="v[0], v[0:2] or v.x") from None
     for i in indices:
         if not -size <= i < size:
             raise ShpyIndexError(f"component {i} of {size}", loc=here(), cure=f"0 to {size - 1}")
