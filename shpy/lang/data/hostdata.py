@@ -120,7 +120,7 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
             converted = array.astype(dtype)
         lost = array[np.isinf(converted) & ~np.isinf(array)]
         raise ShpyTypeError(
-            f"{what} holds {lost[0]}, out of the range of floats of {8 * dtype.itemsize} bits",
+            f"{what} holds {lost[0]!s}, out of the range of floats of {8 * dtype.itemsize} bits",
             loc=here(),
             cure="np.clip(x, low, high), np.inf if infinity is meant, or a wider precision",
         ) from None
