@@ -50,7 +50,12 @@ class Choice:
         picking = _picking.get()
         if picking is None:
             return next(iter(self.alternatives.values()))
-        picking.met[self.name] = self
+        if picking.met.setdefault(self.name, self).alternatives.keys() != self.alternatives.keys():
+            raise ShpyTypeError(
+                f"two choices of the program are called {self.name!r}, and their alternatives are others",
+                loc=here(),
+                cure="a name of its own for each",
+            )
         return self.alternatives[picking.picks.get(self.name, next(iter(self.alternatives)))]
 
     def __repr__(self) -> str:

@@ -43,6 +43,24 @@ def test_a_choice_is_the_first_until_another_is_picked():
     assert [program(np.float32(4)) for _, program in combinations(root)] == [2, 2.5]
 
 
+def test_two_choices_of_one_name_have_the_same_alternatives():
+    other = sh.choice("root", {"slowly": exactly, "badly": roughly})
+    again = sh.choice("root", {"exactly": exactly, "roughly": roughly})
+
+    @sh.program
+    def both(x: sh.Attrib1f) -> sh.Attrib1f:
+        return root(x) + again(x)
+
+    assert [picks for picks, _ in combinations(both)] == [{"root": "exactly"}, {"root": "roughly"}]
+
+    @sh.program
+    def mixed(x: sh.Attrib1f) -> sh.Attrib1f:
+        return root(x) + other(x)
+
+    with pytest.raises(sh.ShpyTypeError, match="two choices of the program are called 'root'"):
+        list(combinations(mixed))
+
+
 def test_choices_inside_choices():
     inner = sh.choice("inner", {"a": lambda x: x + 1, "b": lambda x: x + 2})
     outer = sh.choice("outer", {"plain": lambda x: x, "more": inner})
