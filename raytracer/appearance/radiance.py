@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.arrays import real
 from raytracer.errors import SceneError
 from raytracer.image import openexr
 
@@ -55,7 +56,7 @@ def check_size(width: int, height: int, largest: int) -> None:
 def _exposure(variables: list[tuple[bytes, bytes, bytes]]) -> float:
     """Return the product of the EXPOSURE lines."""
     try:
-        product = math.prod(float(value) for name, _, value in variables if name == b"EXPOSURE")
+        product = math.prod(real(value.decode("latin-1")) for name, _, value in variables if name == b"EXPOSURE")
     except ValueError:
         product = math.nan
     if not 0 < product < math.inf:

@@ -155,7 +155,7 @@ def alpha_of(picture: Any) -> Any:
     """Return the alpha of a Pillow picture as a grey picture; None if it has none."""
     if picture.mode in ("P", "PA"):  # whose colours may be clear
         picture = picture.convert("RGBA")
-    return picture.getchannel("A") if "A" in picture.getbands() else None
+    return picture.getchannel("A") if picture.mode in ("LA", "RGBA") else None  # the A of LAB is a colour
 
 
 def _linear(pixels: NDArray[Any], srgb: bool | None, name: str) -> NDArray[np.float32]:

@@ -183,7 +183,8 @@ def test_alpha_is_read_on_demand(tmp_path):
     for source in (tmp_path / "leaf.png", pixels):
         np.testing.assert_allclose(Texture(source, alpha=True).image[..., 0], [[0, 128 / 255]], rtol=1e-6)
     pillow.fromarray(pixels[..., :3]).save(tmp_path / "bare.png")
-    for source in (tmp_path / "bare.png", pixels[..., :3], pixels[..., 0]):
+    pillow.new("LAB", (2, 1), (128, 40, 40)).save(tmp_path / "lab.tiff")  # its A is no alpha
+    for source in (tmp_path / "bare.png", tmp_path / "lab.tiff", pixels[..., :3], pixels[..., 0]):
         assert (Texture(source, alpha=True).image == 1).all()
 
 

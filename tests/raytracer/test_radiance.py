@@ -81,6 +81,7 @@ def test_exposures_are_divided_out(tmp_path):
         ({"head": b"P6\n"}, "not a Radiance picture"),
         ({"head": b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n"}, "its FORMAT is 32-bit_rle_xyze"),
         ({"head": HEAD + b"EXPOSURE=-1\n"}, "its EXPOSURE is a positive number"),
+        ({"head": HEAD + b"EXPOSURE=1_0\n"}, "its EXPOSURE is a positive number"),
         ({"size": b"+X 20 -Y 6"}, "its size is written as -Y height \\+X width, not '\\+X 20 -Y 6'"),
         ({"size": b"-Y 6 +X 99999"}, "a texture has 1 to 16384 pixels along a side, not 99999 x 6"),
         ({"size": b"-Y 0 +X 20"}, "not 20 x 0"),
