@@ -33,6 +33,8 @@ _Drawn = Callable[[Sequence[int]], Iterator[NDArray[np.uint8]]]
 VIDEOS: Final = (".gif", ".webp", ".mp4")
 FPS: Final = 24.0
 """Frames of a second, where nobody asks for others."""
+_MOST: Final = 1_000_000
+"""Frames of an animation."""
 _LASTING: Final = {"GIF": 655_350, "WEBP": 16_777_215}
 """The most milliseconds for which these formats can show a frame."""
 
@@ -59,6 +61,8 @@ def writing(
     """
     if not (is_int(frames) and frames > 0):
         raise VideoError(f"an animation has one frame or more, not {frames!r}")
+    if frames > _MOST:
+        raise VideoError(f"an animation has at most {_MOST:,} frames, not {frames:,}: choose fewer, or fewer a second")
     check_pace(fps)
     if path.suffix.lower() not in VIDEOS and path.suffix:
         raise VideoError(

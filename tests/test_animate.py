@@ -141,6 +141,7 @@ def of_points(p: sh.Point3f) -> sh.Color3f:
         (wave, "a.gif", {"size": (0, 4)}, sh.ShpyTypeError, r"size=\(0, 4\) is no width and height"),
         (wave, "a.gif", {"show": red}, sh.ShpyTypeError, "show= makes colours of the streams of a chain"),
         (wave, "a.gif", {"frames": 0}, VideoError, "one frame or more"),
+        (wave, "a", {"frames": 10**30}, VideoError, "at most 1,000,000 frames"),
         (wave, "a.gif", {"frames": "2"}, VideoError, "one frame or more, not '2'"),
         (wave, "a.gif", {"fps": 0}, VideoError, "more than 0"),
         (wave, "a.gif", {"fps": "24"}, VideoError, "at most 1000 frames a second, not '24'"),

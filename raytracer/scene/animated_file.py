@@ -35,6 +35,8 @@ from raytracer.scene.scene import Scene, furnished
 Corner = NDArray[np.float64]
 ANIMATED: Final = (".glb", ".gltf")
 """The formats whose animations are read."""
+_FRAMED: Final = 2048
+"""The most frames for which a scene is framed; of a longer animation so many, spread evenly."""
 _CURE: Final = "render it still with `raytracer render`, or move its meshes with a Python file that defines scene(time)"
 
 
@@ -132,8 +134,9 @@ class AnimatedFile:
         if not meshes:
             raise SceneError(f"{self.path}: the file holds no triangles")
         corners, before = [outermost(meshes)], meshes
-        for k in range(1, frames):
-            _, after = self._posed(k / fps)
+        some = min(frames, _FRAMED) - 1
+        for k in range(1, some + 1):
+            _, after = self._posed(k * (frames - 1) // some / fps)
             corners.append(outermost([mesh for mesh, last in zip(after, before, strict=True) if mesh is not last]))
             before = after
         places = np.concatenate(corners)

@@ -161,6 +161,18 @@ def test_all_frames_are_in_the_picture(tmp_path):
     assert [len(scene.meshes) for scene in scenes] == [2] * 5
 
 
+@pytest.mark.parametrize("last", [600, 1e30])
+def test_an_animation_of_any_length_is_framed_soon(tmp_path, last):
+    """As a stranger's file may write milliseconds; each of its frames was looked at."""
+    file = File()
+    node = file.node(mesh=file.mesh(file.square(), name="tile"))
+    animated(file, (node, "translation", [0, last], [[0, 0, 0], [20, 10, 0]], "LINEAR"))
+    long = AnimatedFile(file.save(tmp_path / "long.glb"))
+    scene = long.make(*spread(long.seconds, None, None))(0.0)
+    both = Scene.framed([scene.meshes[0], scene.meshes[0].moved((20, 10, 0))])
+    assert scene.camera.position == pytest.approx(both.camera.position, rel=1e-3)
+
+
 def test_parts_that_stay_are_the_same_meshes(tmp_path):
     make = AnimatedFile(moving().save(tmp_path / "turn.glb")).make(3, 1)
     first, second = make(0), make(1)
