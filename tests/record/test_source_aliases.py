@@ -152,6 +152,25 @@ ALIASES = {
         "7: `first = ray` gives one value two names: `ray.o = ray.o + ray.d` (line 8) changes both, and `first` is "
         "read after it (line 9)\n  write instead: first = ray.copy()",
     ),
+    "a struct of the function that makes the program": (
+        """
+        def make():
+            @sh.struct
+            class Ray:
+                o: sh.Point3f
+
+            def f(ray: Ray):
+                first = ray
+                ray.o += 1
+                return first.o
+
+            return f
+
+        f = make()
+        """,
+        "7: `first = ray` gives one value two names: `ray.o += 1` (line 8) changes both, and `first` is read after it "
+        "(line 9)\n  write instead: first = ray.copy()",
+    ),
     "an array": (
         """
         def f(x: sh.Attrib1f):

@@ -109,6 +109,10 @@ def scope_of(
             names[name] = cell.cell_contents
         except ValueError:  # the cell is filled later
             names[name] = UNRESOLVED
+    for argument in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs):
+        type_ = function.__annotations__.get(argument.arg, "")
+        if isinstance(argument.annotation, ast.Name) and not isinstance(type_, str):
+            names[argument.annotation.id] = type_  # a local class is in the closure only if the body names it
     return Scope(function.__code__.co_filename, names, is_value, bound_names(node), given)
 
 
