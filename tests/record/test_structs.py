@@ -116,6 +116,22 @@ def test_a_base_that_has_fields_or_a_constructor_but_is_no_struct_is_an_error():
         assert cure in caught.value.cure
 
 
+def test_what_belongs_to_the_class_is_no_field():
+    @sh.struct
+    class Die:
+        value: sh.Attrib1i
+        faces: ClassVar[int] = 6
+
+        def wrapped(self):
+            return (self.value - 1) % Die.faces + 1
+
+    @sh.program
+    def rolled(die: Die):
+        return die.wrapped()
+
+    assert rolled({"value": [0, 6, 7]}).tolist() == [6, 6, 1]
+
+
 def test_defaults_of_fields_are_parameters_of_a_constructor():
     with pytest.raises(sh.ShpyTypeError) as caught:
 

@@ -38,6 +38,7 @@ def struct(cls: type) -> Any:
     fields |= {
         name: _resolved(hint, namespace, f"{cls.__name__}.{name}") if isinstance(hint, str) else hint
         for name, hint in inspect.get_annotations(cls).items()
+        if "ClassVar" not in str(hint)
     }
     if not fields:
         raise ShpyTypeError(f"{cls.__name__} has no fields", loc=here(), cure="o: sh.Point3f, for example")
@@ -65,7 +66,7 @@ def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
 
 def _check_defaults(cls: type, fields: Collection[str]) -> None:
     """Check that no field has a value in the class, which nothing would read."""
-    given = {name: value for name, value in vars(cls).items() if name in inspect.get_annotations(cls)}
+    given = {n: value for n, value in vars(cls).items() if n in fields and n in inspect.get_annotations(cls)}
     if not given:
         return
     parameters = ["self", *(name for name in fields if name not in given)]
