@@ -152,6 +152,54 @@ ALIASES = {
         "7: `first = ray` gives one value two names: `ray.o = ray.o + ray.d` (line 8) changes both, and `first` is "
         "read after it (line 9)\n  write instead: first = ray.copy()",
     ),
+    "a field that is changed while its old value is kept": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            old = ray.o
+            ray.o = ray.o + ray.d
+            return old
+        """,
+        "7: `old = ray.o` gives one value two names: `ray.o = ray.o + ray.d` (line 8) changes both, and `old` is read "
+        "after it (line 9)\n  write instead: old = ray.o.copy()",
+    ),
+    "a field whose other name is changed": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            o, d = ray.o, ray.d
+            o += d
+            return ray.d + ray.o
+        """,
+        "7: `o, d = ray.o, ray.d` gives one value two names: `o += d` (line 8) changes both, and `ray.o` is read after "
+        "it (line 9)\n  write instead: o, d = ray.o.copy(), ray.d",
+    ),
+    "a field of a struct that is stored whole": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+
+        @sh.struct
+        class Hit:
+            ray: Ray
+
+        def f(hit: Hit):
+            old = hit.ray.o
+            hit.ray = Ray(old + 1)
+            return old
+        """,
+        "10: `old = hit.ray.o` gives one value two names: `hit.ray = Ray(old + 1)` (line 11) changes both, and `old` "
+        "is read after it (line 12)\n  write instead: old = hit.ray.o.copy()",
+    ),
     "a struct of the function that makes the program": (
         """
         def make():
@@ -216,6 +264,23 @@ def test_names_that_change_places_are_no_aliases() -> None:
             a, b = b, a
             a += 1
             return a * b
+        """
+    check(text)  # no error
+
+
+def test_components_and_copies_of_fields_are_no_aliases() -> None:
+    text = """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            height, o, kept = ray.o.y, ray.o.copy(), ray.d
+            height += 1
+            o += height
+            ray.o = o
+            return ray.o + kept + ray.d + o
         """
     check(text)  # no error
 

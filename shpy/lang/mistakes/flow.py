@@ -188,7 +188,7 @@ class Flow:
         if whole.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
-                self.places.change(root, node)
+                self.places.change(target, root, node)
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             if whole.holds and isinstance(target.value, ast.Name):  # other values for the items of a list
                 self.places.bind_name(target.value.id, node, whole, value=value)
@@ -212,7 +212,7 @@ class Flow:
         if known.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
-                self.places.change(root, node)
+                self.places.change(target, root, node)
         elif known.kind is Kind.NUMBER:
             added = self.judge.kind(node.value)
             result = NUMBER if added.kind is Kind.NUMBER else Known(added.kind)

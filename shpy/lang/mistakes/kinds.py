@@ -50,12 +50,13 @@ class Kind(Enum):
 class Known:
     """A kind, and for scalars and vectors the type as the user writes it, where it is known.
 
-    `holds` says that a tuple, list or dict holds a value, or what may be one.
+    `holds` says that a tuple, list or dict holds a value, or what may be one; `struct` is the class of a struct.
     """
 
     kind: Kind
     type: str | None = None
     holds: bool = False
+    struct: builtins.type | None = None
 
 
 VALUE, NUMBER, HOST, UNKNOWN = Known(Kind.VALUE), Known(Kind.NUMBER), Known(Kind.HOST), Known(Kind.UNKNOWN)
@@ -123,15 +124,22 @@ class Judge:
             return HOST
         if _PLAIN.match(thing.__name__):
             return Known(Kind.VALUE, written)
-        struct = thing.__module__.partition(".")[0] != "shpy"
-        return VALUE if struct or _COMPOUND.match(thing.__name__) else HOST
+        if thing.__module__.partition(".")[0] != "shpy":
+            return Known(Kind.VALUE, struct=thing)
+        return VALUE if _COMPOUND.match(thing.__name__) else HOST
+
+    def field(self, node: ast.Attribute) -> Known | None:
+        """Return what is known of a field of a struct, which is the value itself; None for other attributes."""
+        fields = getattr(self.kind(node.value).struct, "_shpy_fields", {})
+        known = self.made_by(fields.get(node.attr), "")
+        return Known(Kind.VALUE, struct=known.struct) if known.kind is Kind.VALUE else None
 
     def _place(self, node: ast.Name | ast.Attribute | ast.Subscript) -> Known:
         known = self.look(ast.unparse(node))
         if known is not None:
             return known
         if not isinstance(node, ast.Name) and self.kind(node.value).kind is Kind.VALUE:
-            return VALUE
+            return (self.field(node) if isinstance(node, ast.Attribute) else None) or VALUE
         return self.thing(self.scope.resolve(node))
 
     def _call(self, node: ast.Call) -> Known:

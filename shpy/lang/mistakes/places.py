@@ -26,6 +26,7 @@ class Places:
         self.state: State = {}
         self.open: list[Block] = []
         self.changes: dict[int, list[Change]] = {}
+        self.fields: dict[tuple[int, str], int] = {}
         self.judge = Judge(scope, self._known)
         self.hidden: list[Set[str]] = []
         self.asking_none = False
@@ -48,7 +49,10 @@ class Places:
         return facts[0] if len(facts) == 1 else None
 
     def object_of(self, value: ast.expr | None) -> int:
-        """Return the object that an expression gives, if it is the name of a value; else `NO_OBJECT`."""
+        """Return the object that an expression gives, if it names a value or a field of a struct; else `NO_OBJECT`."""
+        if isinstance(value, ast.Attribute) and self.judge.field(value) is not None:
+            owner = self.object_of(value.value)
+            return NO_OBJECT if owner == NO_OBJECT else self.fields.setdefault((owner, value.attr), self.new_object())
         if not isinstance(value, ast.Name) or self.judge.kind(value).kind is not Kind.VALUE:
             return NO_OBJECT
         fact = self.single(value.id)
@@ -101,11 +105,21 @@ class Places:
         self.state[place] = (fact,)
         return fact
 
-    def change(self, place: str, node: ast.stmt) -> None:
-        """Note a store into the value of a name."""
-        fact = self.single(place)
-        if fact is not None and fact.object != NO_OBJECT:
-            self.changes.setdefault(fact.object, []).append(Change(place, node, self.tick(), fact))
+    def change(self, target: ast.expr, root: str, node: ast.stmt) -> None:
+        """Note a store into the value of a name, or a part of it."""
+        fact = self.single(root)
+        if fact is None:
+            return
+        holders = [target]
+        while isinstance(holders[-1], ast.Attribute | ast.Subscript):
+            holders.append(holders[-1].value)
+        objects = {self.object_of(holder): ast.unparse(holder) for holder in holders}
+        objects.pop(NO_OBJECT, None)
+        stored = next(iter(objects), NO_OBJECT)  # all its fields change, and one field of each that holds it
+        inside = [thing for (owner, _), thing in self.fields.items() if owner == stored]
+        for thing in (*objects, *inside):
+            change = Change(objects.get(thing, root), node, self.tick(), fact)
+            self.changes.setdefault(thing, []).append(change)
 
     def check_repeats(self, target: ast.expr, node: ast.stmt, *, rebinds: bool) -> None:
         """Raise the error for a store into a value that stands several times in a list.
@@ -141,6 +155,8 @@ class Places:
                 self.check_alias(fact, node)
         if not facts:
             self._expose(Use(place, node, None, reads, self.asking_none), 0)
+        if reads and isinstance(node, ast.Attribute):
+            self._check_field(node)
 
     def _expose(self, use: Use, when: int) -> None:
         for block in self.open:
@@ -172,6 +188,15 @@ class Places:
                 file, when = self.scope.file, _used(node, next_iteration).replace(" its ", " the ")
                 cure = copy_instead(file, alias)
                 raise findings.aliased(file, alias.alias, change.node, fact.place, when, cure)
+
+    def _check_field(self, node: ast.Attribute) -> None:
+        """Raise the error if the field of a struct read here was changed through a name of its own."""
+        thing = self.object_of(node)
+        for change in self.changes.get(thing, ()):
+            if change.fact.object == thing and change.fact.alias is not None:
+                file, cure = self.scope.file, copy_instead(self.scope.file, change.fact)
+                when = _used(node, False)
+                raise findings.aliased(file, change.fact.alias, change.node, ast.unparse(node), when, cure)
 
 
 def _used(node: ast.AST, next_iteration: bool) -> str:
