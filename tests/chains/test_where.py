@@ -161,6 +161,28 @@ def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     np.testing.assert_array_equal(np.flatnonzero(mask & ~caught.value.result.written.numpy()), stuck)
 
 
+@pytest.mark.parametrize("moving", [0.01, 100])
+def test_a_list_is_made_where_moving_its_elements_takes_less_time_than_it_saves(monkeypatch, moving):
+    """The clock says that an element runs for a second; the first list builds kernels, the second one is timed."""
+    from shpy.backends.device.listed import Listed
+
+    run, lists, times = Listed._run, [], []
+
+    def now(self, live):
+        times.append(len(times))
+        return [0, moving * live.count, (moving + 1) * live.count, (moving + 1) * live.count][(len(times) - 1) % 4]
+
+    monkeypatch.setattr(Listed, "_now", now)
+    monkeypatch.setattr(Listed, "_run", lambda self, call, live: (lists.append(live.count), run(self, call, live))[1])
+    x = np.random.default_rng(8).random((6000, 2)) / 2
+    kernel = halve.compile("opencl", loop_limit=int(100 + moving))  # one of its own, which knows no times yet
+    mask = np.arange(6000) % 300 == 0
+    for _ in range(3):
+        found = kernel.run(sh.Stream(x, sh.Attrib2f, "opencl"), 3.0, where=sh.Stream(mask, sh.Attrib1b, "opencl"))
+        assert found.count == 20
+    assert lists == ([20] * 3 if moving < 1 else [20] * 2)
+
+
 @on_every_backend
 def test_elements_know_their_place(backend):
     @sh.program
