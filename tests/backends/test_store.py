@@ -119,7 +119,7 @@ def test_an_entry_that_others_can_write_is_not_loaded(folder):
 PLANTS = {
     "pipe": os.mkfifo,
     "link to an endless device": lambda path: os.symlink("/dev/zero", path),
-    "link to a good entry": lambda path: os.symlink(entry_of(path.parent, OTHER), path),
+    "link to its own entry": lambda p: (store.save(KEY, b"own"), p.rename(f"{p}~"), os.symlink(f"{p}~", p)),
     "link to itself": lambda path: os.symlink(path, path),
     "folder": os.mkdir,
     "endless file": lambda path: (path.touch(0o600), os.truncate(path, 1 << 40)),
