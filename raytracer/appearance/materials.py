@@ -24,6 +24,7 @@ NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmiss
 """The coefficients that are one number."""
 PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
+_REAL: Final = float | int | np.integer | np.floating
 CUTOFF: Final = 0.5
 """The threshold of a `cutout`: below it there is no surface."""
 
@@ -83,15 +84,15 @@ class Material:
     normal_map: Texture | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.color, Texture) and (isinstance(self.color, str) or np.shape(self.color) != (3,)):
+        if not isinstance(self.color, Texture) and _three(self.color) is None:
             raise SceneError(f"a material's color is three numbers (r, g, b) or a Texture, not {self.color!r}")
         for name in NUMBERS:
             number = getattr(self, name)
-            if not isinstance(number, Texture | float | int | np.number):
+            if not isinstance(number, Texture | _REAL):
                 raise SceneError(f"a material's {name} is a number or a Texture, not {number!r}")
         numbers = [x for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
         if not isinstance(self.color, Texture):
-            object.__setattr__(self, "color", tuple(map(float, self.color)))
+            object.__setattr__(self, "color", _three(self.color))
             numbers += self.color
         if not all(math.isfinite(x) and x >= 0 for x in numbers):
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
@@ -99,16 +100,16 @@ class Material:
             share = getattr(self, name)
             if not isinstance(share, Texture) and share > 1:
                 raise SceneError(f"a {name} lies in [0, 1], not {share}")
-        if not (isinstance(self.ior, float | int | np.number) and 0 < self.ior < math.inf):
+        if not (isinstance(self.ior, _REAL) and 0 < self.ior < math.inf):
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
         for name, what in (("absorption", "per unit of length"), ("emission", "of linear radiance")):
             triple = getattr(self, name)
             if name == "emission" and isinstance(triple, Texture):
                 continue
-            known = np.shape(triple) == (3,) and all(isinstance(x, float | int | np.number) for x in triple)
-            if not known or not all(0 <= x < math.inf for x in triple):
+            held = _three(triple)
+            if held is None or not all(0 <= x < math.inf for x in held):
                 raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
-            object.__setattr__(self, name, tuple(map(float, triple)))
+            object.__setattr__(self, name, held)
         for name in ("surface", "shade"):
             program = getattr(self, name)
             if program is not None and not callable(program):
@@ -149,6 +150,15 @@ class Material:
         """True if any point of the surface can mirror or be clear."""
         numbers = self.numbers
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
+
+
+def _three(values: Any) -> Triple | None:
+    """Return three numbers as floats; None for anything else."""
+    try:
+        x, y, z = map(float, () if isinstance(values, str) else values)
+    except (TypeError, ValueError):
+        return None
+    return x, y, z
 
 
 PLAIN: Final = Material()

@@ -42,7 +42,7 @@ def shape(make: Callable[_Given, Mesh]) -> Callable[_Given, Mesh]:
                 raise SceneError(f"{what} is a whole number above 0, not {value!r}")
             if kind == "int" and not is_whole(value, -_MOST, _MOST):
                 raise SceneError(f"{what} is a whole number, not {value!r}")
-            if kind == "float" or (kind == "Triple" and isinstance(value, float | int)):
+            if kind == "float" or (kind == "Triple" and isinstance(value, float | int | np.number)):
                 finite_number(what, value)
             elif kind == "Triple":
                 finite_triple(what, value)

@@ -222,7 +222,7 @@ class Camera:
             width, height = (int(n) for n in size if int(n) == n)
         except (TypeError, ValueError, OverflowError):
             width = height = 0
-        if not (width > 0 and height > 0):
+        if not (0 < width < 1 << 31 and 0 < height < 1 << 31):
             raise SceneError(f"a size is (width, height) in whole pixels, not {size!r}")
         x, y, z = place[:3, 3].tolist()
         forward, up = place[:3, 2].tolist(), (-place[:3, 1]).tolist()

@@ -175,7 +175,7 @@ def test_shapes_may_be_flat_and_mirrored():
     flat = cylinder(0, 2)
     assert np.isfinite(flat.uv).all()
     assert not flat.vertices[:, ::2].any()
-    np.testing.assert_array_equal(np.ptp(box(2).vertices, axis=0), [2, 2, 2])
+    np.testing.assert_array_equal(np.ptp(box(np.float32(2)).vertices, axis=0), [2, 2, 2])
     assert len(knot(-2, 3)) == len(knot(2, 3))
 
 
