@@ -38,7 +38,7 @@ class View(NamedTuple):
 
 def radius_of(low: Vector, high: Vector) -> float:
     """Return half the diagonal of a box; for a single point, a length that does not vanish beside its coordinates."""
-    radius = float(np.linalg.norm(np.subtract(high, low))) / 2
+    radius = _direction(np.subtract(high, low))[0] / 2
     return radius or 1e-6 * max(float(np.abs(low).max()), 1.0)
 
 

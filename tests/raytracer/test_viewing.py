@@ -22,6 +22,8 @@ SHAPES = {
     "slab": box((5, 0.1, 5)),
     "knot": knot(segments=120, sides=12),
     "small": sphere(1e-6).moved((3, 3, 3)),
+    "tiny": box().moved(scale=1e-200),
+    "large": box().moved(scale=1e30),
 }
 
 
