@@ -7,6 +7,7 @@ Stage: measure. Takes what the user says of each input, gives arrays.
 
 from __future__ import annotations
 
+import math
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -161,14 +162,19 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
     if type.is_bool:
         return rng.integers(0, 2, shape).astype(np.bool_)
     if type.is_int:
-        return rng.integers(int(low), int(high), shape, np.int64, endpoint=True).astype(dtype)
+        low, high = math.ceil(low), math.floor(high)
+        if low > high:
+            raise ShpyTypeError(f"{said!r} is a range without an int", loc=here(), cure="(0, 10)")
+    if not scale and type.is_int:
+        return rng.integers(low, high, shape, np.int64, endpoint=True).astype(dtype)
     if not scale:
         return rng.uniform(low, high, shape).astype(dtype)
     if scale != ["log"] or low <= 0 <= high:
         raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
     least, most = sorted((np.log(abs(low)), np.log(abs(high))))
     sizes = np.exp(rng.uniform(least, most, shape))
-    return np.asarray(np.copysign(sizes, low)).astype(dtype)
+    drawn = np.asarray(np.copysign(sizes, low))
+    return (np.clip(np.rint(drawn), low, high) if type.is_int else drawn).astype(dtype)
 
 
 def _numbers(said: Any, type: Type, shape: tuple[int, ...]) -> Array:

@@ -139,6 +139,18 @@ def test_a_domain_that_does_not_fit(domain, said):
         sh.accuracy.measure(product, domain, backends="numpy", samples=10)
 
 
+def test_ranges_of_ints_may_be_logarithmic_and_hold_the_ints_inside_alone():
+    @sh.program
+    def same(n: sh.Attrib1i, m: sh.Attrib1u) -> sh.Attrib1i:
+        return n + sh.Attrib1i(m)
+
+    rng = np.random.default_rng(3)
+    drawn = draw(same, {"n": (-(2**31), -1, "log"), "m": (0.5, 3.5)}, 4000, rng, special=False).leaves
+    sizes = np.log2(-drawn["n"].astype(np.float64))
+    assert np.histogram(sizes, bins=4, range=(0, 31))[0].min() > 800
+    assert set(drawn["m"].tolist()) == {1, 2, 3}
+
+
 def test_a_program_without_element_inputs_is_measured_on_one_element():
     gain = sh.Param(sh.Attrib1f, 2.0, name="gain")
 
