@@ -366,9 +366,6 @@ def test_integers_beyond_binary64_are_rounded_once(dtype):
 
 
 def test_a_longdouble_out_of_range_is_named():
-    number = np.ldexp(np.longdouble(1), 900)
-    with pytest.raises(sh.ShpyTypeError, match=rf"x holds {re.escape(str(number))}, out of the range of floats of 32"):
-        work(np.array([number]), 1, 1, True)
     beyond = np.ldexp(np.longdouble(1), np.finfo(np.longdouble).maxexp - 1)
     with pytest.raises(sh.ShpyTypeError, match=re.escape(f"x holds {beyond!s}, out of the range of floats of")):
         work(np.array([beyond]), 1, 1, True)

@@ -118,9 +118,10 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
     except FloatingPointError:
         with np.errstate(all="ignore"):
             converted = array.astype(dtype)
-        lost = array[np.isinf(converted) & ~np.isinf(array)]
+        lost = array[np.isinf(converted) & ~np.isinf(array)][0]
+        spoken = lost if np.isfinite(float(lost)) else str(lost)  # of a longdouble, beyond Python's float
         raise ShpyTypeError(
-            f"{what} holds {lost[0]!s}, out of the range of floats of {8 * dtype.itemsize} bits",
+            f"{what} holds {spoken}, out of the range of floats of {8 * dtype.itemsize} bits",
             loc=here(),
             cure="np.clip(x, low, high), np.inf if infinity is meant, or a wider precision",
         ) from None
