@@ -153,8 +153,7 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
     dtype = dtypes_at(precision)[type.base]
     shape = (count, type.size) if type.size > 1 else (count,)
     if callable(said):
-        sampler: Callable[..., Any] = said
-        return _numbers(sampler(rng, count), type, shape).astype(dtype)
+        return _numbers(_sampled(said, rng, count), type, shape).astype(dtype)
     if not isinstance(said, tuple):
         given = _numbers(said, type, (-1, *shape[1:])).astype(dtype)
         return given if count == len(given) else given[rng.integers(0, len(given), count)]
@@ -175,6 +174,17 @@ def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision
     sizes = np.exp(rng.uniform(least, most, shape))
     drawn = np.asarray(np.copysign(sizes, low))
     return (np.clip(np.rint(drawn), low, high) if type.is_int else drawn).astype(dtype)
+
+
+def _sampled(sampler: Callable[..., Any], rng: np.random.Generator, count: int) -> Any:
+    """Return the numbers that a function draws; raise ShpyTypeError if it takes other arguments."""
+    try:
+        return sampler(rng, count)
+    except TypeError as error:
+        if error.__traceback__ is None or error.__traceback__.tb_next is not None:  # an error of its own
+            raise
+        cure = "lambda rng, count: rng.random(count)"
+        raise ShpyTypeError(f"a function of a domain takes rng and count: {error}", loc=here(), cure=cure) from None
 
 
 def _numbers(said: Any, type: Type, shape: tuple[int, ...]) -> Array:

@@ -97,6 +97,7 @@ def test_a_domain_that_is_no_range_is_an_error(domain):
         (sh.Attrib1f, [1j], "no array of one or more elements of type f"),
         (sh.Attrib2f, lambda rng, count: rng.random(count), "no array of 10 elements of type f2"),
         (sh.Attrib1i, (0, 2**31), "not in the range of type i"),
+        (sh.Attrib1f, lambda count: [1.0] * count, "a function of a domain takes rng and count: .* takes 1 positional"),
         (sh.Attrib1i, (0.2, 0.8), r"\(0.2, 0.8\) is a range without an int"),
         (sh.Attrib1i, (0, 10, "log"), "is no range"),
         (sh.Attrib1u, (1, 10, "linear"), "is no range"),
