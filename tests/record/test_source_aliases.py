@@ -182,6 +182,21 @@ ALIASES = {
         "7: `o, d = ray.o, ray.d` gives one value two names: `o += d` (line 8) changes both, and `ray.o` is read after "
         "it (line 9)\n  write instead: o, d = ray.o.copy(), ray.d",
     ),
+    "a field whose struct is read whole": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            o = ray.o
+            o += ray.d
+            return ray
+        """,
+        "7: `o = ray.o` gives one value two names: `o += ray.d` (line 8) changes both, and `ray` is read after it "
+        "(line 9)\n  write instead: o = ray.o.copy()",
+    ),
     "a field of a struct that is stored whole": (
         """
         @sh.struct

@@ -27,10 +27,9 @@ class Expressions:
     def visit(self, node: ast.expr) -> None:
         """Go through an expression."""
         match node:
-            case ast.Name(ctx=ast.Load()):
-                self.places.use(node.id, node)
-            case ast.Attribute() | ast.Subscript():
+            case ast.Name(ctx=ast.Load()) | ast.Attribute() | ast.Subscript():
                 self._place(node)
+                self.places.check_fields(node)
             case ast.Lambda():
                 pass  # runs later, if at all
             case ast.ListComp() | ast.SetComp() | ast.GeneratorExp():
@@ -50,11 +49,16 @@ class Expressions:
                     if isinstance(child, ast.expr):
                         self.visit(child)
 
-    def _place(self, node: ast.Attribute | ast.Subscript) -> None:
+    def _place(self, node: ast.Name | ast.Attribute | ast.Subscript) -> None:
         path = ast.unparse(node)
         self.places.use(path, node)
+        if isinstance(node, ast.Name):
+            return
         self.read_paths.add(path)
-        self.visit(node.value)
+        if isinstance(node.value, ast.Name | ast.Attribute | ast.Subscript):
+            self._place(node.value)
+        else:
+            self.visit(node.value)
         if isinstance(node, ast.Subscript):
             self.visit(node.slice)
 

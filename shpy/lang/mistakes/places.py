@@ -156,7 +156,7 @@ class Places:
         if not facts:
             self._expose(Use(place, node, None, reads, self.asking_none), 0)
         if reads and isinstance(node, ast.Attribute):
-            self._check_field(node)
+            self._check_field(self.object_of(node), node)
 
     def _expose(self, use: Use, when: int) -> None:
         for block in self.open:
@@ -189,9 +189,16 @@ class Places:
                 cure = copy_instead(file, alias)
                 raise findings.aliased(file, alias.alias, change.node, fact.place, when, cure)
 
-    def _check_field(self, node: ast.Attribute) -> None:
-        """Raise the error if the field of a struct read here was changed through a name of its own."""
-        thing = self.object_of(node)
+    def check_fields(self, node: ast.expr) -> None:
+        """Raise the error if a field of the struct read here, as a whole, was changed through a name of its own."""
+        self._check_inside(self.object_of(node), node)
+
+    def _check_inside(self, owner: int, node: ast.expr) -> None:
+        for thing in [thing for (holder, _), thing in self.fields.items() if holder == owner]:
+            self._check_field(thing, node)
+            self._check_inside(thing, node)
+
+    def _check_field(self, thing: int, node: ast.expr) -> None:
         for change in self.changes.get(thing, ()):
             if change.fact.object == thing and change.fact.alias is not None:
                 file, cure = self.scope.file, copy_instead(self.scope.file, change.fact)
