@@ -352,6 +352,8 @@ def test_integers_beyond_binary64_are_rounded_once(dtype):
     ints = [2**54 + 2**30 + 1, -(2**54) - 2**30 - 1, 2**60 + 2**36 + 1, 2**53 + 1]
     once = np.array([2**54 + 2**31, -(2**54) - 2**31, 2**60 + 2**37, 2**53], np.float32)
     array = np.array(ints).astype(dtype)
+    if np.finfo(np.longdouble).nmant < 63:  # there are machines without floats that hold such ints: twice, there
+        once = array.astype(np.float64).astype(np.float32)
     table = sh.Table(array, sh.Attrib1f, name="table")
 
     @sh.program
