@@ -319,7 +319,7 @@ def recorded_from(module: Module) -> Recorded:
     for table in module.tables:
         inputs[table.name] = TableType(CLASSES["Attrib", table.type.size, table.type.base], table.rank)
     outputs = _tree(module.outputs)
-    numbered = all(name.isdigit() for name in outputs)
+    numbered = all(name.isdigit() or not name for name in outputs)  # the rows of one matrix have no name before them
     parts: list[_Part] = [(None if numbered else name, part) for name, part in outputs.items()]
     params = {
         p.name: Param.declared(_class_named(p.kind, p.type.base, p.type.size), decode(p.type, p.value), p.name, p.about)

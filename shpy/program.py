@@ -36,7 +36,7 @@ from shpy.lang.recording.location import caller, here, located
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
-from shpy.lang.values.structure import Layout, output_leaves, type_of
+from shpy.lang.values.structure import Layout, leaves, type_of
 from shpy.passes.modes import MODES, PRECISIONS, Math, Precision
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
@@ -113,7 +113,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     @property
     def outputs(self) -> dict[str, Any]:
         """The type of each output by name; outputs without a name are "0", "1", …."""
-        return {name: cls for name, _, cls in output_leaves(self.recorded.output)}
+        return {name: cls for name, _, cls in _output_leaves(self.recorded)}
 
     @property
     def params(self) -> dict[str, Any]:
@@ -273,6 +273,10 @@ def check_count(name: str, number: Any, least: int) -> None:
     """Raise ShpyTypeError for anything but an int from `least` on."""
     if not is_int(number) or number < least:
         raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
+
+
+def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
+    return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
 
 
 @overload

@@ -57,17 +57,6 @@ def test_text_and_back():
     assert again([1, 2], 3).tolist() == [3, 6]
 
 
-def test_a_program_that_returns_a_matrix_becomes_text_and_back():
-    @sh.program
-    def squared(m: sh.Matrix2f) -> sh.Matrix2f:
-        return m @ m
-
-    assert list(squared.outputs) == ["0[0]", "0[1]"]
-    again = sh.Program.from_ir(sh.parse(str(squared.ir)))
-    assert again.ir == squared.ir
-    assert again([[1, 2], [3, 4]]).tolist() == squared([[1, 2], [3, 4]]).tolist() == [[7, 10], [15, 22]]
-
-
 def test_composition_by_position_and_by_name():
     @sh.program
     def polar(p: sh.Point2f) -> Polar:
@@ -481,3 +470,14 @@ def test_two_given_names_are_an_error():
         @sh.program
         def f(x: sh.Attrib1f) -> sh.Attrib1f:
             return x * gain + first + second
+
+
+def test_a_program_that_returns_a_matrix_becomes_text_and_back():
+    @sh.program
+    def squared(m: sh.Matrix2f) -> sh.Matrix2f:
+        return m @ m
+
+    assert list(squared.outputs) == ["[0]", "[1]"]
+    again = sh.Program.from_ir(sh.parse(str(squared.ir)))
+    assert again.ir == squared.ir
+    assert again([[1, 2], [3, 4]]).tolist() == squared([[1, 2], [3, 4]]).tolist() == [[7, 10], [15, 22]]

@@ -24,7 +24,7 @@ from shpy.ir.types import Type
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.value import CLASSES
 
-_ROW = re.compile(r"(?P<head>[^.\[\]]+)\[(?P<row>\d)\]")
+_ROW = re.compile(r"(?P<head>[^.\[\]]*)\[(?P<row>\d)\]")
 _KINDS = {cls.__name__: cls.type for cls in CLASSES.values()}
 
 
@@ -81,6 +81,7 @@ def _check_names(what: str, ports: Sequence[Port], inside: str = "") -> None:
     The parts of a structure must stand together, and a matrix must have all its rows in order.
     """
     heads: set[str] = set()
+    only = what == "output" and not inside and all(port.name.startswith("[") for port in ports)
     for head, group in groupby(ports, key=lambda port: re.split(r"[.\[]", port.name)[0]):
         members = list(group)
         if head in heads:
@@ -88,15 +89,16 @@ def _check_names(what: str, ports: Sequence[Port], inside: str = "") -> None:
                 f"the parts of {what} {quote(inside + head)} do not stand together", cure="one after the other"
             )
         heads.add(head)
-        _check_group(what, head, members, inside)
+        _check_group(what, head, members, inside, nameless=only)
 
 
-def _check_group(what: str, head: str, members: list[Port], inside: str) -> None:
+def _check_group(what: str, head: str, members: list[Port], inside: str, *, nameless: bool) -> None:
+    """Check the names that begin with one head; `nameless`: of the rows of a matrix that is the only output."""
     names = [port.name for port in members]
     if names == [head] and head and not re.search(r"[.\[\]]", head):
         return
     rows = [_ROW.fullmatch(name) for name in names]
-    if all(rows):
+    if all(rows) and (head or nameless):
         kinds = {port.kind.partition("[")[0] for port in members}
         size = MATRICES[next(iter(kinds))].size if kinds <= MATRICES.keys() and len(kinds) == 1 else -1
         if names == [f"{head}[{r}]" for r in range(size)]:

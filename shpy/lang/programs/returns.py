@@ -14,7 +14,7 @@ from shpy.ir.traverse import walk
 from shpy.lang.recording.location import called_frames, here, loc_in
 from shpy.lang.recording.recorder import Frame, Scope
 from shpy.lang.values import arithmetic
-from shpy.lang.values.structure import Group, Layout, Leaf, Rows, annotation_of, flatten, layout_from, output_leaves
+from shpy.lang.values.structure import Group, Layout, Leaf, Rows, annotation_of, flatten, layout_from, leaves
 from shpy.lang.values.value import Value
 
 
@@ -96,7 +96,7 @@ class Returns:
             self.layout = layout_from(value, self.what)
         _check_count(self.what, self.layout, value, self.source)
         entries = flatten(self.layout, value, f"what {self.what} gives back")
-        classes = [cls for _, _, cls in output_leaves(self.layout)]
+        classes = [cls for _, _, cls in leaves(self.layout, "")]
         # All values are read before the first is stored.
         handles = [
             arithmetic.convert(self.frame, entry, cls.type, f"what {self.what} gives back")
@@ -109,12 +109,12 @@ class Returns:
 
     def _declare(self) -> None:
         assert self.layout is not None
-        for port, kind, cls in output_leaves(self.layout):
+        for name, kind, cls in leaves(self.layout, ""):
+            port = name or "0"
             slot = self.frame.variable(cls.type, name="", loc=self.frame.loc)
             self.frame.homes[slot] = self.frame.scopes[0]
             # The user's own variable keeps its name, so its copy in the output is named `result`.
-            number = port if isinstance(self.layout, Group) else port.removeprefix("0")
-            self.frame.names[slot] = f"result{number}" if port[:1].isdigit() else port
+            self.frame.names[slot] = name if name and not name.isdigit() else f"result{name}"
             self.slots.append(slot)
             self.ports.append((port, kind))
 

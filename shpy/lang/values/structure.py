@@ -175,11 +175,6 @@ def leaves(layout: Layout, prefix: str) -> Iterator[tuple[str, str, type[Value]]
                 yield from leaves(part, f"{prefix}.{name}" if prefix else name)
 
 
-def output_leaves(layout: Layout) -> Iterator[tuple[str, str, type[Value]]]:
-    """Yield the leaves of what a program gives back: a single output without a name is called 0."""
-    return leaves(layout, "" if isinstance(layout, Group) else "0")
-
-
 def build(layout: Layout, values: Iterator[Any], rows: Callable[[Any, list[Any]], Any]) -> Any:
     """Put leaves together; `rows(cls, list)` makes a matrix."""
     match layout:
