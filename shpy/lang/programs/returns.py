@@ -111,6 +111,8 @@ class Returns:
         assert self.layout is not None
         for name, kind, cls in leaves(self.layout, ""):
             port = name or "0"
+            if any(port == earlier for earlier, _ in self.ports):
+                raise RecordError(f'{self.what} gives back two outputs called "{port}"', loc=here(), cure="another key")
             slot = self.frame.variable(cls.type, name="", loc=self.frame.loc)
             self.frame.homes[slot] = self.frame.scopes[0]
             # The user's own variable keeps its name, so its copy in the output is named `result`.

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import re
 import sys
 import typing
 from collections import namedtuple
@@ -36,9 +35,6 @@ from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.exchange import check_exchange
 from shpy.lang.values.matrix import Matrix, rows_of_array
 from shpy.lang.values.value import CLASSES, Value
-
-_NAME = re.compile(r"[^.\[\]]+")
-"""The name of an output: dots and brackets name the parts of structures and the rows of matrices."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +111,12 @@ def layout_from(value: Any, what: str) -> Layout:
         base = {"int": "i", "float": "f", "bool": "b"}[known.weak]
         return Leaf(CLASSES["Attrib", 1, base])  # type: ignore[index]
     if isinstance(value, dict):
-        for key in value:
-            if not isinstance(key, str) or not _NAME.fullmatch(key):
-                raise RecordError(
-                    f"{what} gives back a dict with the key {key!r}, and the keys are the names of outputs",
-                    loc=here(),
-                    cure=f"{'_'.join(_NAME.findall(str(key))) or 'result'!r}: …",
-                )
+        for unnamed in (key for key in value if not isinstance(key, str)):
+            raise RecordError(
+                f"{what} gives back a dict with the key {unnamed!r}, and the keys are the names of outputs",
+                loc=here(),
+                cure=f"{str(unnamed)!r}: …",
+            )
         return Group("dict", tuple(value), tuple(layout_from(v, what) for v in value.values()))
     if isinstance(value, tuple | list) and value:
         parts = tuple(layout_from(v, what) for v in value)
