@@ -101,7 +101,7 @@ def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
         raise ShpyTypeError(
             f"{stream!r} has elements of several components, which have no order",
             loc=here(),
-            cure=f"sh.{name}(…, key=program), where the program gives one number for an element",
+            cure=f"sh.{name}(stream, key=program), where the program gives one number for an element",
         )
     memory: Memory = entries[0].memory
     return memory

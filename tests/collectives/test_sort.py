@@ -177,7 +177,7 @@ def test_the_input_keeps_its_elements(moved):
 @pytest.mark.parametrize(
     ("cls", "key", "message"),
     [
-        (Ray, None, "sh.sort(…, key=program)"),
+        (Ray, None, "sh.sort(stream, key=program)"),
         (sh.Attrib1f, distance, "is no key for <Stream (1,) of Attrib1f on numpy>"),
         (sh.Attrib1f, abs, "sh.sort takes a program as key, not builtin_function_or_method"),
     ],
