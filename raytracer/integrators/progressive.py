@@ -3,7 +3,7 @@
 Stage: render. The state of a picture is its pixels and the number of its samples, so that a picture that was saved
 may be continued, bit for bit as if it had never stopped.
 
-    for layers, samples in passes(kernel, params, "opencl", scale, layers, 0, 64):
+    for layers, samples in passes(kernel, params, "opencl", scale, layers, 0, 64, progress, None, 0):
         ...
 """
 
@@ -78,9 +78,9 @@ def passes(
     layers: Layers,
     first: int,
     past: int,
-    progress: Progress | None = None,
-    at_once: int | None = None,
-    first_row: int = 0,
+    progress: Progress | None,
+    at_once: int | None,
+    first_row: int,
 ) -> Iterator[tuple[Layers, int]]:
     """Add the samples `first` to `past` - 1 to a picture; yield all layers, anew, after each pass.
 
