@@ -26,6 +26,7 @@ from shpy.backends.base import Options
 from shpy.backends.glsl import text_for
 from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.numpy.device.run import TARGET as NUMPY
+from shpy.backends.numpy.text.apart import lay_out
 from shpy.backends.numpy.text.module import print_python
 from shpy.backends.opencl.device.targets import TARGET as OPENCL
 from shpy.backends.opencl.text.kernel import print_kernel
@@ -33,7 +34,6 @@ from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Module
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import count_ops
-from shpy.passes.vectorize import vectorize
 
 LINES = (450, 900, 1_800, 3_600, 7_200)
 ALLOWED_FOR_10_000 = 5.0
@@ -41,7 +41,7 @@ ALLOWED_FOR_THE_RAY_TRACER = 0.5
 
 
 def numpy_text(module: Module) -> str:
-    return print_python(vectorize(prepare(module, Options(), NUMPY).module)).text
+    return print_python(lay_out(prepare(module, Options(), NUMPY).module).vector).text
 
 
 def opencl_text(module: Module) -> str:

@@ -21,8 +21,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from shpy.ir.constants import decode
 from shpy.ir.metadata import About
@@ -61,8 +60,7 @@ _ESCAPED = re.compile(r"\\u\{([0-9a-f]+)\}|\\(.)")
 _INDENT = "  "
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """One line of the text, with its depth and the `Anchor` of the printed object."""
 
     depth: int
@@ -115,8 +113,8 @@ class _Printer:
         self.names = names
         self.locations = locations
         self.files: dict[str, int] = {}
-        self.value_names: dict[int, str] = {}
-        self.variable_names: dict[int, str] = {}
+        self.named_values: dict[int, str] = {}
+        self.named_variables: dict[int, str] = {}
         self.references: dict[str, Function] = {}
         self.out: list[Line] = []
         self.statements = 0
@@ -138,8 +136,9 @@ class _Printer:
         return head + self.out
 
     def function(self, index: int, function: Function) -> None:
-        self.value_names = {v.id: v.name for v in defined(function) if v.name is not None and self.names}
-        self.variable_names = {v.id: v.name for v in variables_of(function) if v.name is not None and self.names}
+        if self.names:
+            self.named_values = _named("%", defined(function))
+            self.named_variables = _named("$", variables_of(function))
         inputs = ", ".join(map(self.declared, function.inputs))
         outputs = ", ".join(map(self.declared, function.outputs))
         kind = "pure " if function.pure else "alone " if function.alone else ""
@@ -162,6 +161,8 @@ class _Printer:
             number = self.statements
             self.statements += 1
             self.out.append(Line(depth, self.statement(item), ("statement", number)))
+            if isinstance(item, Let):
+                continue
             nested: list[tuple[int, Stmt | Line]] = []
             match item:
                 case If(_, then, orelse):
@@ -246,17 +247,20 @@ class _Printer:
         return f"{self.variable(thing.id)}: {thing.type!r}{length}{at}"
 
     def value(self, id: int) -> str:
-        name = self.value_names.get(id)
-        return f"%{id}" if name is None else f"%{quote(name)}.{id}"
+        return self.named_values.get(id) or f"%{id}"
 
     def variable(self, id: int) -> str:
-        name = self.variable_names.get(id)
-        return f"${id}" if name is None else f"${quote(name)}.{id}"
+        return self.named_variables.get(id) or f"${id}"
 
     def at(self, loc: Loc | None) -> str:
         if loc is None or not self.locations:
             return ""
         return f" @{self.files.setdefault(loc.file, len(self.files) + 1)}:{loc.line}"
+
+
+def _named(sign: str, things: Iterable[Value | Variable]) -> dict[int, str]:
+    """Return the texts of the values or variables that have a name, by id."""
+    return {thing.id: f"{sign}{quote(thing.name)}.{thing.id}" for thing in things if thing.name is not None}
 
 
 def _components(components: tuple[int, ...]) -> str:

@@ -33,16 +33,17 @@ INTS: Final = frozenset({Base.I, Base.U})
 class Type:
     """A scalar (size 1) or vector (size 2 to 4) of one base. `vec` returns the only object of each type."""
 
-    __slots__ = ("base", "size")
+    __slots__ = ("_text", "base", "size")
     base: Base
     size: int
 
     def __init__(self, base: Base, size: int) -> None:
         self.base = base
         self.size = size
+        self._text = base.value if size == 1 else f"{base.value}{size}"
 
     def __repr__(self) -> str:
-        return self.base.value if self.size == 1 else f"{self.base.value}{self.size}"
+        return self._text
 
     def __reduce__(self) -> tuple[object, ...]:
         return vec, (self.base, self.size)
