@@ -240,3 +240,23 @@ def test_values_in_a_tuple_are_given_by_themselves_or_in_a_struct():
         sh.program(lambda: summed((sh.Attrib1f(1), sh.Attrib1f(2))))
     assert caught.value.cure.startswith("pass it as an argument, by itself or in a @sh.struct; ")
     assert sh.program(lambda: summed(Two(1, 2)))() == 3
+
+
+@sh.subroutine
+def doubled(y: sh.Attrib1f = None):
+    return sh.Attrib1f(1) if y is None else y * 2
+
+
+@pytest.mark.parametrize("given", ["abc", Two, sh.Array], ids=["text", "struct", "array"])
+def test_an_annotated_parameter_takes_its_type_and_its_own_default(given):
+    @sh.subroutine
+    def halved(y: sh.Attrib1f):
+        return y / 2
+
+    made = {Two: lambda: Two(1, 2), sh.Array: lambda: sh.Array(sh.Attrib1f, 3)}.get(given, lambda: given)
+    with pytest.raises(sh.ShpyTypeError, match="y of halved takes Attrib1f, not ") as caught:
+        sh.program(lambda: halved(made()))
+    assert caught.value.loc.file == __file__
+    with pytest.raises(sh.ShpyTypeError, match="y of halved takes Attrib1f, not NoneType"):
+        sh.program(lambda: halved(None))
+    assert sh.program(lambda: doubled() + doubled(None) + doubled(3))() == 8

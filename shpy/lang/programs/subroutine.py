@@ -96,9 +96,10 @@ class Subroutine:
         return None if seen is None else (self, kinds, seen)
 
     def _argument(self, frame: Frame, name: str, value: Any) -> Any:
-        """Return a value or a number as its parameter's annotation says; return other objects unchanged.
+        """Return a value or a number as its parameter's annotation says.
 
         A value whose type differs is converted, as an input of a program is: it widens, or a scalar fills a vector.
+        A parameter without a value's type takes any object, and every parameter takes its own default.
         """
         assert self._hints is not None
         hint = self._hints.get(name)
@@ -106,8 +107,12 @@ class Subroutine:
             return value
         if literal(value) is not None or sequence(value) is not None:
             return hint(value)
-        if not isinstance(value, Value) or isinstance(value, hint) or not issubclass(hint, Value):
+        if isinstance(value, hint) or value is self.signature.parameters[name].default:
             return value
+        if not isinstance(value, Value) or not issubclass(hint, Value):
+            text = f"{name} of {self.name} takes {hint.__name__}, not {type(value).__name__}"
+            cure = f"sh.{hint.__name__}(…); or {name} without an annotation, which takes any object"
+            raise ShpyTypeError(text, loc=here(), cure=cure)
         if value.type is hint.type:
             return _of_kind(hint, value)
         handle = arithmetic.convert(frame, value, hint.type, f"{name} of {self.name}")
