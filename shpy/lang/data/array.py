@@ -9,7 +9,7 @@ Stage: record. Reads out of range give the nearest element, writes out of range 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
@@ -33,6 +33,10 @@ class Array(Symbolic):
     """
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __class_getitem__(cls, key: object) -> NoReturn:
+        cure = "a: sh.Array, for a parameter of a subroutine"
+        raise ShpyTypeError("an Array is annotated without its elements and length", loc=here(), cure=cure)
 
     def __eq__(self, other: object) -> Any:
         cure = "same &= a[i] == b[i] in a loop, with SH_FOR(0, len(a)) as i"

@@ -38,7 +38,8 @@ _INDEXED = re.compile(r"'(\w+)' object is not subscriptable")
 _COUNTED = re.compile(r"'(\w+)' object is not iterable|non-iterable (\w+) object|type '(\w+)' has no len")
 _ARGUMENTS = re.compile(r"\(\) ((missing|takes|got) .*argument.*)")
 _FIXED = re.compile(r"can't set attribute|'(\w+)' object does not support item assignment")
-_OPERATED = re.compile(r"unsupported operand type\(s\) for (\S+?)(?: or pow\(\))?: '(\w+)' and '(\w+)'")
+_OPERATOR = re.compile(r"(?:operand type(?:\(s\))? for (?:unary )?|^')(\S+?)(?: or pow\(\))?(?:: |' not supported)")
+_OPERANDS = re.compile(r"'(\w+)'|(?:not|type) (\w+)")
 _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {
     "Array": (Array, "array[i]"),
@@ -90,7 +91,7 @@ def explain_python_error(
         )
     if places[-1] is not place:  # raised inside of a library: its own affair
         return None
-    found = _call(text, loc) or _operands(text, loc) or _container(text, loc) or _tuple(text, loc)
+    found = _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _operands(text, loc)
     return found or _arguments(error, loc)
 
 
@@ -129,16 +130,16 @@ def _call(text: str, loc: Loc) -> ShpyError | None:
 
 
 def _operands(text: str, loc: Loc) -> ShpyError | None:
-    """Return the error for an operator beside an object of the language that is no value: a Table, a struct."""
-    operated = _OPERATED.search(text)
-    if operated is None:
-        return None
+    """Return the error for an operator or a function of Python's that takes no Table, struct or matrix."""
+    operator = _OPERATOR.search(text)
     cures = {name: cure for name, (_, cure) in _KINDS.items()}
     cures |= dict.fromkeys(_classes(Struct), "ray.o, for one field") | dict.fromkeys(_classes(Texture), "texture(uv)")
     cures |= dict.fromkeys(("Program", "Subroutine"), "f(x), a call") | {"Stream": "an input of the program"}
-    for name in operated.groups()[1:]:
+    cures |= dict.fromkeys(_classes(Matrix), "m[r], for one row")
+    for name in (quoted or bare for quoted, bare in _OPERANDS.findall(text)):
         if name in cures:
-            return ShpyTypeError(f"{operated[1]} takes values, and {name} is none", loc=loc, cure=cures[name])
+            takes = f"no {name}" if name in _classes(Matrix) else f"values, and {name} is none"
+            return ShpyTypeError(f"{operator[1]} takes {takes}" if operator else text, loc=loc, cure=cures[name])
     return None
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from types import CodeType
 from typing import Any
 
-from shpy.errors import ShpyTypeError
+from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import loc_in, user_frame
 from shpy.lang.recording.tree import definition
@@ -94,8 +94,9 @@ def _resolve(hint: str, namespace: dict[str, Any], name: str, loc: Loc | None) -
     try:
         return eval(hint, namespace)
     except Exception as error:
+        text, cure = str(error), "a type that the module's globals or the enclosing function know, such as sh.Attrib1f"
+        if isinstance(error, ShpyError):  # the evaluated string has no line of the user's
+            text, cure = error.message, error.cure or cure
         raise ShpyTypeError(
-            f"{name} is annotated {hint!r}, which cannot be resolved: {error}",
-            loc=loc,
-            cure="a type that the module's globals or the enclosing function know, such as sh.Attrib1f",
+            f"{name} is annotated {hint!r}, which cannot be resolved: {text}", loc=loc, cure=cure
         ) from error
