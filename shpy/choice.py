@@ -42,8 +42,18 @@ class Choice:
         self.alternatives = dict(alternatives)
 
     def __call__(self, *args: Any, **named: Any) -> Any:
-        """Call the alternative that is picked."""
-        return self.picked()(*args, **named)
+        """Call the alternative that is picked. Raises ShpyTypeError if it does not take these arguments."""
+        picked = self.picked()
+        try:
+            return picked(*args, **named)
+        except TypeError as error:
+            if error.__traceback__ and error.__traceback__.tb_next:  # raised inside of the alternative
+                raise
+            raise ShpyTypeError(
+                f"an alternative of the choice {self.name!r} is called with other arguments than it takes: {error}",
+                loc=here(),
+                cure="alternatives that take the same arguments",
+            ) from None
 
     def picked(self) -> Callable[..., Any]:
         """Return the alternative that a recording takes now."""

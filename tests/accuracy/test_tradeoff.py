@@ -61,6 +61,16 @@ def test_two_choices_of_one_name_have_the_same_alternatives():
         list(combinations(mixed))
 
 
+def test_alternatives_take_the_same_arguments():
+    @sh.program
+    def shifted(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.choice("way", {"two": lambda x, y: x + y, "one": lambda x: x})(x, 1)
+
+    with pytest.raises(sh.ShpyTypeError, match="an alternative of the choice 'way' is called with") as caught:
+        list(combinations(shifted))
+    assert caught.value.loc.file == __file__
+
+
 def test_choices_inside_choices():
     inner = sh.choice("inner", {"a": lambda x: x + 1, "b": lambda x: x + 2})
     outer = sh.choice("outer", {"plain": lambda x: x, "more": inner})
