@@ -182,6 +182,38 @@ ALIASES = {
         "7: `o, d = ray.o, ray.d` gives one value two names: `o += d` (line 8) changes both, and `ray.o` is read after "
         "it (line 9)\n  write instead: o, d = ray.o.copy(), ray.d",
     ),
+    "a field that a loop changes through its other name": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            o = ray.o
+            with SH_FOR(0, 3):
+                o += ray.o
+            return o
+        """,
+        "7: `o = ray.o` gives one value two names: `o += ray.o` (line 9) changes both, and `ray.o` is read in the next "
+        "iteration (line 9)\n  write instead: o = ray.o.copy()",
+    ),
+    "a field that each iteration names and changes": (
+        """
+        @sh.struct
+        class Ray:
+            o: sh.Point3f
+            d: sh.Vector3f
+
+        def f(ray: Ray):
+            with SH_FOR(0, 3):
+                o = ray.o
+                o += ray.d
+            return ray.d
+        """,
+        "8: `o = ray.o` gives one value two names: `o += ray.d` (line 9) changes both, and `ray.o` is read in the next "
+        "iteration (line 8)\n  write instead: o = ray.o.copy()",
+    ),
     "a field whose struct is read whole": (
         """
         @sh.struct

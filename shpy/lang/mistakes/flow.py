@@ -312,6 +312,8 @@ class Flow:
             same = use.fact
             if same is not None and use.reads and self.places.state.get(use.place) == (same,):
                 self.places.check_alias(same, use.node, since=block.start, next_iteration=True)
+            elif same is None and use.reads and isinstance(use.node, ast.Attribute):
+                self.places.check_field(use.node, since=block.start, next_iteration=True)
 
     def _check_until(self, body: list[ast.stmt]) -> None:
         for statement, following in itertools.pairwise(body):

@@ -156,7 +156,7 @@ class Places:
         if not facts:
             self._expose(Use(place, node, None, reads, self.asking_none), 0)
         if reads and isinstance(node, ast.Attribute):
-            self._check_field(self.object_of(node), node)
+            self.check_field(node)
 
     def _expose(self, use: Use, when: int) -> None:
         for block in self.open:
@@ -195,14 +195,18 @@ class Places:
 
     def _check_inside(self, owner: int, node: ast.expr) -> None:
         for thing in [thing for (holder, _), thing in self.fields.items() if holder == owner]:
-            self._check_field(thing, node)
+            self._check_changes(thing, node)
             self._check_inside(thing, node)
 
-    def _check_field(self, thing: int, node: ast.expr) -> None:
+    def check_field(self, node: ast.Attribute, *, since: int = 0, next_iteration: bool = False) -> None:
+        """Raise the error if the field read here was changed through a name of its own."""
+        self._check_changes(self.object_of(node), node, since, next_iteration)
+
+    def _check_changes(self, thing: int, node: ast.expr, since: int = 0, next_iteration: bool = False) -> None:
         for change in self.changes.get(thing, ()):
-            if change.fact.object == thing and change.fact.alias is not None:
+            if change.when >= since and change.fact.object == thing and change.fact.alias is not None:
                 file, cure = self.scope.file, copy_instead(self.scope.file, change.fact)
-                when = _used(node, False)
+                when = _used(node, next_iteration).replace(" its ", " the ")
                 raise findings.aliased(file, change.fact.alias, change.node, ast.unparse(node), when, cure)
 
 
