@@ -315,6 +315,26 @@ def test_names_that_change_places_are_no_aliases() -> None:
     check(text)  # no error
 
 
+def test_a_store_in_one_branch_is_not_read_in_another() -> None:
+    text = """
+        def f(x: sh.Attrib1f):
+            y, r = sh.Attrib1f(x), sh.Attrib1f(0)
+            z = y
+            with SH_IF(x > 0):
+                z += 1
+                r[:] = z
+            with SH_ELIF(y < -3):
+                r[:] = y
+            with SH_ELSE():
+                r[:] = y
+            return r
+        """
+    check(text)  # no error
+    assert str(blame(text.replace("return r", "return r + y"))).startswith("3: `z = y` gives one value two names")
+    after = text.replace("ELIF", "IF")
+    assert str(blame(after)).startswith("3: `z = y` gives one value two names: `z += 1` (line 5) changes both")
+
+
 def test_components_and_copies_of_fields_are_no_aliases() -> None:
     text = """
         @sh.struct

@@ -270,14 +270,15 @@ class Flow:
     ) -> None:
         written = f"{quoted(self.scope.file, call.func)}({'…' if call.args or call.keywords else ''})"
         block = Block(control, written, node.lineno)
-        if control != "SH_WHILE":
-            self.expressions.visit(call)
-        with self.inside(block):
-            if control == "SH_WHILE":
+        with self.places.branch(control):
+            if control != "SH_WHILE":
                 self.expressions.visit(call)
-            if isinstance(item.optional_vars, ast.Name):
-                self.places.bind_name(item.optional_vars.id, node, VALUE, index=True)
-            self._with(node, rest)
+            with self.inside(block):
+                if control == "SH_WHILE":
+                    self.expressions.visit(call)
+                if isinstance(item.optional_vars, ast.Name):
+                    self.places.bind_name(item.optional_vars.id, node, VALUE, index=True)
+                self._with(node, rest)
         for facts in self.places.state.values():
             for fact in facts:
                 if fact.when >= block.start and fact.escaped is None:

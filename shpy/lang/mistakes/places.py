@@ -7,7 +7,8 @@ when a value is read that was changed through another name.
 from __future__ import annotations
 
 import ast
-from collections.abc import Set
+from collections.abc import Iterator, Set
+from contextlib import contextmanager
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
@@ -32,6 +33,8 @@ class Places:
         self.asking_none = False
         self._clock = 0
         self._objects = NO_OBJECT
+        self._first_branch: dict[int, int] = {}
+        self._other_branches: list[range] = []
 
     def tick(self) -> int:
         """Return the next moment in the order of the text."""
@@ -178,8 +181,8 @@ class Places:
         """Raise the error if the value read here was changed through another name after it got the name of `fact`."""
         if fact.object == NO_OBJECT:
             return
-        for change in self.changes.get(fact.object, ()):
-            if change.place == fact.place or change.when < max(fact.when, since):
+        for change in self._seen(fact.object, max(fact.when, since)):
+            if change.place == fact.place:
                 continue
             aliases = [f for f in (fact, change.fact) if f.alias is not None]
             if aliases:
@@ -193,6 +196,22 @@ class Places:
         """Raise the error if a field of the struct read here, as a whole, was changed through a name of its own."""
         self._check_inside(self.object_of(node), node)
 
+    @contextmanager
+    def branch(self, control: str) -> Iterator[None]:
+        """Within an SH_ELIF or SH_ELSE, disregard the stores of the branches before it, which were not executed."""
+        depth, now = len(self.open), self.tick()
+        if control not in ("SH_ELIF", "SH_ELSE"):
+            self._first_branch[depth] = now
+        self._other_branches.append(range(self._first_branch.get(depth, now), now))
+        yield
+        self._other_branches.pop()
+
+    def _seen(self, thing: int, since: int) -> Iterator[Change]:
+        """Yield the changes of an object since a time, without those of other branches."""
+        for change in self.changes.get(thing, ()):
+            if change.when >= since and not any(change.when in before for before in self._other_branches):
+                yield change
+
     def _check_inside(self, owner: int, node: ast.expr) -> None:
         for thing in [thing for (holder, _), thing in self.fields.items() if holder == owner]:
             self._check_changes(thing, node)
@@ -203,8 +222,8 @@ class Places:
         self._check_changes(self.object_of(node), node, since, next_iteration)
 
     def _check_changes(self, thing: int, node: ast.expr, since: int = 0, next_iteration: bool = False) -> None:
-        for change in self.changes.get(thing, ()):
-            if change.when >= since and change.fact.object == thing and change.fact.alias is not None:
+        for change in self._seen(thing, since):
+            if change.fact.object == thing and change.fact.alias is not None:
                 file, cure = self.scope.file, copy_instead(self.scope.file, change.fact)
                 when = _used(node, next_iteration).replace(" its ", " the ")
                 raise findings.aliased(file, change.fact.alias, change.node, ast.unparse(node), when, cure)
