@@ -407,3 +407,19 @@ def test_a_constructor_narrows_no_field_as_no_store_does(number):
     with pytest.raises(sh.ShpyTypeError, match=r"field Item\.count (of type i would narrow|mixes i with u)"):
         Item(number, 1)
     assert np.asarray(Item(2, 1).weight) == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "pair = pairs[i]; pair.a.x += 1; pairs[i] = pair",
+        "pair = pairs[i]; pair.a = pair.a + sh.Attrib2f(1, 0); pairs[i] = pair",
+        "a = pairs[i].a; a.x = 1; pairs[i] = Pair(a, pairs[i].b)",
+    ],
+)
+def test_a_copy_may_be_named_and_stored_into_on_one_line(line, tmp_path):
+    file = tmp_path / "case.py"
+    file.write_text(f"def f(i: sh.Attrib1i):\n    pairs = sh.Array(Pair, 2)\n    {line}\n    return pairs[1]\n")
+    names = {"sh": sh, "Pair": Pair}
+    exec(compile(file.read_text(), str(file), "exec"), names)
+    assert sh.program(names["f"])(1).a.tolist() == [1, 0]

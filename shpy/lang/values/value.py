@@ -21,7 +21,7 @@ from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTyp
 from shpy.ir.constants import encode, to_array
 from shpy.ir.types import vec
 from shpy.lang.mistakes.foreign import value_cure
-from shpy.lang.recording.location import here
+from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
@@ -191,11 +191,12 @@ class Value(Operators, AbstractValue):
         self._check(frame)
         assert frame is not None
         loc = here()
-        if self._part is not None and frame.names[self._variable] is None and loc == self._loc:
+        part = self._part
+        if part is not None and frame.names[self._variable] is None and loc == self._loc and not _is_held(self):
             raise RecordError(
-                f"{self._part.name} is a copy, so a store into {self._part.name}{spelled} would be lost",
+                f"{part.name} is a copy, so a store into {part.name}{spelled} would be lost",
                 loc=loc,
-                cure=_direct(self._part, spelled),
+                cure=_direct(part, spelled),
             )
         return frame
 
@@ -361,6 +362,15 @@ def _spell(key: Any) -> str:
     if isinstance(key, slice):
         return ":".join("" if k is None else str(k) for k in (key.start, key.stop))
     return ", ".join(map(str, key)) if isinstance(key, tuple) else str(key)
+
+
+def _is_held(value: Value) -> bool:
+    """Return whether a name of the user's function, or a field of the struct that it names, holds this value."""
+    frame = user_frame()
+    held = [] if frame is None else list(frame.f_locals.values())
+    for thing in held:  # which grows
+        held += [getattr(thing, name, None) for name in getattr(type(thing), "_shpy_fields", ())]
+    return any(thing is value for thing in held)
 
 
 def _within(part: Part, spelled: str) -> str:
