@@ -114,7 +114,9 @@ def _edges(bins: Any, range: Any, dtype: Any) -> NDArray[Any]:
         try:
             return np.histogram_bin_edges(np.empty(0, dtype), count, range)
         except (TypeError, ValueError) as error:
-            raise ShpyTypeError(f"range={range!r}: {error}", loc=here(), cure="range=(low, high)") from error
+            narrow = "Too many bins" in str(error)  # the stream's type has no number between two edges
+            cure = f"np.linspace(low, high, {count + 1}) for bins, without a range" if narrow else "range=(low, high)"
+            raise ShpyTypeError(f"range={range!r}: {error}", loc=here(), cure=cure) from error
     if range is not None:
         raise ShpyTypeError(f"range={range!r} beside edges", loc=here(), cure="no range=, or a number of bins")
     edges = as_array(bins, "bins")

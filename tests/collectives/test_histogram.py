@@ -109,3 +109,12 @@ def test_images(computed):
 def test_arguments_that_do_not_fit(x, cls, options, message):
     with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
         sh.histogram(sh.Stream(x, cls, "numpy"), **options)
+
+
+def test_more_bins_than_halves_in_the_range_are_given_as_edges():
+    halves = sh.Stream(np.float16([0.1, 0.1, 0.9]), sh.Attrib1h, "numpy")
+    with pytest.raises(sh.ShpyTypeError, match="Too many bins for data range") as caught:
+        sh.histogram(halves, 5000, range=(0, 1))
+    assert caught.value.cure == "np.linspace(low, high, 5001) for bins, without a range"
+    wanted = np.histogram(np.float64(np.float16([0.1, 0.1, 0.9])), 5000, (0, 1))[0]
+    assert np.array_equal(sh.histogram(halves, np.linspace(0, 1, 5001)), wanted)
