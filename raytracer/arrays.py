@@ -38,24 +38,35 @@ def numbers(what: str, values: Any) -> NDArray[np.floating[Any]]:
         raise SceneError(f"{what} are real numbers, not {array.dtype}") from None
 
 
+def three_floats(values: Any) -> tuple[float, float, float] | None:
+    """Return three numbers as floats; None for anything else."""
+    try:
+        x, y, z = map(one_float, values)
+    except (TypeError, ValueError):
+        return None
+    return None if x is None or y is None or z is None else (x, y, z)
+
+
+def one_float(value: Any) -> float | None:
+    """Return a number as a float; None for anything else, for what stands in a string, and beyond binary64."""
+    try:
+        return None if isinstance(value, str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
 def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
     """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
-    try:
-        x, y, z = map(float, values if not isinstance(values, str) else ())
-    except (TypeError, ValueError):
-        x = y = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+    found = three_floats(values)
+    if found is None or not all(map(math.isfinite, found)):
         raise SceneError(f"{what} is three finite numbers, not {values!r}")
-    return x, y, z
+    return found
 
 
 def finite_number(what: str, value: Any) -> float:
     """Return a number as a float; SceneError, which begins with `what`, unless it is finite."""
-    try:
-        found = math.nan if isinstance(value, str) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if not math.isfinite(found):
+    found = one_float(value)
+    if found is None or not math.isfinite(found):
         raise SceneError(f"{what} is a finite number, not {value!r}")
     return found
 

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from raytracer.appearance.textures import Texture
+from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
 
 Triple = tuple[float, float, float]
@@ -84,29 +85,30 @@ class Material:
     normal_map: Texture | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.color, Texture) and _three(self.color) is None:
+        color = None if isinstance(self.color, Texture) else three_floats(self.color)
+        if color is None and not isinstance(self.color, Texture):
             raise SceneError(f"a material's color is three numbers (r, g, b) or a Texture, not {self.color!r}")
         for name in NUMBERS:
             number = getattr(self, name)
             if not isinstance(number, Texture | _REAL):
                 raise SceneError(f"a material's {name} is a number or a Texture, not {number!r}")
-        numbers = [x for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
-        if not isinstance(self.color, Texture):
-            object.__setattr__(self, "color", _three(self.color))
-            numbers += self.color
-        if not all(math.isfinite(x) and x >= 0 for x in numbers):
+        numbers = [one_float(x) for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
+        if color is not None:
+            object.__setattr__(self, "color", color)
+            numbers += color
+        if not all(x is not None and 0 <= x < math.inf for x in numbers):
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
         for name in ("reflectivity", "transmission"):
             share = getattr(self, name)
             if not isinstance(share, Texture) and share > 1:
                 raise SceneError(f"a {name} lies in [0, 1], not {share}")
-        if not (isinstance(self.ior, _REAL) and 0 < self.ior < math.inf):
+        if not (isinstance(self.ior, _REAL) and 0 < (one_float(self.ior) or 0) < math.inf):
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
         for name, what in (("absorption", "per unit of length"), ("emission", "of linear radiance")):
             triple = getattr(self, name)
             if name == "emission" and isinstance(triple, Texture):
                 continue
-            held = _three(triple)
+            held = three_floats(triple)
             if held is None or not all(0 <= x < math.inf for x in held):
                 raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
             object.__setattr__(self, name, held)
@@ -150,15 +152,6 @@ class Material:
         """True if any point of the surface can mirror or be clear."""
         numbers = self.numbers
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
-
-
-def _three(values: Any) -> Triple | None:
-    """Return three numbers as floats; None for anything else."""
-    try:
-        x, y, z = map(float, () if isinstance(values, str) else values)
-    except (TypeError, ValueError):
-        return None
-    return x, y, z
 
 
 PLAIN: Final = Material()

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.space import placed
 from raytracer.appearance.materials import Triple
-from raytracer.arrays import finite_triple, numbers
+from raytracer.arrays import finite_triple, numbers, one_float
 from raytracer.errors import SceneError
 
 Vector = NDArray[np.float64]
@@ -124,12 +124,10 @@ class Camera:
         value = getattr(self, name)
         if value is None and name == "focus":
             return None
-        try:
-            if isinstance(value, str):
-                raise TypeError
-            return float(value)
-        except (TypeError, ValueError):
-            raise SceneError(f"a camera's {name} is a number, not {value!r}") from None
+        found = one_float(value)
+        if found is None:
+            raise SceneError(f"a camera's {name} is a number, not {value!r}")
+        return found
 
     @property
     def _sight(self) -> tuple[float, Vector]:

@@ -201,6 +201,8 @@ def test_a_scene_without_falloff_has_none_of_its_code():
         ({"projection": "fisheye"}, "perspective, orthographic, panorama, not 'fisheye'"),
         ({"position": 5}, "a camera's position is three finite numbers, not 5"),
         ({"target": (0, 0)}, r"a camera's target is three finite numbers, not \(0, 0\)"),
+        ({"target": (0, 0, 10**400)}, "a camera's target is three finite numbers, not"),
+        ({"fov": 10**400}, "a camera's fov is a number, not"),
         ({"up": "xyz"}, "a camera's up is three finite numbers, not 'xyz'"),
         ({"fov": "wide"}, "a camera's fov is a number, not 'wide'"),
         ({"aperture": None}, "a camera's aperture is a number, not None"),

@@ -416,6 +416,8 @@ def test_mistakes_are_told_before_anything_runs(message):
         ({"color": "red"}, "three numbers"),
         ({"color": (1, 2)}, "three numbers"),
         ({"color": ("a", None, 1j)}, "three numbers"),
+        ({"diffuse": 10**400}, "finite and not negative"),
+        ({"ior": 10**400}, "a positive number"),
         ({"emission": (1, [2], 3)}, "of linear radiance, 0 or more"),
         ({"diffuse": "x"}, "a number or a Texture"),
         ({"surface": 3}, "a function or a program"),
