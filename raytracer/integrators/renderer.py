@@ -8,6 +8,7 @@ Stage: render. A `Renderer` keeps the compiled kernels of one scene; `raytracer.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import time
@@ -81,6 +82,14 @@ class Renderer:
         self._motion = Motion(scene.meshes)
         self._moving: tuple[int, ...] = ()
         self._prepare()
+
+    def __deepcopy__(self, memo: Any) -> Renderer:
+        """Return a renderer of its own: a program is its own copy, so kernels with other params are recorded."""
+        found = copy.copy(self)
+        found.scene, found._motion, found.turn = copy.deepcopy((self.scene, self._motion, self.turn), memo)
+        found.layout = None
+        found._prepare()
+        return found
 
     def _prepare(self) -> None:
         """Build the accelerators, and record and compile the kernel of the scene's camera."""

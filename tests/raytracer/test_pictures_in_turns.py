@@ -1,5 +1,6 @@
 """Several pictures by one Renderer in turns: each is the one that it would be alone."""
 
+import copy
 import dataclasses
 import pickle
 import threading
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from scene_pictures import same
 
-from raytracer import Camera, Material, Renderer, Scene, SceneError
+from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, Staged, Whitted
 from raytracer.integrators import renderer
 from raytracer.meshes.shapes import floor
 
@@ -86,6 +87,22 @@ def test_a_renderer_that_was_pickled_has_turns_of_its_own(small):
     assert other.turn is not small.turn
     for camera in CAMERAS:
         same(other.render((4, 3), camera=camera, samples=2), small.render((4, 3), camera=camera, samples=2))
+
+
+@pytest.mark.parametrize("integrator", [Whitted(), Staged(), Path(samples=2), Whitted(accel="ldc:16")])
+def test_a_renderer_that_was_copied_has_a_camera_and_places_of_its_own(small, integrator):
+    first = Renderer(small.scene, integrator=integrator, backend="numpy")
+    places = integrator.structure != "grid"
+    if places:
+        first.move(0, np.diag([1.5, 1.5, 1.5, 1]))
+    other = copy.deepcopy(first)
+    for camera in CAMERAS:
+        same(other.render((4, 3), camera=camera), first.render((4, 3), camera=camera))
+    if places:
+        before = first.render((4, 3))
+        other.move(0, np.diag([0.5, 0.5, 0.5, 1]))
+        other.render((4, 3))
+        same(first.render((4, 3)), before)
 
 
 @pytest.mark.parametrize(("top", "count"), [(-1, 2), (0, 4), (2, 2), (4, 0), (0, -1), (1.5, 1), (0, True)])
