@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from inspect import signature
+from inspect import signature, unwrap
 from typing import Any, get_type_hints
 
 import shpy as sh
@@ -166,6 +166,11 @@ def ask_surface(program: Callable[..., Any], hit: Hit) -> Surface:
             )
         values = given if isinstance(given, Mapping) else {name: getattr(given, name) for name in names}
         return Surface(**values)
+    if "SH_RETURN" in getattr(getattr(unwrap(program), "__code__", None), "co_names", ()):
+        raise SceneError(
+            f"{place_of(program)}: a function gives its Surface at its end, without SH_RETURN: store what differs into "
+            "a variable, color[:] = ..., or make it an sh.Program from fields of a Hit to those of a Surface"
+        )
     found = _called(program, "a surface takes one input, a Hit", hit)
     if not isinstance(found, Surface):
         raise SceneError(

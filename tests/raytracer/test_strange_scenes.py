@@ -20,7 +20,7 @@ from raytracer import (
     render,
 )
 from raytracer.meshes.shapes import floor, sphere
-from shpy import SH_DISCARD, SH_IF
+from shpy import SH_DISCARD, SH_IF, SH_RETURN
 
 AHEAD = Camera((0, 0, 3))
 
@@ -131,3 +131,35 @@ def test_a_program_of_a_surface_that_discards_names_the_cutout(kind, program):
     scene = Scene([floor(1, Material(**{kind: program}))], [DirectionalLight((0, -1, 0))])
     with pytest.raises(SceneError, match=rf"{program.__name__} \(test_.*: SH_DISCARD would end .* cutout says where"):
         render(scene, (4, 4), backend="numpy")
+
+
+def early(hit: Hit) -> Surface:
+    with SH_IF(hit.uv.x > 0.5):
+        SH_RETURN(Surface(color=(1, 0, 0)))
+    return Surface(color=(0, 1, 0))
+
+
+@sh.program
+def early_program(uv: sh.TexCoord2f) -> sh.Color3f:
+    with SH_IF(uv.x > 0.5):
+        SH_RETURN(sh.Color3f(1, 0, 0))
+    return sh.Color3f(0, 1, 0)
+
+
+def late(hit: Hit) -> Surface:
+    color = sh.Color3f(0, 1, 0)
+    with SH_IF(hit.uv.x > 0.5):
+        color[:] = (1, 0, 0)
+    return Surface(color=color)
+
+
+@pytest.mark.parametrize("surface", [early, sh.subroutine(early)])
+def test_a_surface_that_returns_early_names_ways_that_work(surface):
+    with pytest.raises(SceneError, match=r"early \(test_.*SH_RETURN: store .* color\[:\] = .* or make it an sh.Pro"):
+        shown(surface)
+    assert np.array_equal(shown(late), shown(early_program))
+
+
+def shown(surface):
+    scene = Scene([floor(2, Material(surface=surface, specular=0))], [DirectionalLight((0, -1, 0))], Camera((0, 3, 1)))
+    return render(scene, (4, 4), backend="numpy").pixels
