@@ -196,13 +196,15 @@ def _beyond(line: int, kind: str, number: int, count: int) -> SceneError:
 def _split(vertices: Rows) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Return positions (V, 3) and linear colours (V, 3), None if no vertex has a colour.
 
-    MeshLab and ZBrush write a vertex's colour in sRGB after its position; a vertex without one is white.
+    MeshLab and ZBrush write a vertex's colour in sRGB after its position; a vertex without one is white. Where one is
+    above 2, some program has written all of them as bytes.
     """
     places = np.array([v[:3] for v in vertices], dtype=np.float64).reshape(-1, 3)
     if not any(len(v) >= 6 for v in vertices):
         return places, None
-    colors = np.array([v[3:6] if len(v) >= 6 else (1.0, 1.0, 1.0) for v in vertices])
-    return places, decoded(np.clip(colors, 0, 1))
+    white = 255.0 if max(max(v[3:6]) for v in vertices if len(v) >= 6) > 2 else 1.0
+    colors = np.array([v[3:6] if len(v) >= 6 else (white, white, white) for v in vertices])
+    return places, decoded(np.clip(colors / white, 0, 1))
 
 
 def _table(numbers: Rows, width: int) -> NDArray[np.float64]:

@@ -120,6 +120,13 @@ def test_faces_count_back_from_where_they_stand(tmp_path):
     np.testing.assert_array_equal(Mesh.load(path).corners[:, :, 0], [[0] * 3, [1] * 3, [2] * 3])
 
 
+@pytest.mark.parametrize("white", ["1", "255"])
+def test_colours_of_vertices_are_shares_or_bytes(tmp_path, white):
+    path = tmp_path / "colour.obj"
+    path.write_text(f"v 0 0 0 {white} 0 0\nv 1 0 0\nv 0 1 0 0 {int(white) / 5:g} {white}\nf 1 2 3\n")
+    np.testing.assert_allclose(Mesh.load(path).colors, [[[1, 0, 0], [1, 1, 1], [0, 0.033105, 1]]], atol=1e-6)
+
+
 def test_colours_of_vertices_beside_texture_vertices(tmp_path):
     path = tmp_path / "colour.obj"
     path.write_text("v 0 0 0 1 0.5 0\nv 1 0 0 1 0.5 0\nv 0 1 0 1 0.5 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
