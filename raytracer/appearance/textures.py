@@ -44,10 +44,10 @@ class Texture:
     """A picture over uv coordinates: (0, 0) is its lower left corner and (1, 1) its upper right one.
 
     `source` is a picture file, or an array (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) with row 0 at the top. Files hold
-    sRGB colours, which are decoded, except .hdr and .exr files, which hold linear ones. Arrays of uint8 are sRGB,
-    arrays of floats linear. `srgb` overrides this: False for numbers that are not colours, such as a reflectivity. A
-    number of a material is read from the red channel. With `alpha` the picture's alpha is read instead of its colours,
-    1 where it has none; otherwise alpha is not used.
+    sRGB colours, which are decoded, except .hdr and .exr files and TIFF files of floats, which hold linear ones. Arrays
+    of uint8 are sRGB, arrays of floats linear. `srgb` overrides this: False for numbers that are not colours, such as a
+    reflectivity. A number of a material is read from the red channel. With `alpha` the picture's alpha is read instead
+    of its colours, 1 where it has none; otherwise alpha is not used.
 
     `filter` is "linear" or "nearest". `wrap` decides what lies beyond the picture: it repeats ("repeat"), its edge goes
     on ("clamp"), or it is mirrored ("mirror").
@@ -72,7 +72,8 @@ class Texture:
         self.wrap: Wrap = wrap
         if isinstance(source, str | PathLike):
             self.name = str(source)
-            pixels = _read(Path(source), alpha)
+            pixels, encoded = _read(Path(source), alpha)
+            srgb = encoded if srgb is None else srgb
         else:
             self.name = "a texture"
             pixels = array_of("the pixels of a texture", source)
@@ -85,22 +86,23 @@ class Texture:
         return f"<Texture {self.name}, {width} x {height}>"
 
 
-def _read(path: Path, alpha: bool) -> NDArray[Any]:
+def _read(path: Path, alpha: bool) -> tuple[NDArray[Any], bool]:
     """Read the pixels of a picture file, (H, W, 1 or 3): uint8, or float32 where the file has more than 8 bits.
 
-    With `alpha`, read its alpha channel instead; a picture without one gives a single pixel of 1.
+    Return also whether they are sRGB. With `alpha`, read its alpha channel instead; a picture without one gives a
+    single pixel of 1.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}")
     read = READERS.get(path.suffix.lower())
     try:
         if read is not None:
-            return np.ones((1, 1), np.float32) if alpha else read(path, LARGEST)
+            return np.ones((1, 1), np.float32) if alpha else read(path, LARGEST), False
         with opened(path) as picture:
             if not alpha:
-                return pixels_of(picture)
+                return pixels_of(picture), picture.mode != "F"
             grey = alpha_of(picture)
-            return np.ones((1, 1), np.float32) if grey is None else pixels_of(grey)
+            return np.ones((1, 1), np.float32) if grey is None else pixels_of(grey), False
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.

@@ -1,10 +1,11 @@
-"""Pictures of high dynamic range: files of Radiance and OpenEXR as textures and skies."""
+"""Pictures of more than 8 bits: files of Radiance and OpenEXR as textures and skies, deep PNG and TIFF files."""
 
 from __future__ import annotations
 
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image as pillow
 
 from raytracer import Camera, EnvironmentLight, Path, Scene, Texture, render
 from raytracer.appearance.materials import Material
@@ -142,3 +143,13 @@ def test_a_sky_of_high_range_lights_a_scene_as_its_numbers_do(tmp_path):
     ]
     assert pictures[0].max() > 1
     assert np.array_equal(*pictures)
+
+
+def test_files_of_16_bits_are_srgb_and_files_of_floats_linear(tmp_path):
+    numbers = np.array([[0.0, 0.5], [0.2, 1.0]])
+    for name in ("deep.png", "deep.tiff"):
+        pillow.fromarray(np.rint(numbers * 65535).astype(np.uint16)).save(tmp_path / name)
+        np.testing.assert_allclose(Texture(tmp_path / name).image[..., 0], [[0, 0.214041], [0.033105, 1]], atol=1e-5)
+        np.testing.assert_allclose(Texture(tmp_path / name, srgb=False).image[..., 0], numbers, atol=1e-5)
+    pillow.fromarray(numbers.astype(np.float32)).save(tmp_path / "floats.tiff")
+    np.testing.assert_array_equal(Texture(tmp_path / "floats.tiff").image[..., 0], numbers.astype(np.float32))
