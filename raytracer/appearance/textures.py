@@ -155,7 +155,8 @@ def pixels_of(picture: Any) -> NDArray[Any]:
 
 def alpha_of(picture: Any) -> Any:
     """Return the alpha of a Pillow picture as a grey picture; None if it has none."""
-    if picture.mode in ("P", "PA"):  # whose colours may be clear
+    keyed = "transparency" in picture.info and picture.mode in ("1", "L", "RGB")  # one colour is clear
+    if keyed or picture.mode in ("P", "PA"):  # whose colours may be clear
         picture = picture.convert("RGBA")
     return picture.getchannel("A") if picture.mode in ("LA", "RGBA") else None  # the A of LAB is a colour
 

@@ -188,6 +188,16 @@ def test_alpha_is_read_on_demand(tmp_path):
         assert (Texture(source, alpha=True).image == 1).all()
 
 
+@pytest.mark.parametrize(("mode", "clear"), [("RGB", (255, 0, 0)), ("L", 200), ("1", 1)])
+def test_one_colour_of_a_png_file_may_be_clear(tmp_path, mode, clear):
+    from PIL import Image as pillow
+
+    picture = pillow.new(mode, (2, 1))
+    picture.putpixel((0, 0), clear)
+    picture.save(tmp_path / "keyed.png", transparency=clear)
+    assert Texture(tmp_path / "keyed.png", alpha=True).image[..., 0].tolist() == [[0, 1]]
+
+
 def test_wrong_cutouts():
     with pytest.raises(SceneError, match=r"cutout is a Texture or None, not 0.5; .* transmission=..., ior=1"):
         Material(cutout=0.5)
