@@ -18,7 +18,6 @@ bool sh_any(int8 mask) {
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -26,7 +25,7 @@ from typing import Final
 from shpy.backends.emit.spell_c import row_major
 from shpy.backends.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
 from shpy.backends.opencl.packets.widen import Lanes, lanes_of, rows_of
-from shpy.backends.opencl.text.prologue import ANY_SIZE, LDEXP, SCALARS, Prologue, name_of
+from shpy.backends.opencl.text.prologue import ANY_SIZE, HALF, SCALARS, Prologue, filled, name_of
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
@@ -55,7 +54,7 @@ class Abilities:
 
 
 _TEXTS: Final = {
-    **{(op, Base.F): text for op, text in ANY_SIZE.items()},
+    **ANY_SIZE,
     ("abs", Base.I): """\
 // |a|, but INT_MIN for INT_MIN.
 INT {name}(INT a) {
@@ -91,13 +90,7 @@ UINT {name}(UINT a, UINT b) {
 UINT {name}(FLOAT x) {
     return x != x ? (UINT)(0x7fc00000u) : as_UINT(x);
 }""",
-    ("half", Base.F): """\
-// x rounded to binary16.
-FLOAT {name}(FLOAT x) {
-    USHORT bits;
-    vstore_half{lanes}_rte(x, 0, (half *)&bits);
-    return vload_half{lanes}(0, (half *)&bits);
-}""",
+    ("half", Base.F): HALF,
 }
 """Texts of functions by operation and base; those of F serve D too."""
 
@@ -139,7 +132,7 @@ class PacketPrologue(Prologue):
             return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
         if op == "pow":
             return self._ask(name, lambda n: _each_lane(n, op, spelled_wide(type), self.lanes))
-        text = LDEXP[type.base] if op == "ldexp" else _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
+        text = _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
         return self._ask(name, lambda n: self._filled(text, n, type))
 
     def wants(self, op: str, type: Type) -> bool:
@@ -153,13 +146,9 @@ class PacketPrologue(Prologue):
 
     def _filled(self, text: str, name: str, type: Type) -> str:
         self.doubles = self.doubles or "DOUBLE" in text
-        wide = {w: f"{w.lower()}{self.lanes}" for w in ("FLOAT", "INT", "UINT", "LONG", "DOUBLE", "USHORT")}
-        wide["T"] = spelled_wide(type)
-        wide["MASK"] = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
-        wide["FLOOR"] = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"
-        for word, meant in wide.items():
-            text = re.sub(rf"(\b|(?<=_)){word}\b", meant, text)
-        return text.replace("{name}", name).replace("{lanes}", str(self.lanes))
+        mask = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
+        floor = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"
+        return filled(text, name, spelled_wide(type), str(self.lanes), MASK=mask, FLOOR=floor)
 
     def _any(self) -> str:
         head = f"// True if any lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"

@@ -45,21 +45,47 @@ T {{name}}(T x, INT n) {{
 }}"""
 
 
-LDEXP: Final = {Base.F: _powers_of_two(127, 23, ""), Base.D: _powers_of_two(1023, 52, "convert_LONG")}
-"""ldexp by base: PoCL's own rounds denormal results twice in vectors, and rusticl's flushes them to zero."""
-
 ANY_SIZE: Final = {
-    "min": """\
+    ("min", Base.F): """\
 // The smaller argument; if one is NaN, the other.
 T {name}(T a, T b) {
     return !(a <= b) & (b == b) ? b : a;
 }""",
-    "max": """\
+    ("max", Base.F): """\
 // The greater argument; if one is NaN, the other.
 T {name}(T a, T b) {
     return !(a >= b) & (b == b) ? b : a;
 }""",
+    # PoCL's own ldexp rounds denormal results twice in vectors, and rusticl's flushes them to zero.
+    ("ldexp", Base.F): _powers_of_two(127, 23, ""),
+    ("ldexp", Base.D): _powers_of_two(1023, 52, "convert_LONG"),
 }
+"""Texts of functions for vectors of any size, packets too, by operation and base; those of F serve D too."""
+
+HALF: Final = """\
+// x rounded to binary16.
+FLOAT {name}(FLOAT x) {
+    USHORT bits;
+    vstore_half{size}_rte(x, 0, (half *)&bits);
+    return vload_half{size}(0, (half *)&bits);
+}"""
+
+_MINUS_ZERO: Final = """\
+// -0.0, hidden from LLVM, which replaces it by 0.0 in a choice by a comparison.
+T {name}(void) {
+    volatile BITS;
+    return as_T(bits);
+}"""
+_ZERO: Final = """\
+// 0.0, hidden from the compiler, which would replace 0 * x by 0.
+T {name}(void) {
+    return as_T((BITS)get_global_offset(2));
+}"""
+_WHOLE_ZERO: Final = """\
+// 0, hidden from the compiler, which would compute the number of a loop's iterations from it, wrongly.
+T {name}(void) {
+    return (T)get_global_offset(2);
+}"""
 
 _SCALAR: Final = {
     ("floordiv", Base.I): """\
@@ -95,50 +121,18 @@ uint {name}(uint a, uint b) {
 int {name}(int a) {
     return a < 0 ? (int)(0u - (uint)a) : a;
 }""",
-    ("minus_zero", Base.F): """\
-// -0.0, hidden from LLVM, which replaces it by 0.0 in a choice by a comparison.
-float {name}(void) {
-    volatile uint bits = 0x80000000u;
-    return as_float(bits);
-}""",
-    ("minus_zero", Base.D): """\
-// -0.0, hidden from LLVM, which replaces it by 0.0 in a choice by a comparison.
-double {name}(void) {
-    volatile ulong bits = 0x8000000000000000ul;
-    return as_double(bits);
-}""",
-    ("zero", Base.F): """\
-// 0.0, hidden from the compiler, which would replace 0 * x by 0.
-float {name}(void) {
-    return as_float((int)get_global_offset(2));
-}""",
-    ("zero", Base.D): """\
-// 0.0, hidden from the compiler, which would replace 0 * x by 0.
-double {name}(void) {
-    return as_double((long)get_global_offset(2));
-}""",
-    ("zero", Base.I): """\
-// 0, hidden from the compiler, which would compute the number of a loop's iterations from it, wrongly.
-int {name}(void) {
-    return (int)get_global_offset(2);
-}""",
-    ("zero", Base.U): """\
-// 0, hidden from the compiler, which would compute the number of a loop's iterations from it, wrongly.
-uint {name}(void) {
-    return (uint)get_global_offset(2);
-}""",
+    ("minus_zero", Base.F): _MINUS_ZERO.replace("BITS", "uint bits = 0x80000000u"),
+    ("minus_zero", Base.D): _MINUS_ZERO.replace("BITS", "ulong bits = 0x8000000000000000ul"),
+    ("zero", Base.F): _ZERO.replace("BITS", "int"),
+    ("zero", Base.D): _ZERO.replace("BITS", "long"),
+    ("zero", Base.I): _WHOLE_ZERO,
+    ("zero", Base.U): _WHOLE_ZERO,
     ("bits_from_float", Base.F): """\
 // The bits of x; every NaN gives the same bits.
 uint {name}(float x) {
     return x != x ? 0x7fc00000u : as_uint(x);
 }""",
-    ("half", Base.F): """\
-// x rounded to binary16.
-float {name}(float x) {
-    ushort bits;
-    vstore_half_rte(x, 0, (half *)&bits);
-    return vload_half(0, (half *)&bits);
-}""",
+    ("half", Base.F): HALF,
 }
 
 _NAN: Final = """\
@@ -151,12 +145,6 @@ NAN_LOST: Final = frozenset({"exp", "exp2", "sinh", "tanh"})
 
 # Vector forms that drivers compute wrongly: PoCL 3.1 gives sin(1e-8) = 0.008 beside a large component.
 _BY_COMPONENT: Final = frozenset({"sin", "cos", "tan"})
-
-_PICK: Final = """\
-// The component at i, clamped.
-S {name}(T v, int i) {
-    return {choice};
-}"""
 
 _NEAREST: Final = """\
 // The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
@@ -178,6 +166,17 @@ def name_of(op: str, type: Type) -> str:
     return f"sh_{_SHORT.get(op, op)}{base}{type.size if type.size > 1 else ''}"
 
 
+def filled(text: str, name: str, type: str, size: str, **words: str) -> str:
+    """Return a function's text with its name and types: `type` for T, `float4` for FLOAT if `size` is "4", and so on.
+
+    `words` are others that are replaced.
+    """
+    wide = {word: f"{word.lower()}{size}" for word in ("FLOAT", "INT", "UINT", "LONG", "DOUBLE", "USHORT")}
+    for word, meant in {**wide, "T": type, **words}.items():
+        text = re.sub(rf"(\b|(?<=_)){word}\b", meant, text)
+    return text.replace("{name}", name).replace("{size}", size)
+
+
 class Prologue:
     """The functions that one kernel uses, in the order in which they were asked for."""
 
@@ -189,22 +188,22 @@ class Prologue:
         name = name_of(op, type)
         if name in self._texts:
             return name
-        if op in ANY_SIZE:
-            self._texts[name] = re.sub(r"\bT\b", spelled(type), ANY_SIZE[op]).replace("{name}", name)
-        elif op == "ldexp":
-            self._texts[name] = _ldexp(name, type)
-        elif op in NAN_LOST:
-            self._texts[name] = re.sub(r"\bT\b", spelled(type), _NAN).replace("{name}", name).replace("{op}", op)
-        elif op in _BY_COMPONENT:
-            self._texts[name] = _each(spelled(type), name, [f"{spelled(type)} x"], op, "x", type.size)
-        elif op == "component":
-            self._texts[name] = _pick(name, type)
-        elif type.size == 1:
-            self._texts[name] = _SCALAR[op, type.base].replace("{name}", name)
-        else:
-            scalar = self.use(op, type.scalar)
-            self._texts[name] = _componentwise(self._texts[scalar], scalar, name, type.size)
+        self._texts[name] = self._text(op, type, name)
         return name
+
+    def _text(self, op: str, type: Type, name: str) -> str:
+        """Return the function that computes `op`; the function of one component, which it may call, is added."""
+        if op in _BY_COMPONENT:
+            return _each(spelled(type), name, [f"{spelled(type)} x"], op, "x", type.size)
+        if op == "component":
+            return _pick(name, type)
+        text = _NAN.replace("{op}", op) if op in NAN_LOST else None
+        text = text or ANY_SIZE.get((op, type.base)) or ANY_SIZE.get((op, Base.F))
+        if text is None and type.size > 1:
+            scalar = self.use(op, type.scalar)
+            return _componentwise(self._texts[scalar], scalar, name, type.size)
+        size = str(type.size) if type.size > 1 else ""
+        return filled(text or _SCALAR[op, type.base], name, spelled(type), size)
 
     def wants(self, op: str, type: Type) -> bool:
         """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
@@ -237,17 +236,14 @@ size_t {name}(int{rank} at, int{rank} size) {{
 _SHORT: Final = {"bits_from_float": "bits", "component": "pick"}
 
 
-def _ldexp(name: str, type: Type) -> str:
-    size = type.size if type.size > 1 else ""
-    text = re.sub(r"(\b|(?<=_))T\b", spelled(type), LDEXP[type.base])
-    return text.replace("{name}", name).replace("INT", f"int{size}").replace("LONG", f"long{size}")
-
-
 def _pick(name: str, type: Type) -> str:
     choice = "".join(f"i {'<=' if k == 0 else '=='} {k} ? v.{c} : " for k, c in enumerate("xyzw"[: type.size - 1]))
     scalar = spelled(vec(Base.I) if type.is_bool else type.scalar)
-    text = re.sub(r"\bT\b", spelled(type), _PICK).replace("S {", scalar + " {", 1)
-    return text.replace("{name}", name).replace("{choice}", f"{choice}v.{'xyzw'[type.size - 1]}")
+    return f"""\
+// The component at i, clamped.
+{scalar} {name}({spelled(type)} v, int i) {{
+    return {choice}v.{"xyzw"[type.size - 1]};
+}}"""
 
 
 def _componentwise(text: str, scalar: str, name: str, size: int) -> str:
