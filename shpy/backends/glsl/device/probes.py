@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from shpy.backends.glsl.text.prologue import VERSION
 from shpy.passes.exact.coefficients import FAR_DIGITS, INVERSE_PI, SIN
 
 # The operations that a device may get wrong.
@@ -62,15 +63,14 @@ void main() {
 }
 """
 
+
+def _precise(body: str) -> str:
+    """Return a shader whose variables are `precise` where the device has that."""
+    return f"{VERSION}layout(location = 0) out vec4 found;\n{body}"
+
+
 # A choice in a function, whose comparison is false, as NaN is less than nothing.
-CHOICES: Final = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
-#endif
-layout(location = 0) out vec4 found;
+CHOICES: Final = _precise("""\
 float larger(precise vec4 v) {
     precise float result = v.x < v.y ? v.y : v.x;
     return result;
@@ -79,17 +79,10 @@ void main() {
     precise vec4 v = uintBitsToFloat(uvec4(0x7fc00000u + uint(gl_FragCoord.x), 0x40000000u, 0u, 0u));
     found = vec4(isnan(larger(v)) ? 1.0 : 0.0);
 }
-"""
+""")
 
 # A choice of -0.0, whose product with -1.0 is 0.0: `zero` would be as good a maximum, but for its sign.
-SIGNS: Final = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
-#endif
-layout(location = 0) out vec4 found;
+SIGNS: Final = _precise("""\
 void main() {
     uint unknown = uint(min(int(gl_FragCoord.x), 0));
     precise float x = uintBitsToFloat(0x80000000u + unknown);
@@ -99,17 +92,10 @@ void main() {
     precise float product = -1.0 * chosen;
     found = vec4(floatBitsToUint(product) == 0u ? 1.0 : 0.0);
 }
-"""
+""")
 
 # A comparison whose negation holds, as NaN is not less than anything.
-NEGATIONS: Final = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
-#endif
-layout(location = 0) out vec4 found;
+NEGATIONS: Final = _precise("""\
 void main() {
     precise float x = uintBitsToFloat(0x7fc00000u + uint(gl_FragCoord.x));
     float other = 0.0;
@@ -119,7 +105,7 @@ void main() {
     }
     found = vec4(other);
 }
-"""
+""")
 
 # Operations of binary64, whose results leave as the bits of two numbers a texel.
 DOUBLES: Final = """\

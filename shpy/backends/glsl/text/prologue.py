@@ -160,7 +160,7 @@ class Prologue:
 
 # The rest of a shader around its functions
 
-_VERSION: Final = """\
+VERSION: Final = """\
 #version 330 core
 #ifdef GL_ARB_gpu_shader5
 #extension GL_ARB_gpu_shader5 : enable
@@ -182,7 +182,7 @@ def whole_text(declared: Sequence[str], prologue: str, functions: Sequence[str],
     `doubles`: a function has numbers of binary64.
     """
     interface = "".join([f"{line}\n" for line in declared])
-    version = _VERSION + _DOUBLES if doubles else _VERSION
+    version = VERSION + _DOUBLES if doubles else VERSION
     parts = [version, interface, f"{prologue}\n" if prologue else "", "\n".join(functions)]
     return "\n".join([part for part in parts if part])
 
