@@ -15,7 +15,7 @@ import math
 import re
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, Final
@@ -237,15 +237,12 @@ class OpenCLExecutable:
     def warm_up(self) -> None:
         """Launch the kernel once with idle work items, since drivers generate code for any size at the first launch."""
         machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
-        inputs = [entry.inputs[i].type for i in self.kernel.inputs]
         empty = machine.take(LOCAL_SIZE)
-        args: list[Any] = [np.uint64(0), self._start, *self._row(4), *self._shape((1,) * self.kernel.grid)]
-        args += [a for _ in inputs for a in (empty, np.int32(0))]
-        args += [a for t in self.kernel.tables for a in (empty, _argument(np.ones(t.rank, np.int32)))]
-        zeros = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
-        args += [_argument(zeros[name]) for name in self.kernel.params]
-        args += [empty for _ in entry.outputs]
-        self.compiled.set_args(*args)
+        inputs = [(empty, 0) for _ in self.kernel.inputs]
+        tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
+        params = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
+        args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
+        self.compiled.set_args(np.uint64(0), *args[1:])
         enqueue = machine.cl.enqueue_nd_range_kernel
         machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1)))  # Ctrl-C is heard
         machine.give_back([empty])
@@ -267,9 +264,7 @@ class OpenCLExecutable:
 
     def _run(self, call: Call, used: list[Any]) -> Array | None:
         machine, entry = self.machine, self.prepared.module.entry
-        row = self._row_length(call.shape)
-        args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
-        lent: list[Any] = []
+        inputs, lent = list[tuple[Any, int]](), []
         for i in self.kernel.inputs:
             type = entry.inputs[i].type
             array = np.ascontiguousarray(call.inputs[i], dtype=MEMORY[type.base])
@@ -279,13 +274,11 @@ class OpenCLExecutable:
                 used.append(buffer)
             else:
                 lent.append((buffer, array))
-            args += [buffer, np.int32(len(array) == call.count)]
-        for table in self.kernel.tables:
-            args += self._table(call.tables[table.name], table)[:2]
-        args += self._params(call.params)
+            inputs.append((buffer, len(array)))
+        tables = [self._table(call.tables[table.name], table)[:2] for table in self.kernel.tables]
         outputs = self._outputs(call, used)
-        args += [buffer for buffer, _ in outputs]
-        self._starter(self.compiled, args, call.count, row, reads=True, shared=True)()
+        args = self._arguments(call.shape, inputs, tables, call.params, [buffer for buffer, _ in outputs])
+        self._starter(self.compiled, args, call.shape, reads=True, shared=True)()
         machine.finish([buffer for buffer, is_lent in outputs if is_lent])
         return self._collect(call, outputs)
 
@@ -302,50 +295,37 @@ class OpenCLExecutable:
     def _stage(self, call: Call) -> Staged:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
-        row = self._row_length(call.shape)
-        args: list[Any] = [np.uint64(call.count), self._start, *self._row(row), *self._shape(call.shape)]
-        inputs: list[tuple[int, Array]] = []
-        for i in kernel.inputs:
-            array, buffer = staged_array(machine, entry.inputs[i].type, len(call.inputs[i]))
-            inputs.append((i, array))
-            args += [buffer, np.int32(len(array) == call.count)]
-        first = len(args)
-        args += self._params(call.params)
+        inputs = [staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
         found = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
         buffers = [buffer for _, buffer in found]
-        args += buffers
+        args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
+        first = len(args) - len(buffers) - len(kernel.params)
         compiled = machine.cl.Kernel(self.program, kernel.name)
-        start = self._starter(compiled, args, call.count, row, reads=True)
+        start = self._starter(compiled, args, call.shape, reads=True)
 
         def set_params(values: list[Any]) -> None:
             args[first : first + len(values)] = values
             for at, value in enumerate(values, first):
                 compiled.set_arg(at, value)
 
-        return Staged(inputs, [array for array, _ in found], buffers, set_params, start)
+        arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
+        return Staged(arrays, [array for array, _ in found], buffers, set_params, start)
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
-        machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
-        count = math.prod(call.shape)
-        if not count:
+        if not math.prod(call.shape):
             return lambda: None
-        row = self._row_length(call.shape)
-        args: list[Any] = [np.uint64(count), self._start, *self._row(row), *self._shape(call.shape)]
-        for i in kernel.inputs:
-            memory = own(call.inputs[i])
-            args += [memory.buffer, np.int32(memory.count == count)]
-        with machine.lock:
-            tables = [self._table(call.tables[table.name], table) for table in kernel.tables]
-        for buffer, shape, _ in tables:
-            args += [buffer, shape]
-        args += self._params(call.params)
-        results = (*call.outputs, *(() if call.status is None else (call.status,)))
-        args += [own(m).buffer for m, _ in zip(results, entry.outputs, strict=True)]
+        memories = [own(call.inputs[i]) for i in self.kernel.inputs]
+        with self.machine.lock:
+            tables = [self._table(call.tables[table.name], table) for table in self.kernel.tables]
+        results = [own(m).buffer for m in (*call.outputs, *(() if call.status is None else (call.status,)))]
+        assert len(results) == len(self.prepared.module.entry.outputs)
+        inputs = [(memory.buffer, memory.count) for memory in memories]
+        args = self._arguments(call.shape, inputs, [table[:2] for table in tables], call.params, results)
         # A kernel object holds its arguments, so each repeated run has its own. To make an object takes longer than a
         # small run, so the objects of runs that were deleted are used again.
         compiled = self.compiled if once else self._spare_kernel()
-        run = self._starter(compiled, args, count, row, reads=False, shared=once)
+        run = self._starter(compiled, args, call.shape, reads=False, shared=once)
         if not once:
             weakref.finalize(run, self.spare.append, compiled).atexit = False
         copies = [copy for _, _, copy in tables if copy is not None]
@@ -380,6 +360,27 @@ class OpenCLExecutable:
         shape = _argument(np.array(data.array.shape[: table.rank], np.int32))
         return tables_of(machine).buffer(data, dtype, table.type.size, padded=padded), shape, None
 
+    def _arguments(
+        self,
+        shape: tuple[int, ...],
+        inputs: Iterable[tuple[Any, int]],
+        tables: Iterable[tuple[Any, Any]],
+        params: dict[str, Array],
+        outputs: Iterable[Any],
+    ) -> list[Any]:
+        """Return the kernel's arguments, see `Kernel`, from buffers: each input's with the number of its elements."""
+        kernel, count = self.kernel, math.prod(shape)
+        args: list[Any] = [np.uint64(count), np.uint64(0) if kernel.lanes == 1 else np.int32(0)]
+        if kernel.lanes > 1 and not kernel.listed:
+            args.append(np.int32(self._row_length(shape)))
+        if kernel.grid:
+            args.append(_argument(np.array(shape, np.int32)))
+        for buffer, length in inputs:
+            args += [buffer, np.int32(length == count)]
+        for table in tables:
+            args += table
+        return [*args, *self._params(params), *outputs]
+
     def _params(self, params: dict[str, Array]) -> list[Any]:
         types = {p.name: p.type for p in self.prepared.module.params}
         return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
@@ -405,14 +406,6 @@ class OpenCLExecutable:
     def _group(self) -> int:
         return LOCAL_SIZE if self.kernel.lanes == 1 else PACKETS
 
-    @property
-    def _start(self) -> Any:
-        """Return the index of the first dispatch's first element, in the type of the kernel's argument."""
-        return np.uint64(0) if self.kernel.lanes == 1 else np.int32(0)
-
-    def _row(self, length: int) -> list[Any]:
-        return [] if self.kernel.lanes == 1 or self.kernel.listed else [np.int32(length)]
-
     def _row_length(self, shape: tuple[int, ...]) -> int:
         """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
         *others, last = shape or (1,)
@@ -423,22 +416,20 @@ class OpenCLExecutable:
         return last if others and (is_image or self.kernel.grid) else columns
 
     def _starter(
-        self, compiled: Any, args: list[Any], count: int, row: int, *, reads: bool, shared: bool = False
+        self, compiled: Any, args: list[Any], shape: tuple[int, ...], *, reads: bool, shared: bool = False
     ) -> Callable[[], None]:
-        """Return a function that runs a kernel with these arguments over `count` elements in rows: see `starter`."""
-        items, lanes = self._items(count, row), self.kernel.lanes
+        """Return a function that runs a kernel with these arguments over the elements of a shape: see `starter`."""
+        items, lanes = self._items(shape), self.kernel.lanes
         return starter(self.machine, compiled, args, items, self._group, self.pace, lanes, reads=reads, shared=shared)
 
-    def _items(self, count: int, row: int) -> Items:
+    def _items(self, shape: tuple[int, ...]) -> Items:
         """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""
+        count = math.prod(shape)
         if self.kernel.lanes == 1:
             return Items(count)
-        columns = self.kernel.columns
+        columns, row = self.kernel.columns, self._row_length(shape)
         lines = -(-count // (row * (self.kernel.lanes // columns)))
         return Items(lines) if row == columns else Items(-(-row // columns), lines)
-
-    def _shape(self, shape: tuple[int, ...]) -> list[Any]:
-        return [_argument(np.array(shape, np.int32))] if self.kernel.grid else []
 
     def _collect(self, call: Call, outputs: list[tuple[Any, bool]]) -> Array | None:
         """Copy outputs to the host that are not in its memory."""
