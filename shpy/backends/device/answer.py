@@ -11,8 +11,11 @@ so an interrupted thread may hold it for ever, and the thread that answers would
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any, Generic, TypeVar, cast
+
+from shpy.backends.device.processes import HEARD
 
 T = TypeVar("T")
 
@@ -39,13 +42,15 @@ class Answer(Generic[T]):
         self._error = error
         self._end()
 
-    def wait(self, seconds: float = -1) -> bool:
-        """Wait for the answer, at most so many seconds; return whether it is there."""
-        if not self.given and self._lock.acquire(timeout=seconds):
-            self._lock.release()  # for others that wait
+    def wait(self, seconds: float = math.inf) -> bool:
+        """Wait for the answer, at most so many seconds; return whether it is there. Ctrl-C ends the wait."""
+        while not self.given and seconds > 0:
+            if self._lock.acquire(timeout=min(seconds, HEARD)):
+                self._lock.release()  # for others that wait
+            seconds -= HEARD
         return self.given
 
-    def result(self, seconds: float = -1) -> T:
+    def result(self, seconds: float = math.inf) -> T:
         """Return the result, or raise the error; TimeoutError if there is no answer after so many seconds."""
         if not self.wait(seconds):
             raise TimeoutError

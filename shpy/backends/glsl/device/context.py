@@ -22,7 +22,7 @@ from shpy.backends.base import Array
 from shpy.backends.device import store
 from shpy.backends.device.answer import Answer
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
-from shpy.backends.device.processes import HEARD, Driver
+from shpy.backends.device.processes import Driver
 from shpy.backends.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
 from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.glsl.text.prologue import Prologue
@@ -125,8 +125,6 @@ class Context:
         job = _Job(work)
         try:
             self._jobs.put(job)
-            while not job.wait(HEARD):
-                pass
             return cast(T, job.result())
         except BaseException:
             job.wanted = False

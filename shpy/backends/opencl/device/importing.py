@@ -14,7 +14,6 @@ import threading
 from typing import Any
 
 from shpy.backends.device.answer import Answer
-from shpy.backends.device.processes import HEARD
 from shpy.backends.opencl.device.absence import can_keep_callers
 from shpy.errors import BackendUnavailable
 from shpy.packages import install
@@ -42,8 +41,6 @@ def _imported(name: str) -> Any:
             answer.refuse(error)
 
     threading.Thread(target=work, name="shpy-import", daemon=True).start()
-    while not answer.wait(HEARD):
-        pass
     return answer.result()
 
 

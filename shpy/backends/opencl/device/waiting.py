@@ -10,6 +10,7 @@ goes on up to the end of its dispatch, and all that it uses is kept until then.
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -57,8 +58,7 @@ class Waiter:
             return
         job = _Job(event)
         self._jobs.put(job)
-        while not job.wait(HEARD):
-            pass
+        job.wait()
         if self._ending and threading.current_thread().daemon:
             raise SystemExit  # which ends this thread alone, and lets go of the lock
         try:
@@ -90,7 +90,7 @@ class Waiter:
             while not self._lock.acquire(timeout=HEARD):
                 pass
             self._jobs.put(last)
-            ended = last.wait(_GRACE if self._interrupted else -1)
+            ended = last.wait(_GRACE if self._interrupted else math.inf)
         except KeyboardInterrupt:
             ended = False
         if not ended:
