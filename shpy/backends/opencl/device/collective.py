@@ -125,13 +125,7 @@ class _OpenCLCollectives:
         counts = self._allocate(chunks * bins, Base.I)
         self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
-        if chunks == 1:
-            return counts
-        found = self._allocate(bins, Base.I)
-        machine = self._machine
-        with machine.lock:
-            machine.cl.enqueue_copy(machine.queue, found.buffer, counts.buffer, byte_count=4 * bins)
-        return found
+        return counts if chunks == 1 else self._space.part(counts, 0, bins)
 
     def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
         """Make the kernels that fold and scan with a program."""

@@ -98,6 +98,11 @@ class OpenCLMemory:
         self._give_up()
         return DeviceArray(self.space.machine.queue, self._shape, self._held, data=self.buffer)
 
+    @property
+    def each(self) -> int:
+        """The bytes of an element."""
+        return self.type.size * self._held.itemsize
+
     def _give_up(self) -> None:
         """Keep the buffer out of the pool: it is freed with the last array that holds it."""
         if self.owner is not None:
@@ -112,7 +117,7 @@ class OpenCLMemory:
         whole = buffer.associated_memobject
         if whole is not None:
             buffer, first = whole, buffer.offset
-        return buffer.int_ptr, first, first + self.count * self.type.size * self._held.itemsize
+        return buffer.int_ptr, first, first + self.count * self.each
 
     @property
     def _shape(self) -> tuple[int, ...]:
@@ -134,7 +139,7 @@ class OpenCLMemory:
             machine = self.space.machine
             with machine.lock:
                 self.space.finish(copies=True)
-                machine.download(found, self.buffer, begin * self.type.size * self._held.itemsize)
+                machine.download(found, self.buffer, begin * self.each)
         return found.astype(self.dtype, copy=False)
 
 
@@ -205,22 +210,18 @@ class OpenCLSpace:
         """Return a view of the buffer as `count` elements of another type."""
         return OpenCLMemory(self, memory.buffer, count, type, memory.dtype, memory)
 
-    def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:
-        """Copy all elements."""
-        machine = self.machine
-        size = source.count * source.type.size * held(source.type, source.dtype).itemsize
+    def copy(self, source: OpenCLMemory, target: OpenCLMemory, begin: int = 0) -> None:
+        """Copy as many elements as `target` has, from `begin` on."""
+        machine, size, offset = self.machine, target.count * target.each, begin * target.each
         if size:
             with machine.lock:
-                machine.cl.enqueue_copy(machine.queue, target.buffer, source.buffer, byte_count=size)
+                buffers = target.buffer, source.buffer
+                machine.cl.enqueue_copy(machine.queue, *buffers, byte_count=size, src_offset=offset)
 
     def part(self, source: Any, begin: int, count: int) -> OpenCLMemory:
         """Return a copy of `count` elements from `begin` on."""
         made = self.allocate(count, source.type, source.dtype)
-        each = source.type.size * held(source.type, source.dtype).itemsize
-        machine = self.machine
-        with machine.lock:
-            size, offset = count * each, begin * each
-            machine.cl.enqueue_copy(machine.queue, made.buffer, source.buffer, byte_count=size, src_offset=offset)
+        self.copy(source, made, begin)
         return made
 
     def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
