@@ -17,6 +17,7 @@ import numpy as np
 from shpy.backends.base import Collectives
 from shpy.backends.glsl.device.context import Context
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace
+from shpy.backends.glsl.text.prologue import KINDS
 from shpy.ir.types import Base, vec
 
 _AT_ONCE: Final = 1 << 20
@@ -72,7 +73,6 @@ void main() {
     sum = ivec4(texelFetch(found, at, 0)) + has_before * texelFetch(before, at, 0);
 }
 """
-_KINDS: Final = {Base.I: "i", Base.U: "u", Base.B: "u"}
 
 
 def collectives(space: GlslSpace, context: Context) -> Collectives:
@@ -88,7 +88,7 @@ class _Points:
 
     def put(self, values: Any, index: Any, target: Any) -> None:
         """Write values to the elements of `target` at an index; of several values for an element the last one stays."""
-        text = _VALUE.replace("KIND", _KINDS.get(values.type.base, ""))
+        text = _VALUE.replace("KIND", KINDS[values.type.base])
         self._draw(text, index, target, slice(0, index.count), values)
 
     def tally(self, numbers: Any, bins: int) -> GlslMemory:
@@ -111,7 +111,7 @@ class _Points:
     def _draw(self, text: str, index: Any, target: Any, part: slice, values: Any = None, *, adds: bool = False) -> None:
         """Draw a part of the elements as points into a memory."""
         space, context, size = self._space, self._context, (target.width, target.height)
-        vertex = _PLACE.replace("INDEX", _KINDS[index.type.base])
+        vertex = _PLACE.replace("INDEX", KINDS[index.type.base])
         numbers = {"index_width": index.width, "places": target.count, "size": size}
         sources = {"indices": index}
         if values is not None:

@@ -31,6 +31,7 @@ from shpy.backends.glsl.device.textures import (
     write,
 )
 from shpy.backends.glsl.text.interface import FOLD
+from shpy.backends.glsl.text.prologue import KINDS
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
@@ -147,9 +148,9 @@ class GlslMemory:
 
     def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements to the host: from the row in which the first of them lies."""
-        kept = {Base.B: np.uint8, Base.I: np.int32, Base.U: np.uint32}.get(self.type.base, np.float32)
         row, skipped = divmod(begin, self.width)
-        found = np.empty(((self.count if end is None else end) - row * self.width, self.type.size), kept)
+        count = (self.count if end is None else end) - row * self.width
+        found = np.empty((count, self.type.size), FORMATS[self.type.base.value])
         if len(found) > skipped:
             self.space.call(lambda: read(self.target, 0, self.type, found, self.width, row))
         numbers = found[skipped:] if self.type.size > 1 else found[skipped:, 0]
@@ -271,8 +272,7 @@ class GlslSpace:
         return made
 
     def _merge(self, status: GlslMemory | None, new: GlslMemory, old: GlslMemory | None, kept: GlslMemory) -> None:
-        kind = {Base.I: "i", Base.U: "u", Base.B: "u"}.get(new.type.base, "")
-        text = _KEEP.replace("KIND", kind).replace("WRITTEN", str(Status.WRITTEN))
+        text = _KEEP.replace("KIND", KINDS[new.type.base]).replace("WRITTEN", str(Status.WRITTEN))
         sources = {"new": new, "old": old or new, "status": status}
         numbers = {
             "has_status": int(status is not None),

@@ -22,12 +22,15 @@ from shpy.backends.device.pool import Kind
 from shpy.backends.glsl.device.collective import collectives
 from shpy.backends.glsl.device.context import Context, check
 from shpy.backends.glsl.device.memory import GlslMemory, GlslSpace, own
-from shpy.backends.glsl.device.textures import Store, Target, read
+from shpy.backends.glsl.device.textures import FORMATS, Store, Target, read
 from shpy.backends.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, Type, vec
+
+Inputs = dict[int, tuple[Any, bool]]
+"""The textures of inputs by index, each with whether it has a texel for each element."""
 
 BAND: Final = 1 << 22
 """Elements that are on the device at a time, at most."""
@@ -107,7 +110,7 @@ class Runtime:
         for first in range(0, call.count, band):
             part = slice(first, min(first + band, call.count))
             lent: list[tuple[Kind, Any]] = []
-            inputs: dict[int, Any] = {}
+            inputs: Inputs = {}
             try:
                 # The program that makes the status comes first: the others' outputs are written where it says so.
                 for program, group in sorted(zip(programs, groups, strict=True), key=lambda p: last not in p[1]):
@@ -121,7 +124,7 @@ class Runtime:
         return status
 
     def _draw(
-        self, made: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: dict[int, Any]
+        self, made: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
     ) -> Target:
         shader, gl = made.shader, self.context.gl
         count = part.stop - part.start
@@ -129,15 +132,12 @@ class Runtime:
         lent.append((kind, target))
         check(gl, "make the outputs")
         for port in shader.inputs:
-            if port.sampler in made.units:
+            if port.sampler in made.units and port.index not in inputs:
                 array = call.inputs[port.index]
                 alone = len(array) == 1
-                if port.index not in inputs:
-                    lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
-                    inputs[port.index] = lent[-1][1]
-                inputs[port.index].use(made.units[port.sampler])
-                _set(made.program, port.each, 0 if alone else 1)
-        self.bind(made, call)
+                lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
+                inputs[port.index] = lent[-1][1], not alone
+        self.bind(made, call, inputs)
         target.framebuffer.use()
         self.render(made, call.shape, part.start, count, width, reads=True)
         return target
@@ -167,8 +167,13 @@ class Runtime:
         self.context.gl.viewport = (0, first, across, height)
         made.vertices.render(self.context.moderngl.TRIANGLES, 3)
 
-    def bind(self, made: Program, call: Call | DeviceCall) -> None:
-        """Let a program read the tables and params of a call."""
+    def bind(self, made: Program, call: Call | DeviceCall, inputs: Inputs) -> None:
+        """Let a program read the inputs, tables and params of a call."""
+        for port in made.shader.inputs:
+            if port.sampler in made.units:
+                texture, each = inputs[port.index]
+                texture.use(made.units[port.sampler])
+                _set(made.program, port.each, int(each))
         for table in made.shader.tables:
             self._bind_table(made, table, call.tables[table.name])
         for name, (uniform, type) in made.shader.params.items():
@@ -222,7 +227,8 @@ class DeviceRun:
         framebuffers = [framebuffer for _, framebuffer in self._draws]
         weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
         self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
-        self._inputs = [self._folded(own(m)) for m in call.inputs]
+        inputs = [self._folded(own(m)) for m in call.inputs]
+        self._inputs = {k: (memory.texture, memory.count == self._count) for k, memory in enumerate(inputs)}
         tables: dict[str, TableData | TableMemory] = {
             name: TableMemory(self._folded(own(data.memory)), data.shape) if isinstance(data, TableMemory) else data
             for name, data in call.tables.items()
@@ -247,13 +253,7 @@ class DeviceRun:
         for number, (made, framebuffer) in enumerate(self._draws):
             if self._rejects:
                 gl.depth_func = "<" if number else "1"
-            program, units = made.program, made.units
-            for port in made.shader.inputs:
-                if port.sampler in units:
-                    memory = self._inputs[port.index]
-                    memory.texture.use(units[port.sampler])
-                    _set(program, port.each, int(memory.count == self._count))
-            runtime.bind(made, call)
+            runtime.bind(made, call, self._inputs)
             framebuffer.use()
             runtime.render(made, call.shape, 0, self._count, self._width, reads=False)
         if self._rejects:
@@ -264,10 +264,7 @@ def row_length(shape: tuple[int, ...], limit: int) -> int:
     """Return the number of elements in a row of the texture."""
     if len(shape) > 1 and 64 <= shape[-1] <= limit:
         return shape[-1]
-    n = 1
-    for extent in shape:
-        n *= extent
-    return min(n, _ROW)
+    return min(math.prod(shape), _ROW)
 
 
 def uniform_bytes(value: Array, type: Type) -> bytes:
@@ -299,7 +296,7 @@ def _collect(
         if output == len(call.outputs):
             continue
         out = call.outputs[output][part].reshape(-1, type.size)
-        dtype = np.dtype({Base.B: np.uint8, Base.I: np.int32, Base.U: np.uint32}.get(type.base, np.float32))
+        dtype = np.dtype(FORMATS[type.base.value])
         view = out.view(np.uint8) if out.dtype == np.bool_ else out
         if written is None and view.dtype == dtype:
             read(target, attachment, type, view, width)

@@ -173,7 +173,8 @@ _ZERO: Final = "float(min(int(gl_FragCoord.x), 0))"
 """A zero that no driver knows: one may look at the value of a uniform that a loop's condition reads."""
 
 _FOLD_BITS: Final = FOLD.bit_length() - 1
-_SAMPLERS: Final = {Base.F: "sampler2D", Base.I: "isampler2D", Base.U: "usampler2D", Base.B: "usampler2D"}
+KINDS: Final = {Base.F: "", Base.H: "", Base.I: "i", Base.U: "u", Base.B: "u"}
+"""The first letter of the samplers and texels of a base."""
 
 
 def whole_text(declared: Sequence[str], prologue: str, functions: Sequence[str], *, doubles: bool) -> str:
@@ -191,7 +192,7 @@ def uniforms(params: Iterable[Name], tables: Iterable[TableTexture], used: Colle
     """Return the declarations of params, of tables, and of those of the runtime's names that are used."""
     lines = [f"uniform {spelled(p.type)} {p.text};" for p in params]
     for table in tables:
-        lines.append(f"uniform {_SAMPLERS[table.type.base]} {table.sampler};")
+        lines.append(f"uniform {KINDS[table.type.base]}sampler2D {table.sampler};")
         lines.append(f"uniform {spelled(vec(Base.I, table.rank))} {table.shape};")
     ours = {
         zero: f"float {zero} = {_ZERO};  // 0.0, but the driver must not know",
@@ -208,7 +209,7 @@ def uniforms(params: Iterable[Name], tables: Iterable[TableTexture], used: Colle
 def input_uniforms(made: InputTexture) -> list[str]:
     """Return the declarations of an input's uniforms."""
     each = f"uniform int {made.each};  // 0 where one value serves all elements"
-    return [f"uniform {_SAMPLERS[made.type.base]} {made.sampler};", each]
+    return [f"uniform {KINDS[made.type.base]}sampler2D {made.sampler};", each]
 
 
 def output(location: int, type: Type, name: str) -> str:
