@@ -6,6 +6,7 @@ and runs it. It does not see the user's arrays: `Kernel` checks and flattens the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -68,10 +69,7 @@ class Call:
     @property
     def count(self) -> int:
         """The number of elements."""
-        n = 1
-        for extent in self.shape:
-            n *= extent
-        return n
+        return math.prod(self.shape)
 
 
 class Memory(Protocol):
