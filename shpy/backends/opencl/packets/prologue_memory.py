@@ -73,6 +73,11 @@ def element_name(base: Base) -> str:
     return "uchar" if base is Base.B else SCALARS[base]
 
 
+def _pointed(base: Base, size: int) -> str:
+    """Return the type of a table's elements: those of three numbers are padded to four."""
+    return element_name(base) if size == 1 else f"{element_name(base)}{4 if size == 3 else size}"
+
+
 def _place(place: str, size: int, component: int) -> str:
     if size == 1:
         return place
@@ -265,20 +270,22 @@ typedef struct {{
 
     def gather(self, name: str, base: Base, size: int) -> str:
         """Return `sh_gather_f3`, which reads elements of a table; the buffer pads elements of three numbers to four."""
-        lanes, element = self.lanes, element_name(base)
-        held = {3: 4}.get(size, size)
-        pointer = element if held == 1 else f"{element}{held}"
-        result = spelled_wide(rows_of(base, size, lanes))
-        lines = [
+        lanes, result = self.lanes, spelled_wide(rows_of(base, size, self.lanes))
+        return "\n".join([
             "// The elements at these places, which are in range.",
-            f"{INLINE} {result} {name}(__global const {pointer} *a, int{lanes} at) {{",
-        ]
+            f"{INLINE} {result} {name}(__global const {_pointed(base, size)} *a, int{lanes} at) {{",
+            *(f"    {line}" for line in self._gathered(base, size, [f"at{lane_of(k, lanes)}" for k in range(lanes)])),
+            "}",
+        ])  # fmt: skip
+
+    def _gathered(self, base: Base, size: int, places: list[str]) -> list[str]:
+        """Return the statements that load the elements at these places and return them."""
+        element = element_name(base)
         if size == 1:
-            loads = ", ".join(f"a[at{lane_of(k, lanes)}]" for k in range(lanes))
-            return "\n".join([*lines, f"    return {self._loaded(f'({element}{lanes})({loads})', base)};", "}"])
-        places = [f"at{lane_of(k, lanes)}" for k in range(lanes)]
+            loads = ", ".join(f"a[{place}]" for place in places)
+            return [f"return {self._loaded(f'({element}{self.lanes})({loads})', base)};"]
         body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
-        return "\n".join([*lines, f"    {result} v;", *(f"    {line}" for line in body), "    return v;", "}"])
+        return [f"{spelled_wide(rows_of(base, size, self.lanes))} v;", *body, "return v;"]
 
     def near(self, name: str, rank: int, base: Base, size: int, gather: str, flat: str, wrap: str) -> str:
         """Return `sh_near2_f`, which reads a table beside the packet's own place, contiguous elements as a vector.
@@ -286,9 +293,7 @@ typedef struct {{
         The first lane's index tells whether all lanes are in range, because no index wraps around between them. With a
         function to `wrap` indices, indices that are out of range are taken modulo `n`.
         """
-        lanes, element = self.lanes, element_name(base)
-        held = {3: 4}.get(size, size)
-        pointer = element if held == 1 else f"{element}{held}"
+        lanes, pointer = self.lanes, _pointed(base, size)
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
         if rank == 1:
             place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {self.columns}) + (uint)by);"]
@@ -335,10 +340,7 @@ typedef struct {{
             starts = ["a", *(f"a + {f'{r} * ' if r > 1 else ''}{pitch}" for r in rows[1:])]
             loads = ", ".join(f"vload4(0, {start})" for start in starts)
             return [f"return {self._loaded(f'({element}{self.lanes})({loads})', base)};"]
-        result = spelled_wide(rows_of(base, size, self.lanes))
-        places = [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(QUAD)]
-        body = self._pairs(element, base, places) if size == 2 else self._quads(element, base, size, places)
-        return [f"{result} v;", *body, "return v;"]
+        return self._gathered(base, size, [f"{f'{r} * {pitch} + ' if r else ''}{c}" for r in rows for c in range(QUAD)])
 
     def _vload(self, element: str, array: str) -> str:
         """Return the first numbers of an array: `vload16(0, a)`."""
