@@ -332,10 +332,4 @@ class PacketMaker(KernelMaker):
         x, y = (Member(lanes, self.packet, axis) for axis in "xy")
         if self.grid_rank == 1:
             return tree.infix("+", x, tree.infix("*", y, self.row))
-        rest: Expr = y
-        axes: list[Expr] = [x]
-        for axis in "xyzw"[1 : self.grid_rank - 1][::-1]:
-            side = Member(INT, self.grid[SHAPE], axis)
-            axes.insert(0, tree.infix("%", rest, side))
-            rest = tree.infix("/", rest, side)
-        return Construct(type, (rest, *axes))
+        return Construct(type, (*self.split(y, self.grid_rank - 1), x))

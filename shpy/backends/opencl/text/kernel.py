@@ -276,11 +276,6 @@ class KernelMaker(ClUnit):
         found: Block = (Declare(SIZE, element.text, start), outside)
         if (INDEX, "") not in self.needs[self.module.entry.name]:
             return found
-        rest: Expr = element
-        axes: list[Expr] = []
-        for axis in "xyzw"[1 : self.grid_rank][::-1]:  # the last axis runs fastest
-            side = tree.Member(INT, self.grid[SHAPE], axis)
-            axes.insert(0, tree.infix("%", rest, side))
-            rest = tree.infix("/", rest, side)
-        made: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, (rest, *axes))
+        axes = tuple(self.split(element, self.grid_rank))
+        made: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, axes)
         return (*found, Declare(index.type, index.text, made))

@@ -131,6 +131,15 @@ class ClUnit(Unit):
         """Return the grid variables that a function reads."""
         return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs[function]]
 
+    def split(self, flat: Expr, axes: int) -> list[Expr]:
+        """Return the index on each of the first axes of the grid, of which the last one runs fastest."""
+        rest, inner = flat, list[Expr]()
+        for axis in tree.COMPONENTS[1:axes][::-1]:
+            side = tree.Member(INT, self.grid[SHAPE], axis)
+            inner.insert(0, tree.infix("%", rest, side))
+            rest = tree.infix("/", rest, side)
+        return [rest, *inner]
+
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
         needs = self.needs[function]
