@@ -9,12 +9,12 @@ import os
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from shpy.ir.nodes import Call, Let, Module, Stmt
-from shpy.ir.traverse import walk
+from shpy.ir.nodes import Module
+from shpy.ir.traverse import callee_of, walk
+from shpy.passes.size import copies_of
 
 PATIENCE = 5.0
 """Seconds after which a compilation is announced."""
@@ -58,31 +58,12 @@ def describe(module: Module, backend: str) -> str:
 
     Operations count as often as their function is called, and calls of a function that calls others count theirs too.
     """
-    own: dict[str, int] = {}
-    called: dict[str, Counter[str]] = {}
-    whole: dict[str, int] = {}
-    for function in module.functions:  # each after those that it calls
-        names = [_called(s) for s in walk(function.body)]
-        called[function.name] = Counter(name for name in names if name is not None)
-        own[function.name] = names.count(None)
-        whole[function.name] = own[function.name] + sum(whole[n] * k for n, k in called[function.name].items())
-    times: Counter[str] = Counter({module.entry.name: 1})
-    for function in reversed(module.functions):
-        for name, count in called[function.name].items():
-            times[name] += count * times[function.name]
-    del times[module.entry.name]
-    told = f"{whole[module.entry.name]:,} operations"
+    times = copies_of(module)
+    work = {f.name: times[f.name] * sum(callee_of(s) is None for s in walk(f.body)) for f in reversed(module.functions)}
+    told = f"{sum(work.values()):,} operations"
     # The deepest function that most of the work lies in: its callers do nothing but call it.
-    largest = max(times, key=lambda name: times[name] * own[name], default=None)
+    called = (name for name in work if times[name] and name != module.entry.name)
+    largest = max(called, key=work.__getitem__, default=None)
     if largest is not None:
-        share = times[largest] * own[largest]
-        told += f"; {times[largest]:,} call{'s' * (times[largest] != 1)} of {largest} with {share:,} of them"
+        told += f"; {times[largest]:,} call{'s' * (times[largest] != 1)} of {largest} with {work[largest]:,} of them"
     return f"{module.name} for {backend} ({told})"
-
-
-def _called(statement: Stmt) -> str | None:
-    """Return the function that a statement calls."""
-    match statement:
-        case Call(name) | Let(_, "call", _, str(name)):
-            return name
-    return None

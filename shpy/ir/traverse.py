@@ -126,6 +126,21 @@ def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tupl
     return ()
 
 
+def callee_of(statement: Stmt) -> str | None:
+    """Return the function that a statement calls, as an expression or as a statement."""
+    if isinstance(statement, Let):
+        return str(statement.attr) if statement.op == "call" else None
+    return statement.function if isinstance(statement, Call) else None
+
+
+def calls_of(function: Function) -> Iterator[str]:
+    """Yield the names of the functions that a function calls, once for each call in its text."""
+    for statement in walk(function.body):
+        callee = callee_of(statement)
+        if callee is not None:
+            yield callee
+
+
 def defined(function: Function) -> Iterator[Value]:
     """Yield every value of the function: inputs by value first, then the values that statements assign."""
     for port in function.inputs:

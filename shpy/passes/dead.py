@@ -33,7 +33,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import calls_of
 from shpy.passes.rewriter import Functions, each_function
 
 
@@ -52,9 +52,7 @@ def remove_unused_functions(module: Module) -> Module:
     reached = {module.entry.name}
     for function in reversed(module.functions):
         if function.name in reached:
-            reached |= {s.function for s in walk(function.body) if isinstance(s, Call)}
-            calls = (s.attr for s in walk(function.body) if isinstance(s, Let) and s.op == "call")
-            reached |= {c for c in calls if isinstance(c, str)}
+            reached.update(calls_of(function))
     return replace(module, functions=tuple(f for f in module.functions if f.name in reached))
 
 

@@ -42,10 +42,9 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import limited_loops, loops, test_length, variables_of, walk
+from shpy.ir.traverse import callee_of, limited_loops, loops, test_length, variables_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
-from shpy.passes.size import callee_of
 
 DEVICE_TURNS = 65_535
 """The total of iterations after which Mesa's llvmpipe silently stops the loops of an invocation."""

@@ -40,11 +40,11 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import regions_of, results, uses, variables_of, walk
+from shpy.ir.traverse import callee_of, regions_of, results, uses, variables_of, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.exits import may_be_stopped
 from shpy.passes.rewriter import Rewriter
-from shpy.passes.size import callee_of, inlined_sizes
+from shpy.passes.size import inlined_sizes
 
 WORTH_SHARING = 20_000
 """The least number of statements of a program, with all calls inlined, at which calls share code."""

@@ -10,11 +10,11 @@ Stage: improve; it changes nothing. A loop's body counts once.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Container
 
 from shpy.errors import CompileError
-from shpy.ir.nodes import Call, Function, Let, Module, Stmt
-from shpy.ir.traverse import walk
+from shpy.ir.nodes import Let, Module
+from shpy.ir.traverse import calls_of, walk
 
 MOST_STATEMENTS = 100_000
 """The most statements of a program, each function counted once, that a driver's compiler is given."""
@@ -33,21 +33,6 @@ def count_ops(module: Module) -> dict[str, int]:
     return dict(counted.most_common())
 
 
-def callee_of(statement: Stmt) -> str | None:
-    """Return the function that a statement calls, as an expression or as a statement."""
-    if isinstance(statement, Let):
-        return str(statement.attr) if statement.op == "call" else None
-    return statement.function if isinstance(statement, Call) else None
-
-
-def calls_of(function: Function) -> Iterator[str]:
-    """Yield the names of the functions that a function calls, once for each call in its text."""
-    for statement in walk(function.body):
-        callee = callee_of(statement)
-        if callee is not None:
-            yield callee
-
-
 def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
     """Return the number of statements of each function with its calls inlined, except calls of functions in `apart`.
 
@@ -58,6 +43,16 @@ def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:
         own = sum(1 for _ in walk(function.body))
         sizes[function.name] = own + sum(sizes[name] for name in calls_of(function) if name not in apart)
     return sizes
+
+
+def copies_of(module: Module) -> dict[str, int]:
+    """Return how many copies of each function there are with all calls inlined: a loop's body counts once."""
+    copies = dict.fromkeys((f.name for f in module.functions), 0)
+    copies[module.entry.name] = 1
+    for function in reversed(module.functions):
+        for name in calls_of(function):
+            copies[name] += copies[function.name]
+    return copies
 
 
 def kept_apart(module: Module) -> frozenset[str]:
@@ -88,11 +83,7 @@ def check_growth(module: Module, most: int, why: str, apart: Container[str] = ()
     total = max(inlined_sizes(module, apart).values())
     if total <= most or 2 * sum(own.values()) > most:
         return
-    copies = dict.fromkeys(own, 0)
-    copies[module.entry.name] = 1
-    for function in reversed(module.functions):
-        for name in calls_of(function):
-            copies[name] += copies[function.name]
+    copies = copies_of(module)
     worst = sorted((n for n in own if n != module.entry.name), key=lambda n: own[n] * copies[n], reverse=True)
     listed = ", ".join(f"{shortened(name)} {spoken(copies[name])} times" for name in worst[:3])
     raise CompileError(

@@ -14,8 +14,8 @@ from typing import ClassVar
 
 from shpy.backends.emit.names import Names, Target
 from shpy.backends.emit.survey import changed_variables
-from shpy.ir.nodes import Call, Function, Let, Module, Return, Store
-from shpy.ir.traverse import walk
+from shpy.ir.nodes import Function, Let, Module, Return, Store
+from shpy.ir.traverse import callee_of, walk
 
 Need = tuple[str, str]
 """A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
@@ -53,11 +53,11 @@ def needs_of(module: Module, needed: Callable[[Let], Needs] = needed_by) -> dict
     for function in module.functions:  # callees come first
         needs: set[Need] = set()
         for s in walk(function.body):
-            match s:
-                case Let(_, "call", _, str(name)) | Call(name):
-                    needs |= found[name]
-                case Let():
-                    needs |= needed(s)
+            callee = callee_of(s)
+            if callee is not None:
+                needs |= found[callee]
+            elif isinstance(s, Let):
+                needs |= needed(s)
         found[function.name] = frozenset(needs)
     return found
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Call, Discard, Function, Let, Region, Return, Stmt, Store, Variable
-from shpy.ir.traverse import is_straight, results, rewrite, uses, walk
+from shpy.ir.traverse import callee_of, calls_of, is_straight, results, rewrite, uses, walk
 from shpy.ir.types import INTS, Base, Type, vec
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
@@ -178,8 +178,8 @@ class _Slice:
                     loc=here(),
                     cure="SH_DISCARD(c) or SH_RETURN(value, c) outside of the block that computes the value",
                 )
-            called = s.function if isinstance(s, Call) else s.attr if isinstance(s, Let) and s.op == "call" else None
-            if called is not None and self._asks(str(called)):
+            called = callee_of(s)
+            if called is not None and self._asks(called):
                 raise RecordError(
                     f"{self.what} of a value that {called} computes, which asks for the index of this element",
                     loc=here(),
@@ -188,11 +188,9 @@ class _Slice:
 
     def _asks(self, name: str) -> bool:
         """Return whether a function, or one that it calls, reads grid_index."""
-        for s in walk(self.callees[name].body):
-            called = s.function if isinstance(s, Call) else s.attr if isinstance(s, Let) and s.op == "call" else None
-            if (isinstance(s, Let) and s.op == "grid_index") or (called is not None and self._asks(str(called))):
-                return True
-        return False
+        function = self.callees[name]
+        own = any(isinstance(s, Let) and s.op == "grid_index" for s in walk(function.body))
+        return own or any(map(self._asks, calls_of(function)))
 
 
 def _line(s: Return | Discard) -> int | None:
