@@ -180,6 +180,28 @@ def test_matrices():
     assert np.allclose(sh.determinant(sh.Matrix4f(*four)), np.linalg.det(four), rtol=1e-4)
 
 
+@pytest.mark.parametrize("base", "hfdiu")
+def test_the_product_of_a_matrix_and_a_vector_narrows_neither(base):
+    """The entries are binary32: ints and halves widen, and a product with binary64 is of binary64."""
+    wide = "d" if base == "d" else "f"
+    half = sh.Matrix3f() * 0.5
+    vectors = [getattr(sh, f"Attrib3{base}")(3)]
+    vectors += [getattr(sh, f"{kind}3{base}")(3) for kind in ("Point", "Vector", "Normal") if base in "hfd"]
+    for v in vectors:
+        product = half @ v
+        assert type(product) is getattr(sh, f"{type(v).kind}3{wide}")
+        assert value(product) == ([6.0] * 3 if type(v).kind == "Normal" else [1.5] * 3)
+    if base in "hfd":
+        assert type(sh.Matrix4f() @ getattr(sh, f"Point3{base}")(1)) is getattr(sh, f"Point3{wide}")
+
+
+@pytest.mark.parametrize("operate", [lambda m, d: m * d, lambda m, d: d * m, lambda m, d: m - d, lambda m, d: m / d])
+def test_a_matrix_of_binary32_takes_no_number_of_binary64(operate):
+    with pytest.raises(sh.ShpyTypeError, match="Matrix2f of type f would narrow d") as caught:
+        operate(sh.Matrix2f(), sh.Attrib1d(1 / 3))
+    assert caught.value.cure == "the conversion written out, sh.Attrib1f(…)"
+
+
 MATRIX_MISTAKES = {
     "Matrix3f == Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m == m, "sh.all(m[0] == n[0])"),
     "Matrix3f != Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m != sh.Matrix3f(), "sh.any(m[0] != n[0])"),

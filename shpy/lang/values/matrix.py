@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyAttributeError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
-from shpy.ir.types import Base
+from shpy.ir.types import Base, vec
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values import builtins
 from shpy.lang.values.abstract import Symbolic
-from shpy.lang.values.arithmetic import check_index, refuse_operand
+from shpy.lang.values.arithmetic import check_index, check_width, refuse_operand
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.dependent import name_parts
 from shpy.lang.values.value import CLASSES, Value
@@ -227,12 +227,13 @@ class Matrix(Symbolic):
         if v.kind == "Normal" and v.size == 3 and self.size in (3, 4):
             upper = self.size == 3
             linear = self if upper else Matrix3f(*(r.xyz for r in self.rows[:3]))
-            return CLASSES["Normal", 3, v.base](transpose(inverse(linear)) @ CLASSES["Attrib", 3, v.base](v))
+            turned = transpose(inverse(linear)) @ CLASSES["Attrib", 3, v.base](v)
+            return CLASSES["Normal", 3, turned.base](turned)
         if v.kind in ("Point", "Vector") and v.size == self.size - 1:
             entries = [builtins.dot(r[: v.size], v) for r in self.rows[: v.size]]
             if v.kind == "Point":
                 entries = [e + r[v.size] for e, r in zip(entries, self.rows, strict=False)]
-            return CLASSES[v.kind, v.size, v.base](*entries)
+            return CLASSES[v.kind, v.size, entries[0].base](*entries)
         if v.size != self.size:
             one_less = v.size == self.size - 1 and v.size > 1
             raise ShpyTypeError(
@@ -243,14 +244,17 @@ class Matrix(Symbolic):
                 if one_less
                 else f"a vector of {self.size} components, or a Point or Vector of {self.size - 1}",
             )
-        result = CLASSES["Attrib", self.size, v.base](*(builtins.dot(r, v) for r in self.rows))
-        return CLASSES[v.kind, v.size, v.base](result) if v.kind != "Attrib" else result
+        entries = [builtins.dot(r, v) for r in self.rows]
+        result = CLASSES["Attrib", self.size, entries[0].base](*entries)
+        return CLASSES[v.kind, v.size, result.base](result) if v.kind != "Attrib" else result
 
     def _each(self, op: Any, other: Any) -> Any:
         if isinstance(other, Matrix):
             self._same_size(other)
             return self._plain()(*(op(a, b) for a, b in zip(self.rows, other.rows, strict=True)))
         if literal(other) is not None or (isinstance(other, Value) and other.size == 1):
+            if isinstance(other, Value) and other.base is Base.D:  # no matrix holds f64
+                check_width(other, vec(Base.F, 1), type(self).__name__)
             return self._plain()(*(op(a, other) for a in self.rows))
         return NotImplemented
 
