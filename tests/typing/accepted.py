@@ -127,6 +127,21 @@ def operators(a: sh.Attrib3f, c: sh.Color3f, p: sh.Point3f, q: sh.Point3f, n: sh
 
 
 @sh.program
+def precisions(p: sh.Point3f, d: sh.Point3d, v: sh.Vector3h, i: sh.Attrib3i, m: sh.Matrix3f) -> sh.Point3d:
+    assert_type(p - d, sh.Vector3d)
+    assert_type(d - p, sh.Vector3d)
+    assert_type(v + d, sh.Point3d)
+    assert_type(sh.cross(p, d), sh.Point3d)
+    assert_type(sh.cross(d, p), sh.Point3d)
+    assert_type(sh.cross(i, i), sh.Attrib3f)
+    assert_type(sh.normalize(i), sh.Attrib3f)
+    assert_type(m @ d, sh.Point3d)
+    assert_type(m @ v, sh.Vector3f)
+    assert_type(m @ i, sh.Attrib3f)
+    return p + (d - p)
+
+
+@sh.program
 def functions(a: sh.Attrib3f, c: sh.Color3f, i: sh.Attrib1i, u: sh.Attrib1u) -> sh.Color3f:
     assert_type(sh.sin(c), sh.Color3f)
     assert_type(sh.sqrt(2.0 * a.x), sh.Attrib1f)

@@ -18,6 +18,8 @@ def values(c: sh.Color3f, p: sh.Point3f, n: sh.Attrib1i, u: sh.Attrib1u) -> sh.C
     c + p.xy  # mistake
     c & c  # mistake
     n + u  # mistake
+    _ = n < u  # mistake
+    _ = n == u  # mistake
     n += 0.5  # mistake
     (c > 0) + 1  # mistake
     sh.Attrib3f(c, 1)  # mistake
