@@ -359,6 +359,27 @@ def test_programs_may_call_subroutines_that_return_early(target):
         assert sh.reduce(by_subroutine, s) == tree(x, lambda a, b: np.where(a > b, a - b, b * np.float32(0.5)))
 
 
+@sh.program
+def summed(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+def test_a_driver_that_refuses_the_kernel_of_a_tree_runs_the_program(monkeypatch):
+    build = opencl_trees.Machine.build
+
+    def refuse(machine, text, math="strict"):
+        if opencl_trees.FOLD in text:
+            raise machine.cl.RuntimeError("clBuildProgram failed: BUILD_PROGRAM_FAILURE")
+        return build(machine, text, math)
+
+    x = np.random.default_rng(3).standard_normal(100).astype(np.float32)
+    s = sh.Stream(x, sh.Attrib1f, backend="opencl")
+    own_tree.cache_clear()
+    monkeypatch.setattr(opencl_trees.Machine, "build", refuse)
+    assert sh.reduce(summed, s) == tree(x, add)
+    own_tree.cache_clear()
+
+
 def test_a_result_along_an_axis_is_a_stream_of_its_own():
     s = sh.Stream([[1.0], [2.0]], sh.Attrib1f, backend="numpy")
     total = s.sum(axis=1)

@@ -16,6 +16,7 @@ import numpy as np
 
 from shpy.backends.base import Array, NodeTypes, Options
 from shpy.backends.device.probe import refuse_wrong
+from shpy.backends.opencl.device.driver import Machine
 from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.device.targets import PACKET_TARGET
 from shpy.backends.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
@@ -95,7 +96,10 @@ class OpenCLTree:
 
 
 def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
-    """Print and build the kernels; return None for a large program, and for one that may discard or reads more."""
+    """Print and build the kernels.
+
+    Return None for a large program, for one that may discard or reads more, and if the driver refuses the kernels.
+    """
     machine = space.machine
     lanes = machine.lanes
     if lanes == 1:
@@ -110,7 +114,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)
-    if kernel is None or (kernel.doubles and not machine.doubles):
+    if kernel is None or (kernel.doubles and not machine.doubles) or not _builds(machine, kernel.text):
         return None
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
     cores = machine.device.max_compute_units
@@ -122,6 +126,16 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
     brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
     return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
+
+
+def _builds(machine: Machine, text: str) -> bool:
+    """Return whether the driver builds a text. The program itself, which runs otherwise, explains a refusal."""
+    try:
+        with machine.lock:
+            machine.build(text)
+    except machine.cl.Error:
+        return False
+    return True
 
 
 def _buffers(memories: Sequence[Any]) -> list[Any]:
