@@ -120,7 +120,10 @@ class BackendUnavailable(ShpyError):
 
 
 class LoopLimitExceeded(ShpyError):
-    """A loop ran out of its budget of iterations; `result` holds what was computed, `count` how many stopped."""
+    """A loop ran out of its budget of iterations; `result` holds what was computed, `count` how many elements stopped.
+
+    The `count` of a reduction or scan is that of its first dispatch with any, so it differs between devices.
+    """
 
     def __init__(
         self, message: str, *, loc: Loc | None = None, cure: str | None = None, result: Any = None, count: int = 0
