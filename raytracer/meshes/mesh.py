@@ -64,6 +64,8 @@ class Mesh:
 
     def __post_init__(self) -> None:
         _checked(self.material)
+        if not isinstance(self.name, str):
+            raise SceneError(f"the name of a mesh is a str, not {self.name!r}")
         vertices = self._places(self.vertices)
         faces = array_of(f"{self.name}: faces", self.faces)
         if faces.size == 0:

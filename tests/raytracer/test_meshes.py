@@ -135,6 +135,7 @@ def test_moved_turns_about_y_and_moves():
         ((np.zeros((3, 3)), [[0, 1, -1]]), "face 0 names a vertex"),
         ((np.zeros((3, 3)), [[0.0, 1.0, 2.0]]), "integers"),
         ((np.zeros((3, 3)), [[0, 1, 2]], np.zeros((2, 3))), r"\(V, 3\) or \(F, 3, 3\)"),
+        ((np.zeros((3, 3)), [[0, 1, 2]], None, None, Material(), None), "the name of a mesh is a str, not None"),
     ],
 )
 def test_wrong_arrays_are_named(arguments, words):
