@@ -21,6 +21,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
 from raytracer.integrators.layers import checked_size
+from raytracer.integrators.progressive import check_resume
 from raytracer.integrators.renderer import Progress, Renderer, Resume
 from raytracer.scene.scene import Scene
 from raytracer.studies.tradeoff import fastest
@@ -74,7 +75,7 @@ def render(
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
-        return _within(max_error, scene, size, wanted, backend, progress)
+        return _within(max_error, scene, size, wanted, backend, progress, resume)
     return Renderer(scene, integrator=wanted, backend=backend).render(size, progress=progress, resume=resume)
 
 
@@ -107,8 +108,10 @@ def _within(
     wanted: Integrator,
     backend: str | None,
     progress: Progress | None,
+    resume: Resume,
 ) -> Image:
     """Render by the fastest variant that keeps an error."""
+    check_resume(wanted, resume)
     if not (isinstance(wanted, Whitted) and wanted.is_plain):
         raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
     variant, renderer = fastest(scene, max_error, backend, wanted.bounces)

@@ -20,11 +20,9 @@ from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, Prepared, check_alike
 from raytracer.cluster.store import kept
 from raytracer.cluster.tasks import finished, key_of, scattered
-from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
-from raytracer.integrators.integrator import Path
 from raytracer.integrators.layers import whole_size
-from raytracer.integrators.progressive import Layers, resumed
+from raytracer.integrators.progressive import Layers, check_resume, resumed
 from raytracer.integrators.renderer import Progress, Resume, check_scene
 from raytracer.scene.scene import Scene
 
@@ -67,8 +65,7 @@ def render_tiles(
     width, height = whole_size(size)
     check_scene(job.scene, job.integrator)
     _check_programs(job.scene)
-    if resume is not None and not isinstance(job.integrator, Path):
-        raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
+    check_resume(job.integrator, resume)
     layers, tile, done = canvas(width, height), None, 0
     key = key_of(job)
     with scattered(client, job) as sent:

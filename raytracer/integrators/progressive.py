@@ -19,6 +19,7 @@ import numpy as np
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
+from raytracer.integrators.integrator import Integrator, Path
 from raytracer.kernels.path import PathTracer
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
@@ -109,6 +110,12 @@ def passes(
             if progress is not None:
                 progress(number * height + min(top + rows, height), len(starts) * height)
         yield layers, end
+
+
+def check_resume(integrator: Integrator, resume: Any) -> None:
+    """Raise SceneError for a picture to resume with an integrator that adds no samples."""
+    if resume is not None and not isinstance(integrator, Path):
+        raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
 
 
 def resumed(

@@ -29,7 +29,7 @@ from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_c
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
-from raytracer.integrators.progressive import origin_of, passes, resumed
+from raytracer.integrators.progressive import check_resume, origin_of, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.integrators.turns import Turn, in_turn
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
@@ -272,8 +272,7 @@ class Renderer:
         if isinstance(self.integrator, Path):
             *_, image = self.passes(size, camera=camera, samples=samples, progress=progress, resume=resume)
             return image
-        if resume is not None:
-            raise SceneError('resume is for integrator="path": other pictures have no samples to add to')
+        check_resume(self.integrator, resume)
         samples = self._samples(samples)
         _, height = checked_size(size)
         started = time.perf_counter()

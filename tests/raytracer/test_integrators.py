@@ -90,6 +90,7 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
         (lambda: Staged(accel="bvh"), 'accel="grid" or "brute", not "bvh"'),
         (lambda: chosen(Path(), {"bounces": 2}), r"bounces belongs to the integrator: Path\(bounces=2\)"),
         (lambda: render(SCENE, (2, 2), integrator=Staged(), max_error=1.0), "leave the choice to it"),
+        (lambda: render(SCENE, (2, 2), max_error=1.0, resume="a.exr"), 'resume is for integrator="path"'),
     ],
 )
 def test_what_makes_no_integrator_is_an_error(make, message):
