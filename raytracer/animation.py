@@ -10,11 +10,13 @@ are checked before the first frame is rendered.
 from __future__ import annotations
 
 import math
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final, Unpack
 
 import numpy as np
@@ -158,12 +160,14 @@ class _Made:
     def __init__(self, path: Path, text: bytes, folder: str | None = None) -> None:
         self.path, self.text, self.folder = path, text, folder or str(path.resolve().parent)
         sh.files.import_from(self.folder)
-        names: dict[str, Any] = {"__name__": "scene", "__file__": str(path)}
+        module = ModuleType(str(path))
+        module.__file__ = str(path)
+        sys.modules[str(path)] = module  # where dataclasses look for the names in annotations
         try:
-            exec(compile(text, str(path), "exec"), names)  # the user's own file
+            exec(compile(text, str(path), "exec"), vars(module))  # the user's own file
         except Exception as error:
             raise _mistake(path, error) from error
-        self.make = names.get("scene")
+        self.make = getattr(module, "scene", None)
         if not callable(self.make):
             raise SceneError(f"{path} defines no function scene: def scene(time): return raytracer.Scene(...)")
 

@@ -143,6 +143,18 @@ def test_a_file_imports_the_modules_of_its_folder(tmp_path, monkeypatch):
     assert sys.path[0] == str(tmp_path)
 
 
+def test_a_file_may_define_dataclasses(tmp_path, monkeypatch):
+    """They evaluate annotations that are texts in the module that `sys.modules` holds."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "wave.py").write_text(
+        "from __future__ import annotations\nimport dataclasses\nfrom raytracer.animation import animated\n"
+        "@dataclasses.dataclass\nclass Start:\n    time: float = 0.5\n"
+        "def scene(time):\n    return animated(dataclasses.make_dataclass('Late', [], bases=(Start,))().time)\n"
+    )
+    make = pickle.loads(pickle.dumps(made_by(tmp_path / "wave.py")))
+    assert make(0.0).meshes[0].vertices.tolist() == animated(0.5).meshes[0].vertices.tolist()
+
+
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(SceneError, match="there is no file"):
         made_by(tmp_path / "none.py")
