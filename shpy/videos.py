@@ -125,9 +125,10 @@ def _into_folder(folder: Path, frames: int, kept: tuple[int, int] | None, drawn:
 
 
 def _size_of(pillow: Any, path: Path) -> tuple[int, int] | None:
-    """Return the size of a picture, None if there is no file, or no picture in it."""
+    """Return the size of a picture, None if there is no file, or no whole picture in it."""
     try:
         with pillow.open(path) as picture:
+            picture.verify()
             found: tuple[int, int] = picture.size
             return found
     except (OSError, SyntaxError):

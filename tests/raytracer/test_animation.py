@@ -71,6 +71,16 @@ def test_a_folder_is_resumed(tmp_path, monkeypatch):
     assert [(folder / f"000{k}.png").read_bytes() for k in range(3)] == before
 
 
+def test_a_frame_that_ends_too_early_is_drawn_again(tmp_path):
+    folder = tmp_path / "frames"
+    given = {"size": (16, 12), "backend": "numpy"}
+    assert list(animate(animated, folder, 2, **given)) == [1, 2]
+    whole = (folder / "0001.png").read_bytes()
+    (folder / "0001.png").write_bytes(whole[: len(whole) // 2])
+    assert list(animate(animated, folder, 2, resume=True, **given)) == [1, 2]
+    assert (folder / "0001.png").read_bytes() == whole
+
+
 def test_ffmpeg_is_given_every_frame(tmp_path, monkeypatch):
     tool = tmp_path / "ffmpeg"
     tool.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n')
