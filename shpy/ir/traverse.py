@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
+from types import UnionType
 
 from shpy.ir.nodes import (
     Break,
@@ -161,14 +162,18 @@ def variables_of(function: Function) -> Iterator[Variable]:
 
 def continues(loop: Loop) -> bool:
     """Return whether a Continue in the body goes to this loop (not to one nested in it)."""
-    pending: list[Stmt] = list(loop.body)
+    return has_exit(loop.body, Continue)
+
+
+def has_exit(region: Iterable[Stmt], kinds: type | UnionType) -> bool:
+    """Return whether an exit of these kinds stands in a region, outside of the loops in it."""
+    pending = list(region)
     while pending:
-        match pending.pop():
-            case Continue():
-                return True
-            case If(_, then, orelse):
-                pending.extend(then)
-                pending.extend(orelse)
+        s = pending.pop()
+        if isinstance(s, kinds):
+            return True
+        if isinstance(s, If):
+            pending += [*s.then, *s.orelse]
     return False
 
 

@@ -21,9 +21,9 @@ import numpy as np
 
 from shpy.ir.constants import DTYPES, from_array, to_array
 from shpy.ir.meaning import convert
-from shpy.ir.nodes import EXITS, Break, Continue, Function, If, Let, Loop, Module, Region, Stmt, Store
+from shpy.ir.nodes import EXITS, Break, Continue, Function, If, Let, Loop, Module, Region, Store
 from shpy.ir.ops import LANE_OPS, OPS, TRANSCENDENTALS
-from shpy.ir.traverse import variables_of
+from shpy.ir.traverse import has_exit, variables_of
 from shpy.ir.types import Base
 from shpy.passes.identities import simplify
 from shpy.passes.rewriter import Functions, Rewriter, each_function
@@ -141,14 +141,14 @@ class _Fold(Rewriter):
         if loop.turns == 0:
             return
         body = self.region(loop.body)
-        if _leaves(body) and not _targets(body, Continue):
+        if _leaves(body) and not has_exit(body, Continue):
             self._leaving(loop, body)
             return
         continuing = self.region(loop.continuing)
         until = None if loop.until is None else self.alias.get(loop.until, loop.until)
         constant = None if until is None else self.constant(until)
         once = loop.turns == 1 or (constant is not None and constant[0])
-        if once and not _targets(body, Break, Continue):
+        if once and not has_exit(body, Break | Continue):
             self._splice((*body, *continuing))
         else:
             never = constant is not None and not constant[0]
@@ -157,7 +157,7 @@ class _Fold(Rewriter):
     def _leaving(self, loop: Loop, body: Region) -> None:
         """Emit a loop whose body always leaves it at its end: there is one iteration, and no `continuing`."""
         inside = body[:-1] if isinstance(body[-1], Break) else body
-        if _targets(inside, Break):
+        if has_exit(inside, Break):
             self.emit(Loop(body, (), None, loop.turns, loop.loc))
         else:
             self._splice(inside)
@@ -178,15 +178,3 @@ _STRUCTURAL = frozenset({"convert", "half"}) | LANE_OPS
 
 def _leaves(region: Region) -> bool:
     return bool(region) and isinstance(region[-1], EXITS)
-
-
-def _targets(region: Region, *kinds: type[Stmt]) -> bool:
-    """Return whether this body of a loop contains an exit of one of these kinds outside inner loops."""
-    pending = list(region)
-    while pending:
-        s = pending.pop()
-        if isinstance(s, kinds):
-            return True
-        if isinstance(s, If):
-            pending += [*s.then, *s.orelse]
-    return False

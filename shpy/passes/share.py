@@ -40,7 +40,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import callee_of, regions_of, results, uses, variables_of, walk
+from shpy.ir.traverse import callee_of, has_exit, regions_of, results, uses, variables_of, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.exits import may_be_stopped
 from shpy.passes.rewriter import Rewriter
@@ -355,11 +355,9 @@ class _Iterations:
                 work.alias[kept] = work.load(slot, self.types[kept])
 
 
-def _leaves(s: Stmt, in_loop: bool = False) -> bool:
+def _leaves(s: Stmt) -> bool:
     """Return whether a statement may leave the region around it, other than by a Discard."""
-    if isinstance(s, Return) or (isinstance(s, (Break, Continue)) and not in_loop):
-        return True
-    return any(_leaves(t, in_loop or isinstance(s, Loop)) for region in regions_of(s) for t in region)
+    return has_exit((s,), Break | Continue) or any(isinstance(t, Return) for t in walk((s,)))
 
 
 def _inner_depths(module: Module) -> dict[str, int]:

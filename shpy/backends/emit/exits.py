@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from types import UnionType
 from typing import Final
 
 from shpy.backends.emit.operations import COMPARISONS
@@ -25,7 +24,7 @@ from shpy.backends.emit.plan import is_whole
 from shpy.backends.emit.survey import changed_variables
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Break, Call, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import has_exit, walk
 
 _STEPPED: Final = frozenset({"load", "add", "sub", "neg", "swizzle", "component", "construct", "splat"})
 """Operations whose results step as their operands do, so that a driver may count by them."""
@@ -162,7 +161,7 @@ def _decisions(region: Sequence[Stmt], leaves_after: bool) -> Iterator[tuple[int
             for branch, holds in ((s.then, True), (s.orelse, False)):
                 if _leaves(branch):
                     yield s.condition, holds
-                if leaves_after and _has(branch, Continue):
+                if leaves_after and has_exit(branch, Continue):
                     yield s.condition, not holds
                 yield from _decisions(branch, leaves_after)
         leaves_after = leaves_after or _leaves((s,))
@@ -170,11 +169,4 @@ def _decisions(region: Sequence[Stmt], leaves_after: bool) -> Iterator[tuple[int
 
 def _leaves(region: Sequence[Stmt]) -> bool:
     """Return whether a statement of the region leaves the loop around it, the function, or ends the element."""
-    return _has(region, Break | Return | Discard)
-
-
-def _has(region: Sequence[Stmt], kind: type | UnionType) -> bool:
-    """Return whether the region has a statement of a kind, outside of loops in it."""
-    return any(
-        isinstance(s, kind) or (isinstance(s, If) and (_has(s.then, kind) or _has(s.orelse, kind))) for s in region
-    )
+    return has_exit(region, Break | Return | Discard)

@@ -22,8 +22,8 @@ from typing import Final
 from shpy.backends.emit.operations import OPERATORS
 from shpy.backends.emit.survey import Place, Survey, changed_variables
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Break, Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
-from shpy.ir.traverse import defined, results, uses, variables_of
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
+from shpy.ir.traverse import defined, results, test_length, uses, variables_of
 from shpy.ir.types import Base
 
 MAX_DEPTH: Final = 32
@@ -430,12 +430,8 @@ def is_whole(store: Store) -> bool:
 
 def leading_test(body: Region) -> int | None:
     """Return the index of the `If(c) { Break }` that comes after nothing but Lets."""
-    at = next((i for i, s in enumerate(body) if not isinstance(s, Let)), None)
-    if at is None:
-        return None
-    test = body[at]
-    breaks = isinstance(test, If) and not test.orelse and len(test.then) == 1 and isinstance(test.then[0], Break)
-    return at if breaks else None
+    at = test_length(body) - 1
+    return at if at >= 0 and all(isinstance(s, Let) for s in body[:at]) else None
 
 
 def is_step(region: Region) -> bool:

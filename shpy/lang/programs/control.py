@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import Any
 
 from shpy.errors import RecordError
-from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Loop, Region, Return, Stmt, Store
-from shpy.ir.traverse import walk
+from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Region, Return, Stmt, Store
+from shpy.ir.traverse import has_exit, walk
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.library import trip_count
@@ -314,14 +314,4 @@ def SH_RETURN(value: Any = None, c: Any = None, *, through: bool = False) -> Non
 
 def _can_end(region: Region) -> bool:
     """Return whether a break of this loop, a return or a discard stands in it."""
-    for statement in region:
-        match statement:
-            case Break() | Return() | Discard():
-                return True
-            case If(_, then, orelse):
-                if _can_end(then) or _can_end(orelse):
-                    return True
-            case Loop():
-                if any(isinstance(inner, Return | Discard) for inner in walk((statement,))):
-                    return True
-    return False
+    return has_exit(region, Break) or any(isinstance(s, Return | Discard) for s in walk(region))

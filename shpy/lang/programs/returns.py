@@ -10,7 +10,7 @@ from typing import Any
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import EXITS, Break, If, Let, Loc, Loop, Region, Return
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import has_exit, walk
 from shpy.lang.recording.location import called_frames, here, loc_in
 from shpy.lang.recording.recorder import Frame, Scope
 from shpy.lang.values import arithmetic
@@ -174,10 +174,5 @@ def ends(region: Region) -> bool:
         case If(_, then, orelse):
             return ends(then) and ends(orelse)
         case Loop(body, _, until):
-            return until is None and not _breaks(body)
+            return until is None and not has_exit(body, Break)
     return isinstance(last, EXITS)
-
-
-def _breaks(region: Region) -> bool:
-    """Return whether a loop body contains a Break that ends this loop, not an inner one."""
-    return any(isinstance(s, Break) or (isinstance(s, If) and (_breaks(s.then) or _breaks(s.orelse))) for s in region)
