@@ -19,7 +19,6 @@ from shpy.backends.emit.spell_python import dtype
 from shpy.backends.emit.structure import Body
 from shpy.backends.emit.tree import BOOL, INT, Construct, Expr, Index, Literal, Member, Method, Name, Operator, Tuple
 from shpy.ir import meaning
-from shpy.ir.constants import to_array
 from shpy.ir.nodes import Let
 from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.types import Base, Type
@@ -226,17 +225,6 @@ class NumpyOperations(Body):
         if shifts and self.types[let.args[0]] is self.types[let.args[1]] and self.known.within(let.args[1], 0, 31):
             return True
         return isinstance(right, Literal) and (0 <= right.value < 32 if shifts else right.value not in (0, -1))
-
-    def op_const(self, let: Let) -> Expr:
-        """Return a literal, or a vector written out."""
-        type, bits = let.value.type, let.attr
-        assert isinstance(bits, tuple)
-        with np.errstate(all="ignore"):
-            exact = to_array(type, bits)
-        if type.size == 1:
-            return Literal(type, exact.item())
-        same = len(set(bits)) == 1
-        return Construct(type, tuple([Literal(type.scalar, c) for c in exact.tolist()[: 1 if same else None]]))
 
     def converted(self, e: Expr, source: Type, target: Type) -> Expr:
         """Return the conversion to another base."""
