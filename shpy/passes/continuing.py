@@ -19,10 +19,10 @@ In a loop without a Continue, A simply follows the body.
 from __future__ import annotations
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Break, Continue, If, Loop, Region, Variable
+from shpy.ir.nodes import Break, Continue, If, Loop, Region, Stmt
 from shpy.ir.traverse import continues
 from shpy.ir.types import Base, vec
-from shpy.passes.rewriter import falls_through
+from shpy.passes.rewriter import falls_through, map_exits
 
 
 def without_continuing(b: Builder, loop: Loop) -> Loop:
@@ -44,9 +44,17 @@ def in_one_iteration(b: Builder, loop: Loop) -> Loop:
         last = () if plain.until is None else (If(plain.until, (Break(loop.loc),), (), loop.loc),)
         loop = Loop((*plain.body, *last), (), None, loop.turns, loop.loc)
     left = b.variable(vec(Base.B), name="left")
+
+    def leave(s: Stmt) -> Region:
+        b.push()
+        if isinstance(s, Break):
+            b.store(left, b.const(left.type, [True]), loc=s.loc)
+        b.append(Break(s.loc) if isinstance(s, Continue) else s)
+        return b.pop()
+
     b.push()
     b.store(left, b.const(left.type, [False]))
-    body = _leaving(b, loop.body, left)
+    body = map_exits(loop.body, leave)
     if falls_through(body):
         body = (*body, Break(loop.loc))
     b.append(Loop(body, (), None, 1, loop.loc))
@@ -54,19 +62,3 @@ def in_one_iteration(b: Builder, loop: Loop) -> Loop:
         b.exit(Break)
     b.extend(loop.continuing)
     return Loop(b.pop(), (), loop.until, loop.turns, loop.loc)
-
-
-def _leaving(b: Builder, region: Region, left: Variable) -> Region:
-    b.push()
-    for s in region:
-        match s:
-            case Break():
-                b.store(left, b.const(left.type, [True]), loc=s.loc)
-                b.append(s)
-            case Continue(loc):
-                b.append(Break(loc))
-            case If(condition, then, orelse, loc):
-                b.append(If(condition, _leaving(b, then, left), _leaving(b, orelse, left), loc))
-            case _:
-                b.append(s)
-    return b.pop()

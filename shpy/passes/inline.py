@@ -33,7 +33,6 @@ from shpy.ir.nodes import (
     Module,
     Region,
     Return,
-    Stmt,
     Value,
     Variable,
 )
@@ -41,7 +40,7 @@ from shpy.ir.traverse import Copy, regions_of, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.continuing import without_continuing
 from shpy.passes.returns import returns_outside_loops
-from shpy.passes.rewriter import falls_through
+from shpy.passes.rewriter import falls_through, map_exits
 from shpy.passes.size import check_growth
 
 _MOST_STATEMENTS = 50_000
@@ -124,7 +123,9 @@ class _Inliner:
                 self._zero(own)
         body = without_returns(callee.body)
         if body is None:
-            body = (Loop(_breaking(callee.body, last=True), (), None, 1, call.loc),)
+            body = map_exits(callee.body, lambda s: (Break(s.loc),) if isinstance(s, Return) else (s,))
+            last = () if body and isinstance(body[-1], EXITS) else (Break(),)
+            body = (Loop((*body, *last), (), None, 1, call.loc),)
         self.b.extend(copy.region(body))
         for result, output in zip(call.results, callee.outputs, strict=True):
             self.b.append(Let(result, "load", (), copy.slots[output.id]))
@@ -172,17 +173,3 @@ def without_returns(region: Region, guards: int = _DEEPEST_GUARD) -> Region | No
             return None
         return (*region[:n], If(s.condition, new_then, new_orelse, s.loc))
     return region
-
-
-def _breaking(region: Region, *, last: bool) -> Region:
-    """Return the region as the body of a loop of one iteration, with a Break for each Return and at the end."""
-    made: list[Stmt] = []
-    for s in region:
-        if isinstance(s, Return):
-            s = Break(s.loc)
-        elif isinstance(s, If):
-            s = If(s.condition, _breaking(s.then, last=False), _breaking(s.orelse, last=False), s.loc)
-        made.append(s)
-    if last and not (made and isinstance(made[-1], EXITS)):
-        made.append(Break())
-    return tuple(made)

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Break, Call, Discard, Function, If, Loop, Region, Return, Value, Variable
+from shpy.ir.nodes import Break, Call, Discard, Function, Loop, Region, Return, Stmt, Value, Variable
 from shpy.ir.traverse import Copy, continues, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.inline import without_returns
-from shpy.passes.rewriter import falls_through
+from shpy.passes.rewriter import falls_through, map_exits
 
 OTHER: Final = "other_"
 """The prefix of names for the other lane."""
@@ -109,25 +109,19 @@ class _Parts:
 
 def _iteration(b: Builder, loop: Loop, going: Variable) -> Region:
     """Return an iteration that stores false in `going` and returns where the loop breaks."""
-    body = _leaving(b, loop.body, going)
+
+    def leave(s: Stmt) -> Region:
+        if not isinstance(s, Break):
+            return (s,)
+        b.push()
+        b.store(going, b.const(_BOOL, [False]), loc=s.loc)
+        b.exit(Return, s.loc)
+        return b.pop()
+
+    body = map_exits(loop.body, leave)
     if not falls_through(body):
         return body
     b.push()
     if loop.until is not None:
         b.store(going, b.let("not", loop.until), loc=loop.loc)
     return (*body, *loop.continuing, *b.pop())
-
-
-def _leaving(b: Builder, region: Region, going: Variable) -> Region:
-    """Return the region with the store and a Return in the place of each Break of its loop."""
-    b.push()
-    for s in region:
-        match s:
-            case Break(loc):
-                b.store(going, b.const(_BOOL, [False]), loc=loc)
-                b.exit(Return, loc)
-            case If(condition, then, orelse, loc):
-                b.append(If(condition, _leaving(b, then, going), _leaving(b, orelse, going), loc))
-            case _:
-                b.append(s)
-    return b.pop()

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 from shpy.ir.constants import encode
 from shpy.ir.nodes import EXITS, Attr, Call, Function, If, Let, Loc, Loop, Module, Region, Stmt, Store, Value
-from shpy.ir.traverse import defined
+from shpy.ir.traverse import defined, map_regions
 from shpy.ir.types import Type
 
 Functions = Mapping[str, Function]
@@ -160,6 +160,15 @@ def each_function(module: Module, f: Callable[[Function, Functions], Function]) 
     for name, function in functions.items():
         functions[name] = f(function, functions)
     return replace(module, functions=tuple(functions.values()))
+
+
+def map_exits(body: Region, f: Callable[[Stmt], Region]) -> Region:
+    """Return the body of a loop, or of a function, with each exit outside of inner loops replaced by what `f` gives."""
+    made: list[Stmt] = []
+    for s in body:
+        inner = map_regions(s, lambda r: map_exits(r, f)) if isinstance(s, If) else s
+        made += f(s) if isinstance(s, EXITS) else (inner,)
+    return tuple(made)
 
 
 def falls_through(region: Region) -> bool:
