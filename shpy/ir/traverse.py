@@ -127,6 +127,17 @@ def uses(statement: Stmt, callees: Mapping[str, Function] | None = None) -> tupl
     return ()
 
 
+def changed_variables(statement: Stmt, callees: Mapping[str, Function]) -> tuple[int, ...]:
+    """Return the variables that the statement itself may change: the one that it stores, or those that it hands on."""
+    match statement:
+        case Store(variable):
+            return (variable,)
+        case Call(name, args):
+            inputs = callees[name].inputs
+            return tuple(a for a, port in zip(args, inputs, strict=True) if isinstance(port, Variable))
+    return ()
+
+
 def callee_of(statement: Stmt) -> str | None:
     """Return the function that a statement calls, as an expression or as a statement."""
     if isinstance(statement, Let):

@@ -24,8 +24,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from shpy.ir.constants import encode
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Store, Value, Variable
-from shpy.ir.traverse import continues, regions_of, variables_of
+from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Store, Value
+from shpy.ir.traverse import changed_variables, continues, regions_of, variables_of
 from shpy.passes.dead import remove_dead
 from shpy.passes.dead_stores import remove_dead_stores
 from shpy.passes.rewriter import Functions, Rewriter, each_function, falls_through
@@ -192,10 +192,9 @@ class _Forward(Rewriter):
         self.emit(replace(call, results=tuple(map(self._named, call.results))))
         for result in call.results:
             self._born[result.id] = len(self._born)
-        for argument, port in zip(call.args, self.functions[call.function].inputs, strict=True):
-            if isinstance(port, Variable):
-                self.unresolved.add(argument)
-                self._set(argument, None)
+        for variable in changed_variables(call, self.functions):
+            self.unresolved.add(variable)
+            self._set(variable, None)
 
     def branch(self, branch: If) -> None:
         mark, since = len(self._journal), len(self._born)
@@ -235,12 +234,8 @@ def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]
     """Return the variables that the region stores into; enter those of each Loop in it into `found`, by identity."""
     stored: set[int] = set()
     for s in region:
-        if isinstance(s, Store):
-            stored.add(s.variable)
-        elif isinstance(s, Call):
-            ports = functions[s.function].inputs
-            stored.update(a for a, p in zip(s.args, ports, strict=True) if isinstance(p, Variable))
-        elif isinstance(s, (If, Loop)):
+        stored.update(changed_variables(s, functions))
+        if isinstance(s, (If, Loop)):
             inside: set[int] = set()
             for inner in regions_of(s):
                 inside |= _find_stored(inner, functions, found)

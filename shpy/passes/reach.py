@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Module, Region, Store, Variable
-from shpy.ir.traverse import regions_of, results
+from shpy.ir.traverse import changed_variables, regions_of, results
 from shpy.ir.types import Base, Type
 
 _ROUNDS: Final = 4
@@ -117,7 +117,7 @@ class _Finder:
                         slots.held[variable] = _join(slots.held.get(variable, stored), stored)
                 case Call(name, args):
                     inputs = list(zip(args, self.functions[name].inputs, strict=True))
-                    slots.opaque |= {arg for arg, i in inputs if isinstance(i, Variable)}
+                    slots.opaque.update(changed_variables(s, self.functions))
                     given = [_unknown(i.type) if isinstance(i, Variable) else values[a] for a, i in inputs]
                     found_each = self.function(self.functions[name], given)
                     values.update(zip((r.id for r in results(s)), found_each, strict=True))

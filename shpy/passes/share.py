@@ -40,7 +40,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import callee_of, has_exit, regions_of, results, uses, variables_of, walk
+from shpy.ir.traverse import callee_of, changed_variables, has_exit, regions_of, results, uses, variables_of, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.exits import may_be_stopped
 from shpy.passes.rewriter import Rewriter
@@ -178,8 +178,7 @@ class _Sharing(Rewriter):
     def _key(self, s: Stmt) -> tuple[object, ...]:
         """Return the key by which calls are grouped into a loop: the function and the variables passed by reference."""
         if isinstance(s, Call):
-            ports = self.functions[s.function].inputs
-            return s.function, *(a for a, p in zip(s.args, ports, strict=True) if isinstance(p, Variable))
+            return s.function, *changed_variables(s, self.functions)
         return (callee_of(s),)
 
     # The loop

@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from shpy.backends.emit.names import Names, Target
-from shpy.backends.emit.survey import changed_variables
 from shpy.ir.nodes import Function, Let, Module, Return, Store
-from shpy.ir.traverse import callee_of, walk
+from shpy.ir.traverse import callee_of, changed_variables, walk
 
 Need = tuple[str, str]
 """A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""

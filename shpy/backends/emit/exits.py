@@ -21,10 +21,9 @@ from typing import Final
 
 from shpy.backends.emit.operations import COMPARISONS
 from shpy.backends.emit.plan import is_whole
-from shpy.backends.emit.survey import changed_variables
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Break, Call, Continue, Discard, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
-from shpy.ir.traverse import has_exit, walk
+from shpy.ir.traverse import changed_variables, has_exit, walk
 
 _STEPPED: Final = frozenset({"load", "add", "sub", "neg", "swizzle", "component", "construct", "splat"})
 """Operations whose results step as their operands do, so that a driver may count by them."""

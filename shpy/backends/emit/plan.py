@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from shpy.backends.emit.operations import OPERATORS
-from shpy.backends.emit.survey import Place, Survey, changed_variables
+from shpy.backends.emit.survey import Place, Survey
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
-from shpy.ir.traverse import defined, results, test_length, uses, variables_of
+from shpy.ir.traverse import changed_variables, defined, results, test_length, uses, variables_of
 from shpy.ir.types import Base
 
 MAX_DEPTH: Final = 32

@@ -10,16 +10,14 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
-from shpy.ir.traverse import regions_of, uses
+from shpy.ir.nodes import Function, If, Let, Loop, Region, Return, Stmt, Store, Variable
+from shpy.ir.traverse import changed_variables, regions_of, uses
 
 Place = tuple[int, int]
 """A statement: the number of its region, and its index in it."""
 
 REPEATED: Final = frozenset({"load", "param", "table_size", "grid_index", "grid_shape"})
 """Operations that only name something: written at every use."""
-
-_NONE: Final[frozenset[int]] = frozenset()
 
 
 class Survey:
@@ -92,7 +90,7 @@ class Survey:
             changed = frozenset().union(*(self.stored_in[r] for r in inner))
             self.stored[number, index] = changed
         else:
-            changed = changed_variables(s, self.callees)
+            changed = frozenset(changed_variables(s, self.callees))
             for variable in (*changed, *(self._outputs if isinstance(s, Return) else ())):
                 self.touched.setdefault(variable, {})[number, index] = None
         stored |= changed
@@ -194,14 +192,3 @@ class Survey:
     def _outside_loops(self, region: int) -> int:
         """Return the region that holds the outermost loop around this one; itself if there is none."""
         return next((at[0] for at in self._around[region] if isinstance(self.statement(at), Loop)), region)
-
-
-def changed_variables(s: Stmt, callees: Mapping[str, Function]) -> frozenset[int]:
-    """Return the variables that the statement itself may change."""
-    match s:
-        case Store(variable):
-            return frozenset({variable})
-        case Call(name, args):
-            inputs = callees[name].inputs
-            return frozenset(a for a, port in zip(args, inputs, strict=True) if isinstance(port, Variable))
-    return _NONE
