@@ -160,9 +160,9 @@ class _Made:
     def __init__(self, path: Path, text: bytes, folder: str | None = None) -> None:
         self.path, self.text, self.folder = path, text, folder or str(path.resolve().parent)
         sh.files.import_from(self.folder)
-        module = ModuleType(str(path))
+        module = ModuleType(str(path.resolve()))  # no importable module has this name
         module.__file__ = str(path)
-        sys.modules[str(path)] = module  # where dataclasses look for the names in annotations
+        sys.modules[module.__name__] = module  # where dataclasses look for the names in annotations
         try:
             exec(compile(text, str(path), "exec"), vars(module))  # the user's own file
         except Exception as error:
