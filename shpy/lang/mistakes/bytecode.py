@@ -242,7 +242,7 @@ def _line_of_store(code: CodeType, start: int, end: int, place: Place) -> int:
     """Return the line on which a block, from offset to offset, binds the place; for an item, the first that stores."""
     inside = [i for i in _instructions(code) if start < i.offset <= end]
     if place.key is not None:
-        stores = [i for i in inside if i.opname == "STORE_SUBSCR"]
+        stores = [i for i in inside if i.opname in ("STORE_SUBSCR", "STORE_SLICE")]
     else:
         stores = [i for i in inside if "STORE" in _effects(i, place)]
     return next((_line(i, code) for i in (*stores, *inside)), code.co_firstlineno)
