@@ -234,8 +234,9 @@ def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]
     """Return the variables that the region stores into; enter those of each Loop in it into `found`, by identity."""
     stored: set[int] = set()
     for s in region:
-        stored.update(changed_variables(s, functions))
-        if isinstance(s, (If, Loop)):
+        if isinstance(s, (Store, Call)):
+            stored.update(changed_variables(s, functions))
+        elif isinstance(s, (If, Loop)):
             inside: set[int] = set()
             for inner in regions_of(s):
                 inside |= _find_stored(inner, functions, found)
