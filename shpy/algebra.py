@@ -16,7 +16,7 @@ from typing import Any
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Module, Port
-from shpy.lang.data.params import Param, constants_for, listed
+from shpy.lang.data.params import Param, constant_of, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.inline import call_recorded
@@ -305,6 +305,8 @@ def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
 def _constant(type_: InputType, name: str, value: Any) -> Any:
     if isinstance(type_, TableType | TextureType):
         return _uniform(name, type_, value)
+    if isinstance(type_, Leaf):
+        constant_of(type_.cls, value, f"the input {name}")  # refuses 2.5 for an int, which a constructor truncates
     return type_.cls(value) if isinstance(type_, Leaf | Rows) else value
 
 

@@ -253,3 +253,26 @@ def test_errors_of_a_called_program_name_the_users_line_and_a_type_as_it_is_writ
     assert caught.value.loc is not None
     assert (caught.value.loc.file, caught.value.loc.line) == (__file__, other.__code__.co_firstlineno + 1)
     assert caught.value.cure == "sh.Table(array, Ray)"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("n", 2.5, "the input n: it takes ints, not 2.5"),
+        ("n", True, "the input n: it takes ints, not True"),
+        ("v", (1, 2.5), "the input v: it takes ints, not 2.5"),
+        ("b", 1, "the input b: it takes bools, not 1"),
+        ("x", False, "the input x: it takes numbers, not False"),
+    ],
+)
+def test_a_specialised_input_takes_what_a_run_takes(name, value, message):
+    @sh.program
+    def given(n: sh.Attrib1i, v: sh.Attrib2u, b: sh.Attrib1b, x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.cond(b, x * n, x + v.x)
+
+    with pytest.raises(sh.ShpyTypeError, match=message) as caught:
+        given.specialize(**{name: value})
+    assert caught.value.loc.file == __file__
+    with pytest.raises(sh.ShpyTypeError):
+        given.bind(**{name: value})
+    assert given.specialize(n=np.int64(2), b=np.True_, x=1)((3, 4)) == 2
