@@ -320,3 +320,25 @@ def test_a_lambda_cannot_annotate_its_inputs():
     with pytest.raises(sh.RecordError, match="the input x is not annotated") as caught:
         sh.program(lambda x: x)
     assert caught.value.cure == "def f(x: sh.Attrib1f): …"
+
+
+def bare(x: sh.Attrib1f):
+    with SH_IF(x > 0):
+        SH_RETURN()
+    return x
+
+
+def bare_under_a_condition(x: sh.Attrib1f):
+    SH_RETURN(None, x > 0)
+    return x
+
+
+@pytest.mark.parametrize(("body", "line"), [(bare, 2), (bare_under_a_condition, 1)])
+def test_a_return_without_a_value_before_one_with_a_value(body, line):
+    def case(x: sh.Attrib1f):
+        return sh.subroutine(body)(x)
+
+    for recorded in (body, case):
+        with pytest.raises(sh.RecordError, match="gives back a value, and SH_RETURN here has none") as caught:
+            sh.program(recorded)
+        assert caught.value.loc.line == body.__code__.co_firstlineno + line

@@ -32,6 +32,7 @@ class Returns:
         self.source = "is annotated with ->" if layout is not None else "its first return gives"
         self.what = what
         self.bodies = bodies
+        self._without_value: Loc | None = None
         self._wrapped_at = 0
         self._wrappers: set[Loc] = set()
         self.slots: list[int] = []
@@ -87,10 +88,11 @@ class Returns:
     def store(self, value: Any) -> None:
         """Store the value's leaves into the outputs; without an annotation the first value determines their types."""
         if value is None:
-            if self.layout is not None:
-                raise RecordError(
-                    f"{self.what} gives back a value, and SH_RETURN here has none", loc=here(), cure="SH_RETURN(value)"
-                )
+            self._without_value = self._without_value or here()
+        if self._without_value is not None and (self.layout is not None or value is not None):
+            text = f"{self.what} gives back a value, and SH_RETURN here has none"
+            raise RecordError(text, loc=self._without_value, cure="SH_RETURN(value)")
+        if value is None:
             return
         if self.layout is None:
             self.layout = layout_from(value, self.what)
