@@ -116,6 +116,7 @@ class Material:
             program = getattr(self, name)
             if program is not None and not callable(program):
                 raise SceneError(f"a material's {name} is a function or a program, not {program!r}")
+            object.__setattr__(self, name, _hashable(program))
         if not isinstance(self.cutout, Texture | None):
             raise SceneError(
                 f"a material's cutout is a Texture or None, not {self.cutout!r}; a surface that is clear all over has "
@@ -152,6 +153,15 @@ class Material:
         """True if any point of the surface can mirror or be clear."""
         numbers = self.numbers
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
+
+
+def _hashable(program: Any) -> Any:
+    """Return a program by which scenes are searched: for an object without a hash, such as a dataclass, its method."""
+    try:
+        hash(program)
+    except TypeError:
+        return program.__call__
+    return program
 
 
 PLAIN: Final = Material()

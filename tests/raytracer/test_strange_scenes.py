@@ -1,5 +1,7 @@
 """Scenes that are rarely made: mirrors that shine, mirrored meshes, numbers at the ends of their range."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -160,6 +162,33 @@ def test_a_surface_that_returns_early_names_ways_that_work(surface):
     assert np.array_equal(shown(late), shown(early_program))
 
 
-def shown(surface):
-    scene = Scene([floor(2, Material(surface=surface, specular=0))], [DirectionalLight((0, -1, 0))], Camera((0, 3, 1)))
+@dataclasses.dataclass
+class Stripes:
+    """It has no hash, as a dataclass that can be changed."""
+
+    width: float
+
+    def __call__(self, hit: Hit) -> Surface:
+        return Surface(color=(self.width, 0, 0))
+
+
+@dataclasses.dataclass
+class Steps:
+    count: float
+
+    def __call__(self, surface: Surface, light: sh.Vector3f) -> sh.Color3f:
+        return surface.color * self.count
+
+
+def test_programs_may_be_objects_without_a_hash():
+    assert np.array_equal(shown(Stripes(0.5)), shown(lambda hit: Surface(color=(0.5, 0, 0))))
+    assert np.array_equal(shown(None, Steps(3.0)), shown(None, lambda surface, light: surface.color * 3.0))
+
+
+def shown(surface, shade=None):
+    scene = Scene(
+        [floor(2, Material(surface=surface, shade=shade, specular=0))],
+        [DirectionalLight((0, -1, 0))],
+        Camera((0, 3, 1)),
+    )
     return render(scene, (4, 4), backend="numpy").pixels
