@@ -89,6 +89,33 @@ def join_strips(scene: Any) -> None:
         )
 
 
+def completed(mesh: Mesh, part: Any) -> Mesh:
+    """Return the mesh of a PLY file with what trimesh leaves out beside uv coordinates.
+
+    That is colours, and the uv coordinates of corners in lists, of which `part` has those of one corner of each vertex.
+    """
+    raw = part.metadata.get("_ply_raw", {})
+    found = {}
+    lists = _column(raw, "face", "texcoord")
+    if np.shape(lists) == (len(mesh), 6):
+        found["uv"] = lists.reshape(-1, 3, 2)
+    for element in ("vertex", "face") if mesh.colors is None else ():
+        columns = [_column(raw, element, name) for name in ("red", "green", "blue")]
+        if "colors" not in found and all(column is not None for column in columns):
+            colors = _linear(np.column_stack(columns))
+            found["colors"] = colors if element == "vertex" else np.repeat(colors[:, None], 3, axis=1)
+    return replace(mesh, **found) if found else mesh
+
+
+def _column(raw: Any, element: str, name: str) -> Any:
+    """Return the numbers of a property of a PLY file, (N,) or of lists (N, L); None where the file has none."""
+    held = raw.get(element, {})
+    if name not in held.get("properties", ()) or not held.get("length"):
+        return None
+    numbers = held["data"][name]
+    return numbers["f1"] if numbers.dtype.names else numbers  # a binary list has its length before it
+
+
 def _strip(order: NDArray[Any]) -> NDArray[np.int64]:
     """Return the triangles (F, 3) of vertices in strips, between which a negative number stands.
 

@@ -27,7 +27,7 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.contents import READABLE, text_of
 from raytracer.meshes.folder import Folder, Notices, shown
-from raytracer.meshes.from_trimesh import join_strips, parts_of, texture_file
+from raytracer.meshes.from_trimesh import completed, join_strips, parts_of, texture_file
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
@@ -252,9 +252,12 @@ def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool)
 
     kind = path.suffix.lower()
     readable = BytesIO(READABLE[kind](data, notices))
-    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True)
+    given: Any = {"fix_texture": False} if kind == ".ply" else {}
+    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True, **given)
     join_strips(scene)
     parts = _placed(list(parts_of(scene, notices)))
+    if kind == ".ply":
+        parts = [completed(mesh, part) for mesh in parts for part in scene.geometry.values()]  # there is one
     found = [replace(mesh, name=path.stem) for mesh in parts] if len(parts) == 1 else parts
     header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
     name = texture_file(text_of(header))
@@ -270,7 +273,8 @@ def _painted(mesh: Mesh, name: str | None, folder: Folder, notices: Notices) -> 
         picture = Pictures(notices).get(name, name, lambda: folder.find(name))
     if picture is None:
         return mesh.with_material(CLAY if mesh.colors is None else PLAIN)
-    return mesh.with_material(Material(picture.color(WHITE), specular=0.0))
+    notices.ignore("colours of meshes with a picture", int(mesh.colors is not None))
+    return replace(mesh, colors=None, material=Material(picture.color(WHITE), specular=0.0))
 
 
 _READERS: dict[str, Any] = {".obj": _obj, ".glb": _gltf, ".gltf": _gltf}

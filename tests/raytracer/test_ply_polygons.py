@@ -4,8 +4,11 @@ import struct
 
 import numpy as np
 import pytest
+from PIL import Image as pillow
 
-from raytracer import Mesh, SceneError
+import shpy as sh
+from raytracer import Mesh, Scene, SceneError
+from raytracer.appearance.textures import decoded
 
 POINTS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 2, 1)]
 FACES = [(0, 1, 2, 3), (0, 1, 4), (0, 1, 2, 3, 4), (2, 3, 4)]
@@ -100,3 +103,59 @@ def test_uv_coordinates_in_lists_of_faces_go_with_the_corners(tmp_path, form):
     mesh = Mesh.load(path)
     assert len(mesh) == len(FANS)
     np.testing.assert_allclose(mesh.uv, mesh.corners[..., :2] / 2, atol=1e-6)
+
+
+def with_corners(form, on_corners, normals):
+    """A file with colours of vertices, and uv coordinates of vertices or, where pictures end at an edge, of corners."""
+    rng = np.random.default_rng(5)
+    faces = np.array([(4, 1, 3), (0, 2, 4), (3, 2, 1)])
+    uv = rng.random((3, 3, 2)) if on_corners else rng.random((5, 2))[faces]
+    kinds = [(name, "<f4") for name in ["x", "y", "z", *(["nx", "ny", "nz"] if normals else [])]]
+    kinds += [(name, "u1") for name in ("red", "green", "blue")] + ([] if on_corners else [("s", "<f4"), ("t", "<f4")])
+    vertices = np.zeros(5, kinds)
+    for name, kind in kinds:
+        vertices[name] = rng.integers(0, 255, 5) if kind == "u1" else rng.normal(size=5)
+    if not on_corners:
+        vertices["s"][faces], vertices["t"][faces] = uv[..., 0], uv[..., 1]
+    rows = np.zeros(3, [("n", "u1"), ("v", "<i4", 3), *([("m", "u1"), ("uv", "<f4", 6)] if on_corners else [])])
+    rows["n"], rows["v"] = 3, faces
+    if on_corners:
+        rows["m"], rows["uv"] = 6, uv.reshape(3, 6)
+    head = f"ply\nformat {form} 1.0\nelement vertex 5\n"
+    head += "".join(f"property {'uchar' if kind == 'u1' else 'float'} {name}\n" for name, kind in kinds)
+    head += "element face 3\nproperty list uchar int vertex_indices\n"
+    head += ("property list uchar float texcoord\n" if on_corners else "") + "end_header\n"
+    if form == "ascii":
+        flat = [
+            " ".join(str(x) for part in row for x in np.ravel(part)) for row in [*vertices.tolist(), *rows.tolist()]
+        ]
+        return vertices, faces, uv, head.encode() + "\n".join(flat).encode() + b"\n"
+    return vertices, faces, uv, head.encode() + vertices.tobytes() + rows.tobytes()
+
+
+@pytest.mark.parametrize("form", FORMS[:2])
+@pytest.mark.parametrize("on_corners", [False, True])
+@pytest.mark.parametrize("normals", [False, True])
+def test_colours_and_normals_are_kept_beside_uv_coordinates(tmp_path, form, on_corners, normals):
+    path = tmp_path / "one.ply"
+    vertices, faces, uv, content = with_corners(form, on_corners, normals)
+    path.write_bytes(content)
+    mesh = Mesh.load(path)
+    np.testing.assert_allclose(mesh.corners, np.stack([vertices[a] for a in "xyz"], axis=-1)[faces], rtol=1e-6)
+    np.testing.assert_allclose(mesh.uv, uv, rtol=1e-6)
+    colors = decoded(np.stack([vertices[c] for c in ("red", "green", "blue")], axis=-1) / 255)
+    np.testing.assert_allclose(mesh.colors, colors[faces], rtol=1e-6)
+    if normals:
+        across = np.stack([vertices[n] for n in ("nx", "ny", "nz")], axis=-1)[faces]
+        np.testing.assert_allclose(mesh.normals, across / np.linalg.norm(across, axis=-1, keepdims=True), atol=1e-6)
+
+
+def test_a_picture_takes_the_place_of_the_colours_of_vertices(tmp_path):
+    """MeshLab shows the picture alone; the colours are mostly those of the same photographs."""
+    content = with_corners("ascii", True, False)[3]
+    (tmp_path / "one.ply").write_bytes(content.replace(b"\nelement", b"\ncomment TextureFile a.png\nelement", 1))
+    pillow.new("RGB", (1, 1), (255, 0, 0)).save(tmp_path / "a.png")
+    with pytest.warns(sh.ShpyWarning, match=r"one.ply: ignored: colours of meshes with a picture \(1\)"):
+        mesh = Scene.load(tmp_path / "one.ply").meshes[0]
+    assert mesh.colors is None
+    assert mesh.material.color.image.tolist() == [[[1, 0, 0]]]
