@@ -213,9 +213,10 @@ class PacketPrologue(Prologue):
         If `varies` is false, the elements of the array are uniform.
         """
         name = f"sh_{way}_{base.value}{length}{'' if varies else '_uniform'}"
-        texts = {"pick": _pick if varies else _pick_uniform, "put": _put}
         scalar = SCALARS[Base.I if base is Base.B and varies else base]
-        return self._ask(name, lambda n: texts[way](n, scalar, length, self.lanes))
+        if way == "pick":
+            return self._ask(name, lambda n: _pick(n, scalar, length, self.lanes, varies=varies))
+        return self._ask(name, lambda n: _put(n, scalar, length, self.lanes))
 
 
 def _each(lanes: int) -> list[str]:
@@ -263,30 +264,19 @@ def _choice(parts: Iterable[str]) -> str:
     return "".join(f"n {'==' if k else '<='} {k} ? {part} : " for k, part in enumerate(others)) + last
 
 
-def _pick(name: str, scalar: str, length: int, lanes: int) -> str:
-    wide = f"{scalar}{lanes}"
-    head = (
-        f"// Each lane's element at its own index, clamped.\n{INLINE} {wide} {name}(const {wide} *a, int{lanes} i) {{\n"
-    )
-    if length <= IN_REGISTERS:
-        return f"{head}{_tests(scalar, lanes)}    return {_choice(f'a[{k}]' for k in range(length))};\n}}"
-    loads = ", ".join(f"flat[i{h}]" for h in _each(lanes))
-    return f"""{head}\
-    const {scalar} *flat = (const {scalar} *)a;
-    i = clamp(i, 0, {length - 1}) * {lanes} + {_numbers(lanes)};
-    return ({scalar}{lanes})({loads});
-}}"""
-
-
-def _pick_uniform(name: str, scalar: str, length: int, lanes: int) -> str:
+def _pick(name: str, scalar: str, length: int, lanes: int, *, varies: bool) -> str:
+    """Return the function that picks an element for each lane: packets if the array `varies`, else numbers."""
     held, minus = ("int", "-") if scalar == "bool" else (scalar, "")
-    told = "// The element at each lane's index, clamped.\n"
-    head = f"{told}{INLINE} {held}{lanes} {name}(const {scalar} *a, int{lanes} i) {{\n"
+    wide = f"{held}{lanes}"
+    told = "Each lane's element at its own index" if varies else "The element at each lane's index"
+    head = f"// {told}, clamped.\n{INLINE} {wide} {name}(const {wide if varies else scalar} *a, int{lanes} i) {{\n"
     if length <= IN_REGISTERS:
-        choice = _choice(f"({held}{lanes})({minus}a[{k}])" for k in range(length))
-        return f"{head}{_tests(scalar, lanes)}    return {choice};\n}}"
-    loads = ", ".join(f"{minus}a[i{h}]" for h in _each(lanes))
-    return f"{head}    i = clamp(i, 0, {length - 1});\n    return ({held}{lanes})({loads});\n}}"
+        choice = _choice(f"a[{k}]" if varies else f"({wide})({minus}a[{k}])" for k in range(length))
+        return f"{head}{_tests(held, lanes)}    return {choice};\n}}"
+    flat = f"    const {scalar} *flat = (const {scalar} *)a;\n" if varies else ""
+    place = f" * {lanes} + {_numbers(lanes)}" if varies else ""
+    loads = ", ".join(f"{minus}{'flat' if varies else 'a'}[i{h}]" for h in _each(lanes))
+    return f"{head}{flat}    i = clamp(i, 0, {length - 1}){place};\n    return ({wide})({loads});\n}}"
 
 
 def _put(name: str, scalar: str, length: int, lanes: int) -> str:
