@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backends.emit.operations import OPERATORS
-from shpy.backends.emit.plan import MAX_DEPTH, Plan, Planner, Wishes, is_whole, leading_test
+from shpy.backends.emit.plan import MAX_DEPTH, Plan, Planner, Wishes, is_whole
 from shpy.backends.emit.survey import Place
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Stmt, Store
@@ -284,20 +284,12 @@ class _LatePlanner(Planner):
 
     def loop(self, s: Loop, place: Place) -> None:
         self.enter(s, place)
-        pending, waiting = set(self.pending), set(self.waiting)
-        body, continuing = self.survey.inner[place]
+        waiting = set(self.waiting)
         if continues(s):
             inside = {t.value.id for t in walk(s.body) if isinstance(t, Let)}
             self.forced |= inside & {s.until, *(v for t in walk(s.continuing) for v in uses(t))}
-        self.statements(s.body, body)
-        self.statements(s.continuing, continuing)
-        if s.until is not None:
-            self.use(s.until)
-        self.pending = {v: None for v in self.pending if v in pending}
+        self.iteration(s, place)
         self.waiting = {v: None for v in self.waiting if v in waiting}
-        test = leading_test(s.body)
-        if test is not None and self.plan.is_expression(s.body[: test + 1], body):
-            self.plan.tests[place] = test + 1
 
 
 def _letters_of(const: Let) -> int:

@@ -326,6 +326,16 @@ class Planner:
     def loop(self, s: Loop, place: Place) -> None:
         """Plan a loop and its head."""
         self.change(place, self.survey.stored[place])
+        self.iteration(s, place)
+        continuing = self.survey.inner[place][1]
+        if self.plan.is_expression(s.continuing, continuing) and not self._reads_body(s, place):
+            if s.until is None and is_step(s.continuing):
+                self.plan.steps.add(place)
+            elif s.until is not None and all(isinstance(t, Let) for t in s.continuing):
+                self.plan.feet.add(place)
+
+    def iteration(self, s: Loop, place: Place) -> None:
+        """Plan an iteration, and whether its first statements can be the test of the loop."""
         before = set(self.pending)
         body, continuing = self.survey.inner[place]
         self.statements(s.body, body)
@@ -336,11 +346,6 @@ class Planner:
         test = leading_test(s.body)
         if test is not None and self.plan.is_expression(s.body[: test + 1], body):
             self.plan.tests[place] = test + 1
-        if self.plan.is_expression(s.continuing, continuing) and not self._reads_body(s, place):
-            if s.until is None and is_step(s.continuing):
-                self.plan.steps.add(place)
-            elif s.until is not None and all(isinstance(t, Let) for t in s.continuing):
-                self.plan.feet.add(place)
 
     def _reads_body(self, s: Loop, place: Place) -> bool:
         """Return whether `continuing` or `until` use values of the body but those of its first test that stay."""
