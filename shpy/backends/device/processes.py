@@ -5,7 +5,7 @@ the parent may have held at the time of the fork.
 
     OPENCL = Driver("opencl")
     OPENCL.use()           # BackendUnavailable in a child of a process that has used OpenCL
-    OPENCL.at_exit(end)    # `end` waits for threads, which a child does not have
+    at_exit(end)           # `end` waits for threads, which a child does not have
 """
 
 from __future__ import annotations
@@ -51,14 +51,15 @@ class Driver:
         """Return whether the driver is that of the process from which this one was forked."""
         return self._process not in (None, os.getpid())
 
-    def at_exit(self, end: Callable[[], None]) -> None:
-        """Call `end` when this process exits, and not when a child exits that was forked from it."""
-        process = os.getpid()
-        atexit.register(lambda: end() if os.getpid() == process else None)
-
     def release(self) -> None:
         """Forget that the driver was used: it was not there."""
         self._process = None
+
+
+def at_exit(end: Callable[[], None]) -> None:
+    """Call `end` when this process exits, and not when a child exits that was forked from it."""
+    process = os.getpid()
+    atexit.register(lambda: end() if os.getpid() == process else None)
 
 
 @cache

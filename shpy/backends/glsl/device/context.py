@@ -22,7 +22,7 @@ from shpy.backends.base import Array
 from shpy.backends.device import store
 from shpy.backends.device.answer import Answer
 from shpy.backends.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
-from shpy.backends.device.processes import Driver
+from shpy.backends.device.processes import Driver, at_exit
 from shpy.backends.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
 from shpy.backends.glsl.text.interface import Limits
 from shpy.backends.glsl.text.prologue import Prologue
@@ -99,7 +99,7 @@ class Context:
                 cure="apt install libegl1 libgl1-mesa-dri (or the EGL library of the GPU's driver)",
             ) from e
         self.limits = self._probe()
-        _DRIVER.at_exit(self._end)
+        at_exit(self._end)
 
     def call(self, job: Callable[[], T]) -> T:
         """Run `job` on the context's thread and return its result.

@@ -11,7 +11,6 @@ thread waits for its answers. Neither is waited for at the end of the process.
 
 from __future__ import annotations
 
-import atexit
 import os
 import pickle
 import subprocess
@@ -26,6 +25,7 @@ from queue import Empty, SimpleQueue
 from typing import IO, Any, Final, TypeVar
 
 from shpy.backends.device.answer import Answer
+from shpy.backends.device.processes import at_exit
 
 T = TypeVar("T")
 
@@ -48,12 +48,11 @@ class Background:
     """
 
     def __init__(self) -> None:
-        self._owner = os.getpid()
         self._tasks: SimpleQueue[tuple[Callable[[], Any], weakref.ref[Answer[Any]]]] = SimpleQueue()
         self._process: subprocess.Popen[bytes] | None = None
         self._working = False
         threading.Thread(target=self._serve, name="shpy-background", daemon=True).start()
-        atexit.register(self._end)
+        at_exit(self._end)
 
     @property
     def busy(self) -> bool:
@@ -107,9 +106,8 @@ class Background:
 
     def _end(self) -> None:
         """End the process with its parent."""
-        process = self._process
-        if process is not None and self._owner == os.getpid():
-            process.kill()
+        if self._process is not None:
+            self._process.kill()
 
 
 def _answer(wanted: weakref.ref[Answer[Any]], ask: Callable[[], Any]) -> None:

@@ -26,7 +26,7 @@ from shpy.backends.device import store
 from shpy.backends.device.pace import Pace
 from shpy.backends.device.pool import Kind, Pool, rounded
 from shpy.backends.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
-from shpy.backends.device.processes import Driver
+from shpy.backends.device.processes import Driver, at_exit
 from shpy.backends.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
 from shpy.backends.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backends.opencl.device.compiler_trials import TRIALS
@@ -144,7 +144,7 @@ class Machine:
             self.queue = self.cl.CommandQueue(self.context)
         self._lock = threading.RLock()
         self.waiter = Waiter(self._lock)
-        _DRIVER.at_exit(self.waiter.end)
+        at_exit(self.waiter.end)
         self.doubles = "cl_khr_fp64" in device.extensions.split()
         self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
         """True if the driver promises that its own functions keep denormals."""
