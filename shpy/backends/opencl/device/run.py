@@ -277,9 +277,9 @@ class OpenCLExecutable:
             inputs.append((buffer, len(array)))
         tables = [self._table(call.tables[table.name], table)[:2] for table in self.kernel.tables]
         outputs = self._outputs(call, used)
-        args = self._arguments(call.shape, inputs, tables, call.params, [buffer for buffer, _ in outputs])
+        args = self._arguments(call.shape, inputs, tables, call.params, [buffer for buffer, *_ in outputs])
         self._starter(self.compiled, args, call.shape, reads=True, shared=True)()
-        machine.finish([buffer for buffer, is_lent in outputs if is_lent])
+        machine.finish([buffer for buffer, is_lent, _ in outputs if is_lent])
         return self._collect(call, outputs)
 
     def _run_staged(self, call: Call) -> Array | None:
@@ -385,21 +385,22 @@ class OpenCLExecutable:
         types = {p.name: p.type for p in self.prepared.module.params}
         return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
 
-    def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool]]:
-        """Return a buffer for each output, and whether it is the caller's array; that of the status comes last."""
+    def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool, Array | None]]:
+        """Return for each output, the status last, a buffer, whether it is the caller's array, and that array.
+
+        The array is None if the output is not of its form, or if some elements may not be written.
+        """
         found = []
         for k, output in enumerate(self.prepared.module.entry.outputs):
             dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
-            buffer = None
-            if not self.prepared.status:  # then every element is written
-                out = call.outputs[k]
-                if out.dtype == dtype and out.flags.c_contiguous:
-                    buffer = self.machine.lend(out, size, write=True)
+            out = None if self.prepared.status else call.outputs[k]
+            out = out if out is not None and out.dtype == dtype and out.flags.c_contiguous else None
+            buffer = None if out is None else self.machine.lend(out, size, write=True)
             is_lent = buffer is not None
             if not is_lent:
                 buffer = self.machine.take(call.count * size * dtype.itemsize)
                 used.append(buffer)
-            found.append((buffer, is_lent))
+            found.append((buffer, is_lent, out))
         return found
 
     @property
@@ -431,21 +432,15 @@ class OpenCLExecutable:
         lines = -(-count // (row * (self.kernel.lanes // columns)))
         return Items(lines) if row == columns else Items(-(-row // columns), lines)
 
-    def _collect(self, call: Call, outputs: list[tuple[Any, bool]]) -> Array | None:
+    def _collect(self, call: Call, outputs: list[tuple[Any, bool, Array | None]]) -> Array | None:
         """Copy outputs to the host that are not in its memory."""
         found: list[Array | None] = []
-        slots = self.prepared.module.entry.outputs
-        for k, (slot, (buffer, is_lent)) in enumerate(zip(slots, outputs, strict=True)):
-            if is_lent:
-                found.append(None)
-                continue
-            dtype = np.dtype(MEMORY[slot.type.base])
-            out = call.outputs[k] if k < len(call.outputs) and not self.prepared.status else None
-            direct = out is not None and out.dtype == dtype and out.flags.c_contiguous
+        for slot, (buffer, is_lent, out) in zip(self.prepared.module.entry.outputs, outputs, strict=True):
             shape = (call.count, slot.type.size) if slot.type.size > 1 else (call.count,)
-            array = out if direct and out is not None else np.empty(shape, dtype)
-            self.machine.download(array, buffer)
-            found.append(None if direct else array)
+            array = np.empty(shape, MEMORY[slot.type.base]) if out is None else out
+            if not is_lent:
+                self.machine.download(array, buffer)
+            found.append(array if out is None else None)
         return self._hand_over(call, found)
 
     def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
