@@ -61,7 +61,7 @@ class Pace:
         rows: int,
         dispatch: Callable[[int, int], T],
         finish: Callable[[T], None],
-        width: int = 1,
+        width: int,
         least: int = 1,
         *,
         reads: bool,

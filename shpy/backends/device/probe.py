@@ -132,7 +132,7 @@ NO_BINARY64: Final = (
 )
 
 
-def notes_of(wrong: Iterable[str], *, binary64: bool = True) -> tuple[str, ...]:
+def notes_of(wrong: Iterable[str], *, binary64: bool) -> tuple[str, ...]:
     """Describe a device: operations that are corrected or cannot be, binary64 that it lacks, and flushed denormals."""
     operations = set(wrong) - {"denormals", *_OF_COMPILERS}
     notes = []

@@ -3,7 +3,7 @@
 Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
 and place in the grid that it and those that it calls read.
 
-    needs_of(module)["shade"]   # {("table", "noise"), ("param", "gain"), ("grid_index", "")}
+    needs_of(module, needed_by)["shade"]   # {("table", "noise"), ("param", "gain"), ("grid_index", "")}
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def needed_by(let: Let) -> Needs:
     return frozenset()
 
 
-def needs_of(module: Module, needed: Callable[[Let], Needs] = needed_by) -> dict[str, Needs]:
+def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]:
     """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
     found: dict[str, Needs] = {}
     for function in module.functions:  # callees come first

@@ -126,7 +126,7 @@ class PacketMaker(KernelMaker):
         abilities: Abilities,
         math: Math = "strict",
         *,
-        faults: Collection[str] = (),
+        faults: Collection[str],
     ) -> None:
         self.lanes, self.columns = lanes, columns
         super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
