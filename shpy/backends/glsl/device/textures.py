@@ -13,7 +13,7 @@ table is kept as long as its `TableData` lives and its version does not change.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
@@ -116,39 +116,38 @@ class Store:
         limit = self.context.limits.width
         if max(size) > limit:
             raise ShpyError(f"a table of {size[0] * size[1]} elements: this device's textures hold {FOLD * limit}")
-        texture = self.context.gl.texture(size, components, dtype=_format(dtype), alignment=1)
+        texture = self.context.gl.texture(size, components, dtype=f"{dtype.kind}{dtype.itemsize}", alignment=1)
         check(self.context.gl, f"make a texture of {size[0]} x {size[1]}")
         nearest = self.context.moderngl.NEAREST
         texture.filter = (nearest, nearest)
         return texture
 
-    def _room(self, width: int, height: int) -> tuple[int, int]:
-        """Return the size of a texture, which is one of few, that has room for so many rows of a width."""
-        limit = self.context.limits.width
-        return min(rounded(width), limit), min(rounded(height), limit)
+    def _taken(self, width: int, height: int, each: int, make: Callable[..., Any], *form: Hashable) -> tuple[Kind, Any]:
+        """Take what `make(size, *form)` makes, of one of few sizes with room for so many rows of `width` texels.
 
-    def texture(self, components: int, dtype: np.dtype[Any], width: int, height: int) -> tuple[Kind, Any]:
-        """Take a texture of at least `width` x `height`."""
-        size = self._room(width, height)
-        kind = Kind(size[0] * size[1] * components * dtype.itemsize, (size, components, dtype.str))
-        return kind, self.pool.take(kind, lambda: self._texture(size, components, dtype))
+        `each`: the bytes of a texel.
+        """
+        limit = self.context.limits.width
+        size = min(rounded(width), limit), min(rounded(height), limit)
+        kind = Kind(size[0] * size[1] * each, (size, *form))
+        return kind, self.pool.take(kind, lambda: make(size, *form))
 
     def filled(self, array: Array, width: int) -> tuple[Kind, Any]:
         """Take a texture and fill it with the elements of `array`, (n, components) or (n,), in rows of `width`."""
         texels = as_texels(array).reshape(len(array), -1)
-        kind, texture = self.texture(texels.shape[1], texels.dtype, width, -(-len(texels) // width))
+        (rows, components), dtype = texels.shape, texels.dtype
+        each, height = components * dtype.itemsize, -(-rows // width)
+        kind, texture = self._taken(width, height, each, self._texture, components, dtype)
         write(texture, texels, width)
         check(self.context.gl, "send an input")
         return kind, texture
 
     def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Target]:
         """Take a framebuffer of at least `width` x `height` with an output of each type."""
-        size = self._room(width, height)
         # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
         formats = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
         cells = sum(components * int(dtype[1]) for components, dtype in formats)
-        kind = Kind(size[0] * size[1] * cells, (size, formats))
-        return kind, self.pool.take(kind, lambda: self._made(size, formats))
+        return self._taken(width, height, cells, self._made, formats)
 
     def _made(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Target:
         """Return a new framebuffer of this size with a texture for each of (components, format)."""
@@ -160,10 +159,6 @@ class Store:
         framebuffer = gl.framebuffer(textures)
         check(gl, f"make a framebuffer of {len(formats)} outputs")
         return Target(framebuffer, tuple(textures))
-
-
-def _format(dtype: np.dtype[Any]) -> str:
-    return f"{dtype.kind}{dtype.itemsize}"
 
 
 def write(texture: Any, texels: Array, width: int, row: int = 0) -> None:
