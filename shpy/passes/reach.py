@@ -114,7 +114,7 @@ class _Finder:
                     if components is not None or index is not None:
                         slots.opaque.add(variable)
                     else:
-                        slots.held[variable] = _join(slots.held.get(variable, stored), stored)
+                        slots.held[variable] = _each(_joined, slots.held.get(variable, stored), stored)
                 case Call(name, args):
                     inputs = list(zip(args, self.functions[name].inputs, strict=True))
                     slots.opaque.update(changed_variables(s, self.functions))
@@ -164,67 +164,59 @@ def _unknown(type: Type) -> _Parts:
     return (None,) * type.size
 
 
-def _join(a: _Parts, b: _Parts) -> _Parts:
-    return tuple(_joined(x, y) for x, y in zip(a, b, strict=True))
+def _each(f: Callable[..., _Part | None], *args: _Parts) -> _Parts:
+    """Return `f` of each component; what is computed from one that may be anything may be anything."""
+    return tuple(None if None in parts else f(*parts) for parts in zip(*args, strict=True))
 
 
-def _joined(a: _Part | None, b: _Part | None) -> _Part | None:
-    if a is None or b is None or (a.of, a.axis) != (b.of, b.axis):
-        return None
-    return _Part(a.of, a.axis, min(a.low, b.low), max(a.high, b.high))
+def _joined(a: _Part, b: _Part) -> _Part | None:
+    return _Part(a.of, a.axis, min(a.low, b.low), max(a.high, b.high)) if (a.of, a.axis) == (b.of, b.axis) else None
 
 
-def _sum(a: _Part | None, b: _Part | None) -> _Part | None:
-    if a is None or b is None or "number" not in (a.of, b.of):
-        return None
+def _sum(a: _Part, b: _Part) -> _Part | None:
     base = b if a.of == "number" else a
-    if base.of == "wrapped":
+    if "number" not in (a.of, b.of) or base.of == "wrapped":
         return None
     return _Part(base.of, base.axis, a.low + b.low, a.high + b.high)
 
 
-def _minus(a: _Part | None) -> _Part | None:
-    return None if a is None or a.of != "number" else _Part("number", 0, -a.high, -a.low)
+def _minus(a: _Part) -> _Part | None:
+    return _Part("number", 0, -a.high, -a.low) if a.of == "number" else None
 
 
-def _modulo(a: _Part | None, b: _Part | None) -> _Part | None:
+def _modulo(a: _Part, b: _Part) -> _Part | None:
     """Return a modulo b: an index modulo the extent of its axis wraps around."""
-    if a is None or b is None or (a.of, b.of, a.axis) != ("index", "extent", b.axis) or (b.low, b.high) != (0, 0):
-        return None
-    return _Part("wrapped", a.axis, a.low, a.high)
+    wraps = (a.of, b.of, a.axis) == ("index", "extent", b.axis) and (b.low, b.high) == (0, 0)
+    return _Part("wrapped", a.axis, a.low, a.high) if wraps else None
 
 
-def _least(a: _Part | None, b: _Part | None) -> _Part | None:
+def _least(a: _Part, b: _Part) -> _Part | None:
     """Return min(a, b): an index never exceeds the extent of its axis, less one."""
-    if a is not None and b is not None and a.of == "extent":
+    if a.of == "extent":
         a, b = b, a
-    if a is None or b is None:
-        return None
     if a.of == "index" and b.of == "extent" and a.axis == b.axis and b.low >= -1:
         return _Part("index", a.axis, min(a.low, b.low + 1), a.high)
     return _joined(a, b)
 
 
-def _greatest(a: _Part | None, b: _Part | None) -> _Part | None:
+def _greatest(a: _Part, b: _Part) -> _Part | None:
     """Return max(a, b): an index is never negative."""
-    if a is not None and b is not None and a.of == "number":
+    if a.of == "number":
         a, b = b, a
-    if a is None or b is None:
-        return None
     if a.of == "index" and b.of == "number" and b.high <= 0:
         return _Part("index", a.axis, a.low, max(a.high, b.high))
     return _joined(a, b)
 
 
 _OPERATIONS: dict[str, Callable[[Any, list[_Parts]], _Parts]] = {
-    "add": lambda s, args: tuple(map(_sum, *args)),
-    "sub": lambda s, args: tuple(_sum(a, _minus(b)) for a, b in zip(*args, strict=True)),
-    "floormod": lambda s, args: tuple(map(_modulo, *args)),
-    "neg": lambda s, args: tuple(map(_minus, args[0])),
-    "min": lambda s, args: tuple(map(_least, *args)),
-    "max": lambda s, args: tuple(map(_greatest, *args)),
-    "clamp": lambda s, args: tuple(_least(_greatest(x, low), high) for x, low, high in zip(*args, strict=True)),
-    "cond": lambda s, args: tuple(map(_joined, *args[1:])),
+    "add": lambda s, args: _each(_sum, *args),
+    "sub": lambda s, args: _each(_sum, args[0], _each(_minus, args[1])),
+    "floormod": lambda s, args: _each(_modulo, *args),
+    "neg": lambda s, args: _each(_minus, args[0]),
+    "min": lambda s, args: _each(_least, *args),
+    "max": lambda s, args: _each(_greatest, *args),
+    "clamp": lambda s, args: _each(_least, _each(_greatest, *args[:2]), args[2]),
+    "cond": lambda s, args: _each(_joined, *args[1:]),
     "splat": lambda s, args: args[0][:1] * s.value.type.size,
     "construct": lambda s, args: tuple(part for parts in args for part in parts),
     "swizzle": lambda s, args: tuple(args[0][k] for k in s.attr),
