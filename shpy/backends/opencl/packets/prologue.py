@@ -18,7 +18,7 @@ bool sh_any(int8 mask) {
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -138,11 +138,6 @@ class PacketPrologue(Prologue):
     def wants(self, op: str, type: Type) -> bool:
         """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
         return not isinstance(type, Lanes) and super().wants(op, type)
-
-    def _ask(self, name: str, text: Callable[[str], str]) -> str:
-        if name not in self._texts:
-            self._texts[name] = text(name)
-        return name
 
     def _filled(self, text: str, name: str, type: Type) -> str:
         self.doubles = self.doubles or "DOUBLE" in text

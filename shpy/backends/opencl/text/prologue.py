@@ -17,7 +17,7 @@ float3 sh_min3(float3 a, float3 b) {
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from shpy.backends.emit.spell_c import row_major
@@ -185,10 +185,12 @@ class Prologue:
 
     def use(self, op: str, type: Type) -> str:
         """Add the function that computes `op` for a first argument of `type`; return its name."""
-        name = name_of(op, type)
-        if name in self._texts:
-            return name
-        self._texts[name] = self._text(op, type, name)
+        return self._ask(name_of(op, type), lambda name: self._text(op, type, name))
+
+    def _ask(self, name: str, text: Callable[[str], str]) -> str:
+        """Add the function of this name, unless it is there; return the name."""
+        if name not in self._texts:
+            self._texts[name] = text(name)
         return name
 
     def _text(self, op: str, type: Type, name: str) -> str:
@@ -211,12 +213,7 @@ class Prologue:
 
     def flat_index(self, rank: int) -> str:
         """Add the function that computes the flat index in a table of `rank` axes, 1 to 3; return its name."""
-        if rank == 1:
-            self._texts.setdefault("sh_at", _NEAREST)
-            return "sh_at"
-        name = f"sh_at{rank}"
-        self._texts.setdefault(name, _flat(name, rank))
-        return name
+        return self._ask(f"sh_at{rank if rank > 1 else ''}", lambda name: _NEAREST if rank == 1 else _flat(name, rank))
 
     def text(self) -> str:
         """Return the functions, one empty line between them."""
