@@ -17,23 +17,6 @@ REBOUND = {
         """,
         f"3: `x` is rebound inside `with SH_IF(…)` and used after it (line 4): {AFTER}x[:] = x - 1",
     ),
-    "a number of the enclosing function": (
-        """
-        def make():
-            def f(x: sh.Attrib1f):
-                nonlocal scale
-                with SH_IF(x > 0):
-                    scale = scale * 2
-                return x * scale
-
-            scale = 1.5
-            return f
-
-        f = make()
-        """,
-        "5: `scale` is rebound inside `with SH_IF(…)` and used after it (line 6): "
-        f"{AFTER}`scale = sh.Attrib1f(1.5)` before the block, `scale[:] = scale * 2` inside it",
-    ),
     "a name, in one of the branches": (
         """
         def f(x: sh.Attrib1f):
@@ -375,20 +358,3 @@ MADE_INSIDE = {
 def test_a_name_that_is_made_inside_a_block_and_used_after_it(case: str) -> None:
     text, error = MADE_INSIDE[case]
     assert blame(text) == error
-
-
-def test_a_number_of_the_module_that_a_block_rebinds() -> None:
-    """Only the text tells: without it, the names of the function alone are compared."""
-    text = """
-        def f(x: sh.Attrib1f):
-            global COUNT
-            with SH_FOR(3):
-                COUNT += 1
-            return x + COUNT
-
-        COUNT = 0
-        """
-    assert blame(text) == (
-        "4: `COUNT` is rebound inside `with SH_FOR(…)` and used in its next iteration (line 4): "
-        f"{AFTER}`COUNT = sh.Attrib1i(0)` before the block, `COUNT += 1` inside it"
-    )

@@ -16,7 +16,6 @@ import ast
 import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
@@ -111,12 +110,6 @@ class Flow:
             case ast.Delete():
                 for target in node.targets:
                     self.places.state.pop(ast.unparse(target), None)
-            case ast.Global() | ast.Nonlocal():
-                for name in node.names:
-                    outer = ast.Name(name, ast.Load())
-                    held: Any = self.scope.resolve(outer)
-                    value = ast.Constant(held, lineno=1, end_lineno=0)  # which stands nowhere in the text
-                    self.places.bind_name(name, node, self.judge.kind(outer), value=value)
             case ast.Assert():
                 self.expressions.visit(node.test)
             case _:
