@@ -35,7 +35,7 @@ EXAMPLES = """examples:
   raytracer render chair.glb --integrator path --environment sky.png --exposure 1
 """
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_NEGATIVE = ("--camera", "--target", "--up", "--background")
+_NEGATIVE = ("--camera", "--target", "--up", "--background", "--exposure")
 """The options whose values may begin with a minus, which argparse takes for another option's."""
 MOST = 64.0
 """The largest exposure, in stops: beyond it a picture is black or white."""

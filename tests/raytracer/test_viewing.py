@@ -161,6 +161,14 @@ def test_up_turns_the_picture(quad):
     assert z.normal[-1, 10].tolist() == pytest.approx([0, 0, 1])  # the floor
 
 
+@pytest.mark.parametrize("stops", ["-1.", "-1e0"])
+def test_an_exposure_below_0_is_written_as_any_number(quad, stops):
+    for name, words in (("a.png", stops), ("b.png", "-1")):
+        given = ["render", "quad.obj", "-o", name, "--size", "8x8", "--backend", "numpy", "--exposure", words]
+        assert cli.main(given) == 0
+    assert np.array_equal(np.asarray(pillow.open("a.png")), np.asarray(pillow.open("b.png")))
+
+
 def test_exposure_doubles_the_light(quad):
     for stops in ("0", "1"):
         arguments = ["render", "quad.obj", "-o", f"{stops}.png", "--size", "8x8", "--exposure", stops]
