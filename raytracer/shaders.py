@@ -11,14 +11,21 @@ nothing but what any program can: copy one to begin with.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import pi
+from math import inf, pi
 
 import shpy as sh
 from raytracer.appearance.materials import Triple
 from raytracer.appearance.programs import Hit, Surface
+from raytracer.errors import SceneError
 
 OfHit = Callable[[Hit], Surface]
 OfLight = Callable[[Surface, sh.Vector3f], sh.Color3f]
+
+
+def _check_positive(what: str, value: float) -> None:
+    """Raise SceneError for a number by which a program divides, unless it is finite and above 0; a Param may change."""
+    if isinstance(value, int | float) and not 0 < value < inf:
+        raise SceneError(f"{what} is a finite number above 0, not {value!r}")
 
 
 def checker(one: Triple = (0.75, 0.75, 0.72), other: Triple = (0.08, 0.08, 0.09), squares: float = 8.0) -> OfHit:
@@ -35,6 +42,7 @@ def marble(
     stone: Triple = (0.86, 0.84, 0.80), vein: Triple = (0.10, 0.12, 0.17), size: float = 1.0, octaves: int = 6
 ) -> OfHit:
     """Paint stone whose layers, as thick as `size`, are disturbed by turbulence (Perlin 1985)."""
+    _check_positive("the size of marble", size)
 
     def marble(hit: Hit) -> Surface:
         place = hit.position / size
@@ -48,6 +56,7 @@ def wood(
     early: Triple = (0.50, 0.27, 0.11), late: Triple = (0.20, 0.08, 0.03), size: float = 0.12, grain: float = 0.35
 ) -> OfHit:
     """Paint rings about the y axis, each as wide as `size`, and the grain between them (Peachey 1985)."""
+    _check_positive("the size of wood", size)
 
     def wood(hit: Hit) -> Surface:
         place = hit.position / size
@@ -62,6 +71,7 @@ def wood(
 
 def spots(color: Triple = (0.70, 0.08, 0.05), size: float = 0.3, shine: float = 0.5) -> OfHit:
     """Return a colour with a darker spot about each of some scattered points, `size` apart (Worley 1996)."""
+    _check_positive("the size of spots", size)
 
     def spots(hit: Hit) -> Surface:
         near = sh.library.worley(hit.position / size)
@@ -73,6 +83,7 @@ def spots(color: Triple = (0.70, 0.08, 0.05), size: float = 0.3, shine: float = 
 
 def bumps(depth: float = 0.15, size: float = 0.15) -> OfHit:
     """Turn normals by bumps of noise, `size` apart; places stay (Blinn 1978)."""
+    _check_positive("the size of bumps", size)
 
     def bumps(hit: Hit) -> Surface:
         place, step = hit.position / size, 0.02
@@ -87,6 +98,7 @@ def bumps(depth: float = 0.15, size: float = 0.15) -> OfHit:
 
 def toon(steps: int = 3) -> OfLight:
     """Return the cosine in a few steps, and a hard highlight."""
+    _check_positive("the number of steps of toon", steps)
 
     def toon(surface: Surface, light: sh.Vector3f) -> sh.Color3f:
         lit = sh.max(sh.dot(surface.normal, light), 0)
@@ -115,6 +127,7 @@ def cook_torrance(roughness: float = 0.25, base: Triple = (0.95, 0.64, 0.54)) ->
 
     Cook and Torrance 1982, with Schlick's approximation (1994) of Fresnel's equations. The default is copper.
     """
+    _check_positive("the roughness of cook_torrance", roughness)
     square = roughness * roughness
 
     def cook_torrance(surface: Surface, light: sh.Vector3f) -> sh.Color3f:

@@ -20,6 +20,7 @@ from raytracer import (
     Surface,
     Texture,
     render,
+    shaders,
 )
 from raytracer.meshes.shapes import floor, sphere
 from shpy import SH_DISCARD, SH_IF, SH_RETURN
@@ -192,3 +193,24 @@ def shown(surface, shade=None):
         Camera((0, 3, 1)),
     )
     return render(scene, (4, 4), backend="numpy").pixels
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (lambda: shaders.marble(size=0), "the size of marble"),
+        (lambda: shaders.wood(size=np.inf), "the size of wood"),
+        (lambda: shaders.spots(size=-1.0), "the size of spots"),
+        (lambda: shaders.bumps(size=np.nan), "the size of bumps"),
+        (lambda: shaders.toon(0), "the number of steps of toon"),
+        (lambda: shaders.cook_torrance(0), "the roughness of cook_torrance"),
+    ],
+)
+def test_numbers_that_ready_made_programs_divide_by_are_above_0(make, what):
+    with pytest.raises(SceneError, match=f"{what} is a finite number above 0, not"):
+        make()
+
+
+def test_a_param_may_be_the_size_of_a_pattern():
+    size = sh.Param(sh.Attrib1f, 0.5)
+    assert np.array_equal(shown(shaders.marble(size=size)), shown(shaders.marble(size=0.5)))
