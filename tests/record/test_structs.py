@@ -423,3 +423,22 @@ def test_a_copy_may_be_named_and_stored_into_on_one_line(line, tmp_path):
     names = {"sh": sh, "Pair": Pair}
     exec(compile(file.read_text(), str(file), "exec"), names)
     assert sh.program(names["f"])(1).a.tolist() == [1, 0]
+
+
+@sh.struct
+class Placed:
+    turn: sh.Matrix2f
+    at: sh.Attrib2f
+
+
+def test_rows_of_values_make_a_matrix_in_every_store():
+    @sh.program
+    def rows(x: sh.Attrib1f) -> sh.Matrix2f:
+        whole, parts = sh.Array(sh.Matrix2f, 2), sh.Array(Placed, 1)
+        whole[1] = ((x, 2), (3, x))
+        whole[0] = (sh.Attrib2f(x, 5), (6, 7))
+        parts[0] = {"turn": ((x, 0), whole[0][1]), "at": (x, 1)}
+        sh.SH_RETURN(((x, parts[0].turn[1, 0]), (whole[1][1, 0], 4)), x > 1)
+        return [(x, 0), (0, x)]
+
+    assert rows([1, 2]).tolist() == [[[1, 0], [0, 1]], [[2, 6], [3, 4]]]

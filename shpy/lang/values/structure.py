@@ -227,6 +227,9 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
         case Leaf():
             return [value]
         case Rows(cls):
+            rows = value if isinstance(value, tuple | list) and current_frame() is not None else ()
+            if any(isinstance(v, Value) for row in rows for v in (row if isinstance(row, tuple | list) else (row,))):
+                value = cls(*rows)
             if isinstance(value, Matrix):
                 if value.size != cls.size:
                     raise ShpyTypeError(f"{what} is a {type(value).__name__}", loc=here(), cure=f"a {cls.__name__}")
