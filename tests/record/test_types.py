@@ -202,6 +202,38 @@ def test_a_matrix_of_binary32_takes_no_number_of_binary64(operate):
     assert caught.value.cure == "the conversion written out, sh.Attrib1f(…)"
 
 
+@sh.struct
+class Turned:
+    by: sh.Matrix2f
+    times: sh.Attrib1f
+
+
+@pytest.mark.parametrize(
+    "store",
+    [
+        lambda rows: sh.Matrix2f().__setitem__(slice(None), rows),
+        lambda rows: sh.Array(sh.Matrix2f, 2).__setitem__(0, rows),
+        lambda rows: setattr(Turned(sh.Matrix2f(), 1), "by", rows),
+        lambda rows: Turned(rows, 1),
+    ],
+)
+@pytest.mark.parametrize("whole", [False, True])
+def test_no_store_into_a_matrix_narrows_binary64(store, whole):
+    def f(x: sh.Attrib1d, row: sh.Attrib2d) -> sh.Attrib1f:
+        store((row, row) if whole else ((x, 1), (0, x)))
+
+    with pytest.raises(sh.ShpyTypeError, match=r"of type f2? would narrow d"):
+        sh.program(f)
+
+
+def test_a_matrix_that_is_returned_narrows_no_binary64():
+    def f(x: sh.Attrib1d) -> sh.Matrix2f:
+        return ((x, 1), (0, x))
+
+    with pytest.raises(sh.ShpyTypeError, match="f gives back of type f would narrow d"):
+        sh.program(f)
+
+
 MATRIX_MISTAKES = {
     "Matrix3f == Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m == m, "sh.all(m[0] == n[0])"),
     "Matrix3f != Matrix3f has no meaning": (sh.ShpyTypeError, lambda m: m != sh.Matrix3f(), "sh.any(m[0] != n[0])"),

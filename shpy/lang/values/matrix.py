@@ -75,6 +75,15 @@ class Matrix(Symbolic):
         return self._plain().of_rows, (self.rows,)
 
     @classmethod
+    def for_store(cls, given: Any, what: str) -> Matrix:
+        """Return a matrix, or rows, as a matrix. Raises ShpyTypeError for binary64, which a store would narrow."""
+        for row in given if isinstance(given, tuple | list) else ():
+            for entry in row if isinstance(row, tuple | list) else (row,):
+                if isinstance(entry, Value) and entry.base is Base.D:
+                    check_width(entry, vec(Base.F, entry.size), what)
+        return cls(given)
+
+    @classmethod
     def _plain(cls) -> type[Matrix]:
         """Return the matrix type for results: a Param's class derives from one, but its results are no Params."""
         return MATRICES[cls.__name__]
@@ -184,7 +193,7 @@ class Matrix(Symbolic):
             for r, own in enumerate(self.rows):
                 own[:] = builtins.cond(key == r, value, own)
         elif isinstance(key, slice) and key == slice(None):
-            fresh = self._plain()(value)
+            fresh = self._plain().for_store(value, "a store into this matrix")
             for row, new in zip(self.rows, fresh.rows, strict=True):
                 row[:] = new
         else:

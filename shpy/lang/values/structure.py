@@ -229,7 +229,7 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
         case Rows(cls):
             rows = value if isinstance(value, tuple | list) and current_frame() is not None else ()
             if any(isinstance(v, Value) for row in rows for v in (row if isinstance(row, tuple | list) else (row,))):
-                value = cls(*rows)
+                value = cls.for_store(rows, what)
             if isinstance(value, Matrix):
                 if value.size != cls.size:
                     raise ShpyTypeError(f"{what} is a {type(value).__name__}", loc=here(), cure=f"a {cls.__name__}")
@@ -394,7 +394,8 @@ def _field(type_: Any, value: Any, what: str) -> Any:
         if issubclass(type_, Value):
             for part in arithmetic.parts(type_, value):
                 arithmetic.check_width(part, type_.type, f"the field {what}")
-        return type_(value)
+            return type_(value)
+        return type_.for_store(value, f"the field {what}")
     if isinstance(value, Struct) and value._plain() is type_._shpy_class:
         return value.copy()
     fields = type_._shpy_fields
