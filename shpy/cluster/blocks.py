@@ -72,8 +72,9 @@ def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
     try:
         asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
     except (TypeError, ValueError, ZeroDivisionError) as error:
+        said = "a chunk has elements" if isinstance(error, ZeroDivisionError) else error  # Python's words differ
         raise ShpyTypeError(
-            f"chunks={chunks!r} of the shape {whole}: {error}", loc=here(), cure="chunks=(512, 512), one for each axis"
+            f"chunks={chunks!r} of the shape {whole}: {said}", loc=here(), cure="chunks=(512, 512), one for each axis"
         ) from error
     open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
     if chunks is not None and not all(open_axes):

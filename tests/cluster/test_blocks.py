@@ -305,7 +305,7 @@ REFUSED = [
     ),
     (
         lambda: sh.map_blocks(placed, shape=(5, 4), chunks=0),
-        "chunks=0 of the shape (5, 4): integer division or modulo by zero",
+        "chunks=0 of the shape (5, 4): a chunk has elements",
         "chunks=(512, 512), one for each axis",
     ),
     (
