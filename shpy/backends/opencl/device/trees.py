@@ -21,6 +21,7 @@ from shpy.backends.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backends.opencl.device.targets import PACKET_TARGET
 from shpy.backends.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
 from shpy.backends.opencl.packets.trees import print_trees
+from shpy.errors import warn
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loop, Module
 from shpy.ir.traverse import walk
@@ -114,7 +115,10 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)
-    if kernel is None or (kernel.doubles and not machine.doubles) or not _builds(machine, kernel.text):
+    if kernel is None or (kernel.doubles and not machine.doubles):
+        return None
+    if not _builds(machine, kernel.text):
+        warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
         return None
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
     cores = machine.device.max_compute_units
