@@ -22,14 +22,14 @@ from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
 from shpy import SH_FOR, SH_IF
-from shpy.backends.base import Options
-from shpy.backends.glsl import text_for
-from shpy.backends.glsl.text.interface import Limits
-from shpy.backends.numpy.device.run import TARGET as NUMPY
-from shpy.backends.numpy.text.apart import lay_out
-from shpy.backends.numpy.text.module import print_python
-from shpy.backends.opencl.device.targets import TARGET as OPENCL
-from shpy.backends.opencl.text.kernel import print_kernel
+from shpy.backend.base import Options
+from shpy.backend.glsl import text_for
+from shpy.backend.glsl.text.interface import Limits
+from shpy.backend.numpy.device.run import TARGET as NUMPY
+from shpy.backend.numpy.text.apart import lay_out
+from shpy.backend.numpy.text.module import print_python
+from shpy.backend.opencl.device.targets import TARGET as OPENCL
+from shpy.backend.opencl.text.kernel import print_kernel
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Module
 from shpy.passes.pipeline import prepare

@@ -21,8 +21,8 @@ from benchmarks import record
 from benchmarks.studies import Table
 from raytracer import Mesh
 from shpy import SH_ELSE, SH_IF
-from shpy.backends.base import Options
-from shpy.backends.opencl.device.targets import TARGET as OPENCL
+from shpy.backend.base import Options
+from shpy.backend.opencl.device.targets import TARGET as OPENCL
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import count_ops
 

@@ -26,7 +26,7 @@ from benchmarks.rounds import once
 from benchmarks.studies import Table
 from benchmarks.work import Run, Work
 from raytracer import Mesh
-from shpy.backends.opencl.packets.widen import WIDER, WIDTHS as NARROW
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS as NARROW
 
 AUTO = "auto"
 WIDTHS = (*NARROW, *WIDER)

@@ -16,11 +16,11 @@ import builtins as _builtins
 import importlib
 from typing import Any
 
-from shpy.backends.registry import BackendInfo, backends, default_backend
+from shpy.backend.registry import BackendInfo, backends, default_backend
 from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
 from shpy.chains.share import share
-from shpy.choice import choice
+from shpy.choices import choice
 from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort, top_k, unique
 from shpy.errors import (
     BackendUnavailable,
@@ -63,7 +63,7 @@ from shpy.lang.values.structs import struct
 from shpy.lang.values.structure import swap
 from shpy.lang.values.types import TYPES
 from shpy.pictures import picture as _picture  # which notebooks call
-from shpy.program import Program, parse, program
+from shpy.programs import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result
 from shpy.streams.stream import Stream

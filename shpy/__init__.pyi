@@ -23,16 +23,16 @@ from shpy import videos as videos
 from shpy import view as view
 from shpy.animation import animate as animate
 from shpy.notebook.live import widget as widget
-from shpy.backends.registry import BackendInfo as BackendInfo
-from shpy.backends.registry import backends as backends
-from shpy.backends.registry import default_backend as default_backend
+from shpy.backend.registry import BackendInfo as BackendInfo
+from shpy.backend.registry import backends as backends
+from shpy.backend.registry import default_backend as default_backend
 from shpy.chains.chain import Chain as Chain
 from shpy.chains.chain import loop as loop
 from shpy.chains.chain import repeat as repeat
 from shpy.chains.chain import sequence as sequence
 from shpy.chains.running import ChainResult as ChainResult
 from shpy.chains.share import share as share
-from shpy.choice import choice as choice
+from shpy.choices import choice as choice
 from shpy.cluster import map_blocks as map_blocks
 from shpy.cluster import map_overlap as map_overlap
 from shpy.collectives.choosing import top_k as top_k
@@ -58,9 +58,9 @@ from shpy.errors import ShpyWarning as ShpyWarning
 from shpy.errors import VerifyError as VerifyError
 from shpy.run.kernel import Kernel as Kernel
 from shpy.run.result import Result as Result
-from shpy.program import Program as Program
-from shpy.program import parse as parse
-from shpy.program import program as program
+from shpy.programs import Program as Program
+from shpy.programs import parse as parse
+from shpy.programs import program as program
 from shpy.streams.stream import Stream as Stream
 from shpy.tracing import Step as Step
 

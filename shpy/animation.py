@@ -24,7 +24,7 @@ from shpy.evolution import Evolution
 from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
 from shpy.videos import FPS, writing

@@ -26,7 +26,7 @@ import numpy as np
 
 import shpy as sh
 from shpy.accuracy.commands import add_commands
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 from shpy.command import MOST, add_completion, real, run, whole
 from shpy.ir.traverse import grid_rank
 from shpy.packages import DISTRIBUTION, extras, install, installed

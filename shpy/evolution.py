@@ -17,7 +17,7 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import Moment, check_pictures, first_output, values_of
 from shpy.streams.stream import Stream
 

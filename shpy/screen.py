@@ -33,7 +33,7 @@ from shpy.ir.constants import is_int
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
 from shpy.passes.modes import Math
-from shpy.program import Program
+from shpy.programs import Program
 
 SIZES: Final[dict[str, tuple[int, ...]]] = {
     "uv": (2,),

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import settings
 from stress.mode import stressed
 
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.opencl.device.driver import Machine, machine_of
-from shpy.backends.opencl.device.trial import DECLARES
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.opencl.device.driver import Machine, machine_of
+from shpy.backend.opencl.device.trial import DECLARES
 
 # The same examples in each run, so that no change fails by chance; `--hypothesis-profile random` looks for new ones.
 settings.register_profile("fixed", derandomize=True, deadline=None)

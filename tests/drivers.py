@@ -23,8 +23,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
-from shpy.backends.registry import backends
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.backend.registry import backends
 from shpy.errors import CompileError, ShpyError
 from shpy.testing.certify.sections import mixed
 from shpy.testing.conformance.cases import Case

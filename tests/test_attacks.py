@@ -15,7 +15,7 @@ from test_threads import at_once
 import shpy as sh
 from raytracer import cli as rays
 from shpy import cli
-from shpy.backends.device import store
+from shpy.backend.device import store
 from shpy.run import kernel
 
 pytestmark = pytest.mark.slow
@@ -68,7 +68,7 @@ def test_killed_writers_tear_no_file(tmp_path):
 KEEPING = """
 import warnings
 warnings.simplefilter("error")
-from shpy.backends.device import store
+from shpy.backend.device import store
 keys = [store.key(str(k)) for k in range(3)]
 for key in keys:
     store.save(key, key.encode() * 20_000)

@@ -13,9 +13,9 @@ import shpy as sh
 from benchmarks import alike, command, features, pages, peers, rays, record, report, rounds, startup, view, widths
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
-from shpy.backends.base import Options
-from shpy.backends.glsl import text_for
-from shpy.backends.glsl.device.context import open_context
+from shpy.backend.base import Options
+from shpy.backend.glsl import text_for
+from shpy.backend.glsl.device.context import open_context
 from shpy.packages import install
 from shpy.screen import moves
 from shpy.view.source import open_file

@@ -4,6 +4,7 @@ import ast
 import enum
 import importlib
 import importlib.util
+import pkgutil
 import re
 import subprocess
 import sys
@@ -42,6 +43,24 @@ def test_no_contract_ignores_an_import():
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     assert len(contracts) > 5
     assert [c["name"] for c in contracts if "ignore_imports" in c] == []
+
+
+def _modules(folder, package):
+    for module in pkgutil.iter_modules(folder, f"{package}."):
+        if not module.name.endswith("__main__"):
+            yield module.name
+            if module.ispkg:
+                yield from _modules(importlib.import_module(module.name).__path__, module.name)
+
+
+@pytest.mark.parametrize("package", ["shpy", "raytracer"])
+def test_no_module_shares_its_name_with_a_thing_of_its_package(package):
+    # Otherwise `import shpy.program as p` gives the function, and `import shpy.backends.base` an ImportError.
+    names = list(_modules(importlib.import_module(package).__path__, package))
+    assert len(names) > 50
+    modules = {name: importlib.import_module(name) for name in names}
+    parents = {name: importlib.import_module(name.rpartition(".")[0]) for name in names}
+    assert [n for n in names if getattr(parents[n], n.rpartition(".")[2], modules[n]) is not modules[n]] == []
 
 
 EDGES = [("a", "b"), ("a", "e"), ("b", "c"), ("c", "d")]
@@ -193,7 +212,7 @@ def test_properties_draw_the_same_examples_in_every_run(request):
 
 _LATE = (
     *(f"shpy.{name}" for name in ("accuracy", "cli", "testing", "ir.interpreter", "ir.parser")),
-    *(f"shpy.backends.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
+    *(f"shpy.backend.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
     *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
     *("shpy.notebook", "shpy.view", "importlib.metadata"),
     *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
@@ -242,7 +261,7 @@ def test_the_table_of_sizes_is_up_to_date(snapshots):
 EMIT = [
     path
     for folder in ("emit", "numpy/text", "opencl/text", "opencl/packets", "glsl/text")
-    for path in sorted((ROOT / "shpy/backends" / folder).glob("*.py"))
+    for path in sorted((ROOT / "shpy/backend" / folder).glob("*.py"))
 ]
 """The folders that make texts."""
 

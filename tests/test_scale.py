@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Options
-from shpy.backends.emit.names import Names
-from shpy.backends.opencl.packets.kernel import print_packets
-from shpy.backends.opencl.packets.prologue import Abilities
-from shpy.backends.opencl.text.kernel import print_kernel
+from shpy.backend.base import Options
+from shpy.backend.emit.names import Names
+from shpy.backend.opencl.packets.kernel import print_packets
+from shpy.backend.opencl.packets.prologue import Abilities
+from shpy.backend.opencl.text.kernel import print_kernel
 from shpy.ir.parser import parse
 from shpy.ir.text import print_module
 from shpy.ir.verifier import verify

@@ -11,7 +11,7 @@ import pytest
 
 import shpy as sh
 from shpy import SH_ELSE, SH_FOR, SH_IF, SH_RETURN
-from shpy.backends.base import Device, Options
+from shpy.backend.base import Device, Options
 from shpy.parsing import parse
 from shpy.run import kernel
 

@@ -6,11 +6,11 @@ Stage: measure, above programs and kernels; `import shpy as sh` brings it as `sh
     sh.accuracy.tradeoff(program, domain, budget=sh.accuracy.ulp(4)).best    # the fastest kernel that keeps 4 ULP
 """
 
-from shpy.accuracy.measure import measure
+from shpy.accuracy.measuring import measure
 from shpy.accuracy.pareto import frontier
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.report import Report
-from shpy.accuracy.tradeoff import Tradeoff, tradeoff
+from shpy.accuracy.tradeoffs import Tradeoff, tradeoff
 from shpy.units import Budget, relative, steps, ulp  # first: what tests compare with
 
 __all__ = ["Budget", "Report", "Tradeoff", "evaluate", "frontier", "measure", "relative", "steps", "tradeoff", "ulp"]

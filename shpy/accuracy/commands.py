@@ -17,9 +17,9 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from shpy.accuracy.measure import measure
-from shpy.accuracy.tradeoff import tradeoff
-from shpy.choice import Choice, combinations
+from shpy.accuracy.measuring import measure
+from shpy.accuracy.tradeoffs import tradeoff
+from shpy.choices import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
 from shpy.errors import ShpyError
 from shpy.files import import_from
@@ -28,7 +28,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.values.structure import leaves
 from shpy.outputs import check_output, write_json
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.units import Budget
 
 _COUNT, _SEED = whole(1, MOST), whole(0)

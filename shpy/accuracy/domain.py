@@ -23,7 +23,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
-from shpy.program import Program, check_count, check_program
+from shpy.programs import Program, check_count, check_program
 from shpy.streams.elements import dtypes_at
 
 Array = NDArray[Any]

@@ -26,7 +26,7 @@ from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.passes.modes import Precision
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 
 

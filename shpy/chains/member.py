@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from shpy.algebra import alike, signature, type_name, with_article
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.registry import backend as backend_named
 from shpy.errors import ShpyTypeError
 from shpy.ir.nodes import Discard
 from shpy.ir.traverse import walk
@@ -23,7 +23,7 @@ from shpy.lang.programs.guarded import MASK, guarded
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, layout_of
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.stream import Place
 

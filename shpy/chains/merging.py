@@ -17,7 +17,7 @@ from shpy.lang.recording.recorder import recording
 from shpy.lang.values.builtins import cond
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES, Value
-from shpy.program import Program
+from shpy.programs import Program
 
 COUNT = CLASSES["Attrib", 1, Base.I]
 """The type of a status, and of the number of executions in which an element was written."""

@@ -17,8 +17,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from shpy.backends.base import DeviceCall, Executable, Memory
-from shpy.backends.registry import default_backend
+from shpy.backend.base import DeviceCall, Executable, Memory
+from shpy.backend.registry import default_backend
 from shpy.chains.member import Member, element_layout, is_gathered
 from shpy.chains.merging import COUNT, merge_of
 from shpy.chains.share import Share

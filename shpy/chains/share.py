@@ -20,7 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.programs.guarded import MASK
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Place, Stream
 
 Condition = str | Program

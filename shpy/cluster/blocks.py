@@ -20,7 +20,7 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run import host
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape

@@ -24,7 +24,7 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values.types import TYPES
 from shpy.passes.placing import ORIGIN, PERIOD, WHOLE, place_blocks
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 
 _ENDLESS = 1 << 30

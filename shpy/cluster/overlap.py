@@ -26,7 +26,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout
 from shpy.passes.pipeline import optimise
 from shpy.passes.reach import Reach, reach
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import Shape
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Memory
+from shpy.backend.base import Memory
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.hostdata import as_array
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.types import Attrib1b, Attrib1i
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Place, Stream
 
 Shape = tuple[int, ...]

@@ -25,7 +25,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import cond, grid_index, isnan, max as larger
 from shpy.lang.values.types import Attrib1b, Attrib1i
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Stream
 
 

@@ -24,7 +24,7 @@ from shpy.lang.data.hostdata import as_array
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
 from shpy.streams.stream import Stream
 

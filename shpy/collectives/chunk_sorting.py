@@ -19,7 +19,7 @@ from shpy.collectives.chunks import flattened
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.lang.values.types import Attrib1b, Attrib1d, Attrib1f, Attrib1h, Attrib1i, Attrib1u
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.elements import dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 
@@ -115,7 +115,7 @@ def _element(array: Any, key: Any, name: str) -> Any:
 
 
 def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:
-    from shpy.backends.numpy.device.collective import words_in_order  # importing shpy loads no backend
+    from shpy.backend.numpy.device.collective import words_in_order  # importing shpy loads no backend
 
     cls, keys_of, place = pickle.loads(packed)
     stream = Stream(block, cls, place)

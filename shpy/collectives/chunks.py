@@ -21,7 +21,7 @@ from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.lang.recording.location import here
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.elements import Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import Stream
 

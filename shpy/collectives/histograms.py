@@ -30,7 +30,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import clamp, cond, min as least
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Stream
 
 

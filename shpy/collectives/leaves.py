@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Collectives, Memory, overlap
+from shpy.backend.base import Collectives, Memory, overlap
 from shpy.collectives.programs import annotated
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table, TableType
@@ -21,7 +21,7 @@ from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.values.builtins import bits_from_float, clamp, cond, grid_index, isnan, max as largest, min as least
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Place, Stream
 
 _TILE = 16

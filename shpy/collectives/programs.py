@@ -20,7 +20,7 @@ from shpy.lang.values.structs import struct
 from shpy.lang.values.structure import Group, build_values, layout_from, layout_of, leaves, leaves_of
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib4u
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program, program
+from shpy.programs import Program, program
 
 Lift = Callable[[Any, Any], Any]
 """Converts an element and its index to a value that the program combines."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import overlap
+from shpy.backend.base import overlap
 from shpy.collectives.chunks import reduce_chunks
 from shpy.collectives.exact import exact_sums, sums_of_blocks
 from shpy.collectives.programs import (
@@ -40,7 +40,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.elements import dtypes_at
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Stream

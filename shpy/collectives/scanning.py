@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Tree
+from shpy.backend.base import Tree
 from shpy.collectives.chunks import scan_chunks
 from shpy.collectives.programs import scanning, scanning_fours
 from shpy.collectives.reducing import reduce
@@ -35,7 +35,7 @@ from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.data.tables import Table
 from shpy.lang.values.structure import is_lazy
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Stream
 
 Arrays = list[NDArray[Any]]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Memory
+from shpy.backend.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.chunk_places import scatter_chunks
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
@@ -29,7 +29,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import cond
 from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves, spoken_type
 from shpy.lang.values.types import Attrib1i, Attrib1u
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.elements import given_shape
 from shpy.streams.stream import Stream
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Memory
+from shpy.backend.base import Memory
 from shpy.collectives.arguments import check_stream, shaped
 from shpy.collectives.chunk_sorting import argsort_chunks, sort_chunks
 from shpy.collectives.leaves import Leaves
@@ -28,7 +28,7 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import is_lazy, spoken_type
 from shpy.lang.values.types import Attrib1i
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Stream
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Memory, NodeTypes, Tree
+from shpy.backend.base import Memory, NodeTypes, Tree
 from shpy.collectives.arguments import check_stream
 from shpy.collectives.programs import Lift, folding, lifted_pairs, lifting, over_structs, width_for
 from shpy.errors import ShpyTypeError
@@ -26,7 +26,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, layout_of, leaves, spoken_type
 from shpy.lang.values.types import Attrib1i
 from shpy.lang.values.value import CLASSES
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.streams.stream import Place, Stream
 
 Shape = tuple[int, ...]

@@ -1,6 +1,6 @@
 """Nodes of the IR: values are assigned once, variables are slots, control flow is a tree.
 
-Stage: represent. `lang` makes these, `passes` rewrite them, `backends` print them.
+Stage: represent. `lang` makes these, `passes` rewrite them, `backend` prints them.
 
     Stmt = Let | Store | Call | If | Loop | Break | Continue | Return | Discard
     Region = tuple[Stmt, ...]

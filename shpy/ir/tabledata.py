@@ -1,6 +1,6 @@
 """The data of a table, which programs hold and runtimes read.
 
-Stage: represent. It is part of the IR package because `lang` creates it and `backends` read it.
+Stage: represent. It is part of the IR package because `lang` creates it and `backend` reads it.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from typing import Any
 
 from shpy.chains.chain import Chain
 from shpy.evolution import Evolution
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import Moment, drawn, moves
 
 

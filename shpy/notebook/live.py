@@ -16,7 +16,7 @@ from shpy.lang.recording.location import here
 from shpy.notebook.drawn import Pixels, Running
 from shpy.packages import install
 from shpy.passes.modes import Math
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import check_pictures
 
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Executable
+from shpy.backend.base import Array, Call, Executable
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded

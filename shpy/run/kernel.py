@@ -15,11 +15,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Backend, Call, Device, Executable, Options
-from shpy.backends.device.listed import Listed
-from shpy.backends.dump import dump
-from shpy.backends.registry import backend as backend_named
-from shpy.backends.slow import announced
+from shpy.backend.base import Backend, Call, Device, Executable, Options
+from shpy.backend.device.listed import Listed
+from shpy.backend.dump import dump
+from shpy.backend.registry import backend as backend_named
+from shpy.backend.slow import announced
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, DeviceCall, Executable, Memory, TableMemory, overlap
+from shpy.backend.base import Array, DeviceCall, Executable, Memory, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Counts
+from shpy.backend.base import Counts
 from shpy.ir.nodes import Status
 from shpy.lang.values.types import Attrib1b, Attrib1i
 from shpy.streams.elements import Shape

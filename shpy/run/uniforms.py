@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Options
-from shpy.backends.registry import backend
+from shpy.backend.base import Options
+from shpy.backend.registry import backend
 from shpy.ir.collector import uncollected
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded, record_body

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backends.base import Memory, Space
-from shpy.backends.registry import NAMES, backend as backend_named, default_backend
+from shpy.backend.base import Memory, Space
+from shpy.backend.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import is_int

@@ -29,7 +29,7 @@ from shpy.passes.exits import make_exits_explicit
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.modes import Precision
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing.arrays import Array
 from shpy.testing.observers import Setting
 

@@ -24,7 +24,7 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing.arrays import EXACT, Bound, is_denormal
 from shpy.testing.denormals import Denormal, find_denormals
 from shpy.testing.observers import Observer, Seen, Setting, observer, sites_of

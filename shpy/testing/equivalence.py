@@ -18,7 +18,7 @@ import numpy as np
 
 from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing import defaults
 from shpy.testing.arrays import Array, Bound
 from shpy.testing.denormals import meets_denormals

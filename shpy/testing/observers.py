@@ -22,7 +22,7 @@ from shpy.ir.types import Base, Type
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.promote import promote
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.run.kernel import Kernel
 from shpy.streams.elements import dtypes_at

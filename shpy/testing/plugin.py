@@ -48,7 +48,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Make one test for each backend where the fixture is asked for."""
     if "shpy_backend" in metafunc.fixturenames:
-        from shpy.backends.registry import backends
+        from shpy.backend.registry import backends
         from shpy.testing import defaults
 
         names = defaults.backends or [b.name for b in backends() if b.available]

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array, Call, Device, DeviceCall, Options
-from shpy.backends.numpy.device.memory import NumpySpace, over_arrays
-from shpy.backends.numpy.device.run import SPACE
-from shpy.backends.opencl.packets.widen import WIDER, WIDTHS
-from shpy.backends.registry import NAMES, backend, backends
+from shpy.backend.base import Array, Call, Device, DeviceCall, Options
+from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
+from shpy.backend.numpy.device.run import SPACE
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.backend.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
@@ -27,7 +27,7 @@ from shpy.ir.traverse import limited_loops
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math, Precision
 from shpy.passes.pipeline import with_strict_functions
-from shpy.program import Program, check_program
+from shpy.programs import Program, check_program
 from shpy.run.kernel import Kernel
 
 INTERPRETER = "interpreter"

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 from shpy.command import whole
 from shpy.errors import ShpyError
 from shpy.passes.modes import MODES

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
-from shpy.backends.registry import backends
+from shpy.backend.registry import backends
 from shpy.errors import ShpyError
-from shpy.program import Program
+from shpy.programs import Program
 
 QUICK: Final = "numpy"
 """The backend that draws while another one's driver compiles."""

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, Final
 
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 from shpy.passes.modes import MODES
 
 LONGEST: Final = 1 << 16

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import Moment, filled
 from shpy.view.kernels import Form
 

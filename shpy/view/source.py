@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 from shpy.chains.chain import Chain, sequence
 from shpy.errors import CompileError, ShpyError
 from shpy.files import import_from
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
 

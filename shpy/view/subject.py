@@ -16,7 +16,7 @@ import numpy as np
 
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.screen import Moment, filled, first_output, moves, run_at, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels

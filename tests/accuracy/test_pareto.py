@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 
 import shpy as sh
-from shpy.accuracy.measure import Variant
+from shpy.accuracy.measuring import Variant
 from shpy.accuracy.pareto import choose, rivals, separable, timed
 from shpy.accuracy.pareto_plot import draw
-from shpy.accuracy.tradeoff import Candidate, Tradeoff
+from shpy.accuracy.tradeoffs import Candidate, Tradeoff
 
 EXTREMES = (0.0, 0.0, math.inf, math.inf)
 

@@ -12,8 +12,8 @@ from accuracy.test_measure import FILE
 import shpy as sh
 from shpy import SH_FOR, cli
 from shpy.accuracy.domain import draw
-from shpy.accuracy.tradeoff import Candidate, Tradeoff
-from shpy.choice import combinations
+from shpy.accuracy.tradeoffs import Candidate, Tradeoff
+from shpy.choices import combinations
 
 
 def exactly(x: sh.Attrib1f) -> sh.Attrib1f:
@@ -140,7 +140,7 @@ def test_what_does_not_hold_on_unseen_inputs_is_not_picked(monkeypatch):
         for n, candidate in enumerate(candidates):
             candidate.ns = -n
 
-    monkeypatch.setattr(sys.modules["shpy.accuracy.tradeoff"], "_time", timed)
+    monkeypatch.setattr(sys.modules["shpy.accuracy.tradeoffs"], "_time", timed)
     roots = sh.choice("root", {"exactly": exactly, "overfitted": overfitted})
     found = sh.accuracy.tradeoff(roots, NEAR_ONE, sh.accuracy.ulp(1), **FEW)
     fastest = found.candidates[0]
@@ -157,7 +157,7 @@ def test_of_variants_that_are_not_separable_in_time_the_closest_is_picked(monkey
             candidate.ns = 1.0 if candidate.picks["root"] == "roughly" else slower
             candidate.spread = 0.9 * candidate.ns, 1.2 * candidate.ns
 
-    monkeypatch.setattr(sys.modules["shpy.accuracy.tradeoff"], "_time", timed)
+    monkeypatch.setattr(sys.modules["shpy.accuracy.tradeoffs"], "_time", timed)
     found = sh.accuracy.tradeoff(twice, NEAR_ONE, sh.accuracy.ulp(1000), **FEW)
     assert found.fastest.picks == {"root": "roughly"}
     assert found.pick.picks == {"root": picked}

@@ -3,8 +3,8 @@
 from typing import Any
 
 import shpy as sh
-from shpy.backends.base import Options
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.base import Options
+from shpy.backend.registry import backend as backend_named
 from shpy.run import kernel as kernels
 from shpy.run.kernel import Kernel
 from shpy.testing.conformance.running import (

@@ -13,7 +13,7 @@ import pytest
 from patience import HANGING
 
 from benchmarks.pages import wait_until
-from shpy.backends.opencl.device.background import Background, Refused
+from shpy.backend.opencl.device.background import Background, Refused
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ COMPILING = """
 import os, signal, sys, time
 from functools import partial
 from patience import HANGING
-from shpy.backends.opencl.device.background import background
+from shpy.backend.opencl.device.background import background
 found = background().submit(os.getpid)
 pid = found.result(HANGING)
 slow = background().submit(partial(time.sleep, 2 * HANGING))

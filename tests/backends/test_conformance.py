@@ -12,7 +12,7 @@ from backends.running import BACKENDS, LANES, PACKETS, TARGETS, TILES, WIDE
 from stress.mode import stressed
 
 import shpy as sh
-from shpy.backends.opencl.device.driver import machine_of
+from shpy.backend.opencl.device.driver import machine_of
 from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL, TRANSCENDENTALS
 from shpy.ir.traverse import walk

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from backends.test_conformance import STRUCTURED, each
 
-from shpy.backends.opencl.device.declarations import declarations
-from shpy.backends.opencl.device.driver import Machine, machine_of
-from shpy.backends.opencl.device.trial import DECLARES
-from shpy.backends.opencl.text.operations import FUNCTIONS, NATIVE
+from shpy.backend.opencl.device.declarations import declarations
+from shpy.backend.opencl.device.driver import Machine, machine_of
+from shpy.backend.opencl.device.trial import DECLARES
+from shpy.backend.opencl.text.operations import FUNCTIONS, NATIVE
 from shpy.testing.conformance.cases import Case
 
 HEADER = Path("/usr/share/pocl/include/opencl-c.h")

@@ -3,7 +3,7 @@
 import pytest
 
 import shpy as sh
-from shpy.backends import dump
+from shpy.backend import dump
 
 SUM = "value=(operator + (operator * x 8.5):f 1.0):f"
 TREES = {

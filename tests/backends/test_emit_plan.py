@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from shpy.backends.emit.plan import Wishes, _letters_of, plan
-from shpy.backends.emit.tree import Literal
-from shpy.backends.opencl.text.spell_cl import ClSpeller
+from shpy.backend.emit.plan import Wishes, _letters_of, plan
+from shpy.backend.emit.tree import Literal
+from shpy.backend.opencl.text.spell_cl import ClSpeller
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Let, Store, Value
 from shpy.ir.parser import parse

@@ -17,7 +17,7 @@ import pytest
 from backends.running import covering
 
 import shpy as sh
-from shpy.backends.base import Array
+from shpy.backend.base import Array
 from shpy.ir.ops import OPS
 from shpy.ir.types import Base
 from shpy.passes.strict.coefficients import TWO_BY_PI_DIGITS

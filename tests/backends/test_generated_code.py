@@ -15,7 +15,7 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
-from shpy.backends.opencl.device.driver import machine_of
+from shpy.backend.opencl.device.driver import machine_of
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 HEAD = """

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.glsl import backend
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.glsl.text.interface import FOLD
+from shpy.backend.glsl import backend
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.glsl.text.interface import FOLD
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import vec
 

@@ -11,12 +11,12 @@ from backends.running import compiled_anew as compiled, differs, flushes_denorma
 
 import shpy as sh
 from shpy import SH_ELSE, SH_IF
-from shpy.backends import glsl
-from shpy.backends.base import Options
-from shpy.backends.device import probe
-from shpy.backends.glsl.device import probes
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.registry import backend as backend_named
+from shpy.backend import glsl
+from shpy.backend.base import Options
+from shpy.backend.device import probe
+from shpy.backend.glsl.device import probes
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.registry import backend as backend_named
 from shpy.ir.exact import hard_cases
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Call, Options
-from shpy.backends.glsl import backend
+from shpy.backend.base import Call, Options
+from shpy.backend.glsl import backend
 from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES

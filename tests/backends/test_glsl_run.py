@@ -13,12 +13,12 @@ import shpy as sh
 from shpy import (
     SH_DISCARD,
 )
-from shpy.backends.base import Call, Options
-from shpy.backends.glsl import backend
-from shpy.backends.glsl.device import run as runtime
-from shpy.backends.glsl.device.context import Context
-from shpy.backends.glsl.device.run import refused, row_length
-from shpy.backends.glsl.text.interface import Shader
+from shpy.backend.base import Call, Options
+from shpy.backend.glsl import backend
+from shpy.backend.glsl.device import run as runtime
+from shpy.backend.glsl.device.context import Context
+from shpy.backend.glsl.device.run import refused, row_length
+from shpy.backend.glsl.text.interface import Shader
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Loc, Module, Port
 from shpy.ir.types import vec

@@ -9,7 +9,7 @@ import pytest
 import shpy as sh
 from benchmarks.record import glsl_text
 from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.glsl.text.prologue import Prologue, helpers
+from shpy.backend.glsl.text.prologue import Prologue, helpers
 from shpy.ir.types import Base, vec
 
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")
@@ -125,7 +125,7 @@ def test_the_functions_of_the_prologue_stand_below_those_they_call() -> None:
 
 def test_division_of_places_by_way_of_floats_is_exact():
     """Quotients and remainders at multiples, beside them, and up to the largest number of elements of a texture."""
-    from shpy.backends.glsl.device.context import open_context
+    from shpy.backend.glsl.device.context import open_context
 
     context = open_context(0)
     rng = np.random.default_rng(7)

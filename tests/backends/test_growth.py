@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.glsl import backend as glsl
-from shpy.backends.opencl.device.driver import machine_of
+from shpy.backend.glsl import backend as glsl
+from shpy.backend.opencl.device.driver import machine_of
 from shpy.run import kernel as kernels
 
 

@@ -17,7 +17,7 @@ from backends.running import flushes_denormals
 from correctly_rounded import rounded
 
 import shpy as sh
-from shpy.backends.base import Array
+from shpy.backend.base import Array
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.passes.modes import MODES
 

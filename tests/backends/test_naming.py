@@ -5,7 +5,7 @@ import re
 import pytest
 from hypothesis import given, strategies as st
 
-from shpy.backends.emit.names import _PREFIXES, MAX_LENGTH, RESERVED, Names, Target, legal
+from shpy.backend.emit.names import _PREFIXES, MAX_LENGTH, RESERVED, Names, Target, legal
 
 TARGETS: tuple[Target, ...] = ("glsl", "opencl", "python")
 NASTY = [

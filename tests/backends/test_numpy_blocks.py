@@ -5,10 +5,10 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.base import Call, Options
-from shpy.backends.numpy.device.run import TARGET, NumpyBackend
-from shpy.backends.numpy.tables import Place, TableView
-from shpy.backends.numpy.text import apart
+from shpy.backend.base import Call, Options
+from shpy.backend.numpy.device.run import TARGET, NumpyBackend
+from shpy.backend.numpy.tables import Place, TableView
+from shpy.backend.numpy.text import apart
 from shpy.ir.tabledata import TableData
 from shpy.passes.pipeline import prepare
 

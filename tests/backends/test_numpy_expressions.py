@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.emit.spell_python import PythonSpeller
-from shpy.backends.emit.tree import BOOL, Expr, Index, Method, Name, call, choice, infix, negation, number, prefix
+from shpy.backend.emit.spell_python import PythonSpeller
+from shpy.backend.emit.tree import BOOL, Expr, Index, Method, Name, call, choice, infix, negation, number, prefix
 
 a, b, c = (Name(BOOL, n) for n in "abc")
 COMBINED = {

@@ -81,7 +81,7 @@ def test_the_sums_are_those_of_single_iterations(function):
 
 
 def test_as_many_iterations_at_once_as_fill_an_array(monkeypatch):
-    from shpy.backends.numpy import lanes
+    from shpy.backend.numpy import lanes
 
     program, x = sh.program(pull), RNG.normal(size=(40, 3)).astype(np.float32)
     found = program.compile("numpy")(x)

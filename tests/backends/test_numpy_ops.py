@@ -6,9 +6,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from shpy.backends.base import Call, Options
-from shpy.backends.numpy import backend
-from shpy.backends.numpy.lanes import MANY, dot, maximum, minimum, select
+from shpy.backend.base import Call, Options
+from shpy.backend.numpy import backend
+from shpy.backend.numpy.lanes import MANY, dot, maximum, minimum, select
 from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES, from_array

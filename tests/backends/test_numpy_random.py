@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from passes.random_ir import LOOP_LIMIT, Sizes, random_inputs, random_module
 
-from shpy.backends.base import Call, Options
-from shpy.backends.numpy.device.run import NumpyBackend
+from shpy.backend.base import Call, Options
+from shpy.backend.numpy.device.run import NumpyBackend
 from shpy.ir.constants import encode
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Let, Param, Status

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Call, Options
-from shpy.backends.numpy.device.run import NumpyBackend
-from shpy.backends.numpy.lanes import pick, put, put_aside, vector
-from shpy.backends.numpy.tables import TableView
+from shpy.backend.base import Call, Options
+from shpy.backend.numpy.device.run import NumpyBackend
+from shpy.backend.numpy.lanes import pick, put, put_aside, vector
+from shpy.backend.numpy.tables import TableView
 from shpy.errors import BackendUnavailable
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Discard, Loc, Module, Param, Port, Status, Table

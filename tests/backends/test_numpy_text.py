@@ -8,8 +8,8 @@ import pytest
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_DO, SH_ELIF, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.emit.spell_python import PythonSpeller
-from shpy.backends.emit.tree import BOOL, Expr, Literal, Name, call, infix, negation, prefix
+from shpy.backend.emit.spell_python import PythonSpeller
+from shpy.backend.emit.tree import BOOL, Expr, Literal, Name, call, infix, negation, prefix
 from shpy.ir.types import Base, vec
 
 INT, FLOAT = vec(Base.I), vec(Base.F)

@@ -7,7 +7,7 @@ import pytest
 
 import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.numpy.lanes import MANY_ROWS, fold
+from shpy.backend.numpy.lanes import MANY_ROWS, fold
 
 X = np.linspace(-2, 2, 40, dtype=np.float32)
 Y = np.cos(X).astype(np.float32)

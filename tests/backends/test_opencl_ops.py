@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shpy.backends.base import Call, Options
-from shpy.backends.opencl import backend
+from shpy.backend.base import Call, Options
+from shpy.backend.opencl import backend
 from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES

@@ -16,11 +16,11 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.backends.base import Call, Options
-from shpy.backends.opencl import backend
-from shpy.backends.opencl.device import driver as device, run as runtime
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.opencl.device.tables import tables_of
+from shpy.backend.base import Call, Options
+from shpy.backend.opencl import backend
+from shpy.backend.opencl.device import driver as device, run as runtime
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.opencl.device.tables import tables_of
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
 from shpy.ir.tabledata import TableData

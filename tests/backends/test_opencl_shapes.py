@@ -9,9 +9,9 @@ import pytest
 
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
-from shpy.backends.base import Options
-from shpy.backends.emit.plan import MAX_DEPTH
-from shpy.backends.opencl import backend
+from shpy.backend.base import Options
+from shpy.backend.emit.plan import MAX_DEPTH
+from shpy.backend.opencl import backend
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Continue, Module, Port, Value
 from shpy.ir.types import Type, vec

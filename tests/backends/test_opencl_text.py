@@ -18,7 +18,7 @@ from shpy import (
     SH_RETURN,
     SH_WHILE,
 )
-from shpy.backends.emit.spell_c import comment
+from shpy.backend.emit.spell_c import comment
 from shpy.ir.nodes import Loc
 
 heights = sh.Table(np.zeros((4, 5), np.float32), sh.Attrib1f, name="heights")

@@ -5,9 +5,9 @@ import pytest
 
 import shpy as sh
 from shpy import SH_DISCARD, SH_FOR, SH_WHILE
-from shpy.backends.device import pace as pacing
-from shpy.backends.device.pace import Pace
-from shpy.backends.opencl.device import driver as device
+from shpy.backend.device import pace as pacing
+from shpy.backend.device.pace import Pace
+from shpy.backend.opencl.device import driver as device
 
 pytestmark = pytest.mark.undisturbed
 

@@ -10,10 +10,10 @@ from backends.test_packets import same
 
 import shpy as sh
 from shpy import SH_WHILE
-from shpy.backends.base import Array, Call, Options
-from shpy.backends.opencl import backend
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.opencl.packets.prologue import Abilities
+from shpy.backend.base import Array, Call, Options
+from shpy.backend.opencl import backend
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.opencl.packets.prologue import Abilities
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Module, Port
 from shpy.ir.ops import OPS

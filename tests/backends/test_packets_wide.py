@@ -9,12 +9,12 @@ from backends.test_packet_shapes import halved, kept, moved, sloping
 from backends.test_packets import both, forms, same
 
 import shpy as sh
-from shpy.backends.opencl.device import driver as device
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.opencl.device.trial import Trial, works
-from shpy.backends.opencl.packets.prologue_wide import Words, declare_wide, try_wide
-from shpy.backends.opencl.packets.widen import WIDER
-from shpy.backends.opencl.text.operations import FUNCTIONS, NATIVE
+from shpy.backend.opencl.device import driver as device
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.opencl.device.trial import Trial, works
+from shpy.backend.opencl.packets.prologue_wide import Words, declare_wide, try_wide
+from shpy.backend.opencl.packets.widen import WIDER
+from shpy.backend.opencl.text.operations import FUNCTIONS, NATIVE
 
 RNG = np.random.default_rng(9)
 each_wide = pytest.mark.parametrize("lanes", WIDER)

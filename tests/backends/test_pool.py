@@ -4,8 +4,8 @@ import gc
 
 import pytest
 
-from shpy.backends.device import pool as pools
-from shpy.backends.device.pool import Kind, Pool, rounded
+from shpy.backend.device import pool as pools
+from shpy.backend.device.pool import Kind, Pool, rounded
 
 
 class Owner:

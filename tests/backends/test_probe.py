@@ -15,11 +15,11 @@ from backends.running import compiled_anew as compiled, differs, flushes_denorma
 
 import shpy as sh
 from shpy import SH_BREAK, SH_WHILE
-from shpy.backends.base import Array, Options
-from shpy.backends.device import probe
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.opencl.device import driver as device, trial
-from shpy.backends.opencl.device.driver import machine_of
+from shpy.backend.base import Array, Options
+from shpy.backend.device import probe
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.opencl.device import driver as device, trial
+from shpy.backend.opencl.device.driver import machine_of
 from shpy.ir import ops
 from shpy.ir.types import Base, vec
 from shpy.passes.library import definition

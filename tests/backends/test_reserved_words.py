@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.emit.names import RESERVED, Names, Target
+from shpy.backend.emit.names import RESERVED, Names, Target
 
 GLSL = """
 const uniform buffer shared attribute varying coherent volatile restrict readonly writeonly atomic_uint layout

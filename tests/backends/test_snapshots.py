@@ -14,10 +14,10 @@ from backends.running import TARGETS
 
 import shpy as sh
 from benchmarks.record import glsl_text, numpy_text, opencl_text
-from shpy.backends.base import Options
-from shpy.backends.opencl.device.targets import PACKET_TARGET
-from shpy.backends.opencl.packets.kernel import print_packets
-from shpy.backends.opencl.packets.prologue import Abilities
+from shpy.backend.base import Options
+from shpy.backend.opencl.device.targets import PACKET_TARGET
+from shpy.backend.opencl.packets.kernel import print_packets
+from shpy.backend.opencl.packets.prologue import Abilities
 from shpy.passes.pipeline import optimise, prepare
 from shpy.passes.precision import set_precision
 from shpy.testing.conformance.catalogue import all_cases

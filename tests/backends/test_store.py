@@ -14,8 +14,8 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
-from shpy.backends.device import store
-from shpy.backends.opencl.device.driver import machine_of
+from shpy.backend.device import store
+from shpy.backend.opencl.device.driver import machine_of
 
 PROGRAM = """
 import numpy as np, shpy as sh

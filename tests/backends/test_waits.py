@@ -7,8 +7,8 @@ from contextlib import contextmanager
 import pytest
 from patience import HANGING
 
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.opencl.device.waiting import Waiter
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.opencl.device.waiting import Waiter
 
 
 @contextmanager

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Call, DeviceCall
-from shpy.backends.opencl.device import run as runtime, widths
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.opencl.device.widths import Choosing, measured_widths, next_width
+from shpy.backend.base import Call, DeviceCall
+from shpy.backend.opencl.device import run as runtime, widths
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.errors import CompileError
 
 

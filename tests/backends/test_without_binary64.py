@@ -16,11 +16,11 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
-from shpy.backends.base import Options
-from shpy.backends.device.probe import NO_BINARY64
-from shpy.backends.glsl.device.context import open_context
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.base import Options
+from shpy.backend.device.probe import NO_BINARY64
+from shpy.backend.glsl.device.context import open_context
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.registry import backend as backend_named
 from shpy.ir.exact import hard_cases
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.passes import pairs
@@ -149,7 +149,7 @@ import sys
 
 import numpy as np
 import shpy as sh
-from shpy.backends.glsl.device.context import open_context
+from shpy.backend.glsl.device.context import open_context
 assert not open_context(0).limits.doubles
 
 @sh.program

@@ -7,7 +7,7 @@ import sys
 from patience import HANGING
 
 LIST = """
-from shpy.backends.glsl.device.context import open_context
+from shpy.backend.glsl.device.context import open_context
 from shpy.testing.conformance.catalogue import all_cases
 assert not open_context(0).limits.keeps_order
 
@@ -51,7 +51,7 @@ def test_the_conformance_list_without_precise():
 
 
 SOFTPIPE = """
-from shpy.backends.glsl.device.context import open_context
+from shpy.backend.glsl.device.context import open_context
 from shpy.testing.conformance.catalogue import all_cases
 limits = open_context(0).limits
 assert limits.keeps_denormals and not limits.stores_apart and not limits.fuses, limits

@@ -140,7 +140,7 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     """A list or not, whichever takes less time: with uniform inputs, results of each size, and loops that stop."""
-    from shpy.backends.device.listed import Listed
+    from shpy.backend.device.listed import Listed
 
     monkeypatch.setattr(Listed, "_pays", lambda *_: pays)
     rng = np.random.default_rng(8)
@@ -164,7 +164,7 @@ def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
 @pytest.mark.parametrize("moving", [0.01, 100])
 def test_a_list_is_made_where_moving_its_elements_takes_less_time_than_it_saves(monkeypatch, moving):
     """The clock says that an element runs for a second; the first list builds kernels, the second one is timed."""
-    from shpy.backends.device.listed import Listed
+    from shpy.backend.device.listed import Listed
 
     run, lists, times = Listed._run, [], []
 

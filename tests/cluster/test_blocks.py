@@ -15,7 +15,7 @@ import pytest
 from dask.distributed import Client, LocalCluster
 
 import shpy as sh
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 from shpy.cluster import overlap
 from shpy.passes.reach import reach
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 
 every = pytest.mark.parametrize("name", NAMES)
 X = np.linspace(-3, 3, 37, dtype=np.float32)

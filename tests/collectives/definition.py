@@ -8,8 +8,8 @@ import pytest
 from backends.running import LANES, flushes_denormals
 
 import shpy as sh
-from shpy.backends.opencl.device import collective as opencl
-from shpy.backends.opencl.device.driver import Machine
+from shpy.backend.opencl.device import collective as opencl
+from shpy.backend.opencl.device.driver import Machine
 from shpy.collectives.trees import own_tree
 
 TREES = {f"opencl-trees-{n}": n for n in (4, 8, 16)}

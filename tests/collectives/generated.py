@@ -8,8 +8,8 @@ from backends.running import LANES
 from collectives.definition import each
 
 import shpy as sh
-from shpy.backends.base import Collectives
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.base import Collectives
+from shpy.backend.registry import backend as backend_named
 
 MOVED = ("numpy", "opencl", "glsl")
 """Targets of what moves elements: kernels of the backend's own, which know no lanes, or programs on GLSL."""

@@ -9,7 +9,7 @@ import pytest
 from collectives.definition import target
 
 import shpy as sh
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 
 __all__ = ["target"]
 

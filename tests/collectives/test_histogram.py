@@ -7,7 +7,7 @@ import pytest
 from collectives.generated import LARGE, OFTEN, assert_same_bits, computed, floats, generated, moved, stream
 
 import shpy as sh
-from shpy.backends.glsl.device import collective as glsl
+from shpy.backend.glsl.device import collective as glsl
 
 __all__ = ["computed", "moved"]
 

@@ -23,8 +23,8 @@ from collectives.definition import (
 )
 
 import shpy as sh
-from shpy.backends.opencl.device import trees as opencl_trees
-from shpy.backends.opencl.device.memory import OpenCLSpace
+from shpy.backend.opencl.device import trees as opencl_trees
+from shpy.backend.opencl.device.memory import OpenCLSpace
 from shpy.collectives.trees import own_tree
 
 __all__ = ["target", "trees"]

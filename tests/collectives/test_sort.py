@@ -17,7 +17,7 @@ from collectives.generated import (
 )
 
 import shpy as sh
-from shpy.backends.opencl.device import collective as opencl
+from shpy.backend.opencl.device import collective as opencl
 
 __all__ = ["by_programs", "computed", "moved"]
 

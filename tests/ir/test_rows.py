@@ -116,7 +116,7 @@ OPENCL = "prologue_wide.py"
 """Its lists name functions of OpenCL C: `tests/backends/test_packets_wide.py` checks them."""
 
 
-ROOMS = ("ir", "passes", "backends", "testing", "accuracy")
+ROOMS = ("ir", "passes", "backend", "testing", "accuracy")
 
 
 def lists():

@@ -19,7 +19,7 @@ from tests.mutation.small_faults import PARTS, ROOT, Fault
 
 EACH_ROUND = 20
 """Tests taken in each round from a file that has a word of the faulty module in its name; of others it is one."""
-WIDE_WORDS = {"shpy", "raytracer", "backends", "kernels", "passes", "device", "text", "tests", "test", "py", ""}
+WIDE_WORDS = {*"shpy raytracer backend backends kernels passes device text tests test py".split(), ""}
 """Words of paths that say nothing about what a module does."""
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PARTS = {
-    "backends": ("shpy/backends",),
+    "backends": ("shpy/backend",),
     "passes": ("shpy/passes",),
     "kernels": ("raytracer/kernels", "raytracer/integrators", "shpy/library"),
     "structures": ("raytracer/accel", "raytracer/view"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from passes.random_ir import LOOP_LIMIT, random_module
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.builder import Builder
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Let, Module, Port

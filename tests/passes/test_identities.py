@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
 from shpy.passes.pipeline import Target, prepare

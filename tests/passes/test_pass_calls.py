@@ -3,7 +3,7 @@
 import pytest
 from passes.before_after import module
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.nodes import Call
 from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify

@@ -1,7 +1,7 @@
 import pytest
 from before_after import module, text
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.errors import CompileError
 from shpy.ir.builder import Builder
 from shpy.ir.interpreter import Interpreter

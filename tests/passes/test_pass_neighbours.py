@@ -7,8 +7,8 @@ import pytest
 
 import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE
-from shpy.backends.base import Options
-from shpy.backends.numpy.tables import Place, TableView
+from shpy.backend.base import Options
+from shpy.backend.numpy.tables import Place, TableView
 from shpy.ir.meaning import floor_mod_int
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk

@@ -5,7 +5,7 @@ import pytest
 import random_ir
 from random_ir import LOOP_LIMIT, Sizes, random_inputs, random_module
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.traverse import limited_loops
 from shpy.ir.verifier import verify

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.device import listed
+from shpy.backend.device import listed
 from shpy.ir.verifier import verify
 from shpy.passes.rejecting import find_rejection
 

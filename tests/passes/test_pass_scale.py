@@ -5,7 +5,7 @@ import random
 import pytest
 from effort import calls
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.builder import Builder
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import MAX_LOOP_DEPTH, MAX_REGION_DEPTH, Module, Port

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_ir import LOOP_LIMIT, random_inputs, random_module
 
-from shpy.backends.base import Options
+from shpy.backend.base import Options
 from shpy.ir.builder import Builder
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Break, Continue, If, Let, Loop, Module, Port, Return, Store, Table

@@ -20,7 +20,7 @@ from backends.running import DenormalWatch, differs, flushes_denormals, kernel
 from stress.mode import stressed
 
 import shpy as sh
-from shpy.backends.base import Array, Options
+from shpy.backend.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
@@ -296,7 +296,7 @@ def _leave_out_precise() -> None:
 
 
 def _ran_there(program: Tree, inputs: list[Array], precision: Precision, math: Math, backend: str) -> Answers:
-    from shpy.backends.glsl.device.context import open_context
+    from shpy.backend.glsl.device.context import open_context
 
     assert not open_context(None).limits.keeps_order
     return ran(wanted(program, inputs, precision, math), backend)

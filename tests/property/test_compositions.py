@@ -17,7 +17,7 @@ import pytest
 from backends.running import run
 
 import shpy as sh
-from shpy.backends.base import Array
+from shpy.backend.base import Array
 from shpy.testing.arrays import differing, flat_leaves
 
 TYPES = ("Attrib1f", "Attrib3f", "Attrib1i")

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import pick, put
+from shpy.backend.numpy.lanes import pick, put
 from shpy.ir.meaning import shift_right
 
 

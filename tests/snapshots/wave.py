@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import select
+from shpy.backend.numpy.lanes import select
 
 
 def sin_strict(x):

@@ -8,11 +8,11 @@ import pytest
 from stream_programs import kept, smooth
 
 import shpy as sh
-from shpy.backends.device.pace import Pace
-from shpy.backends.glsl.device.context import Context
-from shpy.backends.numpy.device.run import NumpyExecutable
-from shpy.backends.opencl.device.waiting import Waiter
-from shpy.backends.registry import NAMES
+from shpy.backend.device.pace import Pace
+from shpy.backend.glsl.device.context import Context
+from shpy.backend.numpy.device.run import NumpyExecutable
+from shpy.backend.opencl.device.waiting import Waiter
+from shpy.backend.registry import NAMES
 
 DISPATCH = {"numpy": (NumpyExecutable, "_run_tile"), "opencl": (Waiter, "wait"), "glsl": (Context, "go_on")}
 """The method that each dispatch calls, by backend."""

@@ -14,7 +14,7 @@ import pyopencl.array
 import pytest
 
 import shpy as sh
-from shpy.backends.registry import NAMES, backend
+from shpy.backend.registry import NAMES, backend
 
 every = pytest.mark.parametrize("name", NAMES)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backends.registry import NAMES, backend
+from shpy.backend.registry import NAMES, backend
 
 every = pytest.mark.parametrize("name", NAMES)
 

@@ -8,7 +8,7 @@ from stream_programs import kept, smooth
 from test_threads import at_once
 
 import shpy as sh
-from shpy.backends.registry import NAMES
+from shpy.backend.registry import NAMES
 
 THREADS, ROUNDS = 8, 5
 every = pytest.mark.parametrize("name", NAMES)

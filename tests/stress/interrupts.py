@@ -21,12 +21,12 @@ from typing import Any
 from unittest.mock import patch
 
 from benchmarks.pages import wait_until
-from shpy.backends.glsl.device.context import Context
+from shpy.backend.glsl.device.context import Context
 
 SHPY = Path(sys.modules["shpy"].__file__ or "").parent
 LOCKS = (threading.__file__, os.path.join(os.path.dirname(threading.__file__), "concurrent", ""))
 """Modules of Python whose locks a runtime may hold: an interrupt may come between a lock and its `with` block."""
-RUNTIMES = tuple(str(SHPY / part) for part in ("backends", "streams", "chains", "collectives"))
+RUNTIMES = tuple(str(SHPY / part) for part in ("backend", "streams", "chains", "collectives"))
 
 
 class Interrupted(KeyboardInterrupt):

@@ -31,16 +31,16 @@ from unittest.mock import patch
 
 import numpy as np
 
-from shpy.backends.device import listed, pace, pool
-from shpy.backends.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
-from shpy.backends.numpy.device import run as numpy_runtime
-from shpy.backends.opencl.device import (
+from shpy.backend.device import listed, pace, pool
+from shpy.backend.glsl.device import memory as glsl_memory, run as glsl_runtime, textures as glsl_textures
+from shpy.backend.numpy.device import run as numpy_runtime
+from shpy.backend.opencl.device import (
     driver as opencl_device,
     memory as opencl_memory,
     run as opencl_runtime,
     staging as opencl_staging,
 )
-from shpy.backends.opencl.device.driver import _found, machine_of
+from shpy.backend.opencl.device.driver import _found, machine_of
 from shpy.chains.chain import Chain
 from shpy.run.kernel import Kernel
 

@@ -11,7 +11,7 @@ from stress.interrupts import Interrupted, at_line, in_a_draw
 from stress.mode import stressed
 
 import shpy as sh
-from shpy.backends.device.pace import Pace
+from shpy.backend.device.pace import Pace
 
 BACKENDS = ("numpy", "opencl", "glsl")
 X = np.arange(2500, dtype=np.float32).reshape(50, 50)

@@ -5,9 +5,9 @@ import pytest
 from stress.mode import GIVEN_BACK, TAKEN, stressed
 
 import shpy as sh
-from shpy.backends.device.pace import Pace
-from shpy.backends.opencl.device.driver import machine_of
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.device.pace import Pace
+from shpy.backend.opencl.device.driver import machine_of
+from shpy.backend.registry import backend as backend_named
 
 
 @sh.program
@@ -29,8 +29,8 @@ def test_runs_are_split_into_few_and_many_dispatches_and_not_at_all():
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_run_takes_several_dispatches(backend, monkeypatch):
-    from shpy.backends.glsl.device.run import Runtime
-    from shpy.backends.opencl.device.waiting import Waiter
+    from shpy.backend.glsl.device.run import Runtime
+    from shpy.backend.opencl.device.waiting import Waiter
 
     seen = []
     seam, name = (Runtime, "_dispatch") if backend == "glsl" else (Waiter, "wait")
@@ -81,6 +81,6 @@ def test_nothing_of_it_stays():
     with stressed(1):
         pass
     assert list(Pace().parts(1)) == [(0, 1)]
-    assert Pace.parts.__module__ == "shpy.backends.device.pace"
-    assert backend_named("opencl").space(None).allocate.__func__.__module__ == "shpy.backends.opencl.device.memory"
+    assert Pace.parts.__module__ == "shpy.backend.device.pace"
+    assert backend_named("opencl").space(None).allocate.__func__.__module__ == "shpy.backend.opencl.device.memory"
     assert np.empty.__name__ == "empty"

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from shpy.backends.registry import backend
+from shpy.backend.registry import backend
 from shpy.ir.nodes import Function, Let, Module
 from shpy.ir.traverse import rewrite
 from shpy.run import kernel as kernels

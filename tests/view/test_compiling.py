@@ -13,7 +13,7 @@ from patience import HANGING
 
 import shpy as sh
 from benchmarks.pages import wait_until
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.view import kernels, session, workers
 from shpy.view.kernels import Form, Kernels
 

@@ -157,7 +157,7 @@ def test_a_target_that_refuses_is_said_and_another_draws(page, view):
 
 REFUSING = """
 import shpy as sh
-from shpy.program import Program
+from shpy.programs import Program
 
 compiled = Program.compile
 

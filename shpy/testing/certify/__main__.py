@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from shpy.command import run
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.certify import functions, golden, pictures
 from shpy.testing.certify.findings import Target

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from shpy.backends.registry import NAMES, backend, backends
+from shpy.backend.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.outputs import check_file, write_json
 from shpy.testing.certify.findings import Section, Target

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from shpy.passes.modes import Math
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing.arrays import Array, differing, flat_leaves
 from shpy.testing.certify.findings import SHOWN, Finding, Target
 from shpy.testing.certify.golden import digest

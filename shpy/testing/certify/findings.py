@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.conformance.running import flushes_denormals
 

@@ -16,7 +16,7 @@ from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import vec
 from shpy.packages import install
 from shpy.passes.modes import Math
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.certify.comparing import Work, compare, compare_arrays
 from shpy.testing.certify.findings import Check, Finding, Target, Verdict

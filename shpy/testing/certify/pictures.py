@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.errors import ShpyError
-from shpy.program import Program, parse
+from shpy.programs import Program, parse
 from shpy.testing.arrays import Array, differing
 from shpy.testing.certify.comparing import Work, compare
 from shpy.testing.certify.findings import SHOWN, Check, Finding, Target

@@ -16,8 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from shpy.backends.base import Device
-from shpy.backends.registry import backend
+from shpy.backend.base import Device
+from shpy.backend.registry import backend
 from shpy.packages import DISTRIBUTION, installed
 from shpy.testing.certify.findings import SHOWN, Finding, Target
 from shpy.testing.certify.golden import FILE

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import shpy as sh
-from shpy.backends.base import Array, Options
+from shpy.backend.base import Array, Options
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backends.base import Array
+from shpy.backend.base import Array
 from shpy.ir.constants import DTYPES, to_array
 from shpy.ir.meaning import convert
 from shpy.ir.nodes import Function, If, Let, Region, Store, Value

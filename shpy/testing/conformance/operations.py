@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from shpy.backends.base import Array
+from shpy.backend.base import Array
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Function, Module, Param, Port, Table, Value

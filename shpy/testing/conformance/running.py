@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from shpy.backends.base import Array, Options
-from shpy.backends.numpy.device.run import NumpyBackend, NumpyExecutable
-from shpy.backends.opencl.packets.widen import WIDTHS as PACKET_WIDTHS
-from shpy.backends.registry import backend as backend_named
+from shpy.backend.base import Array, Options
+from shpy.backend.numpy.device.run import NumpyBackend, NumpyExecutable
+from shpy.backend.opencl.packets.widen import WIDTHS as PACKET_WIDTHS
+from shpy.backend.registry import backend as backend_named
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Function, Let, Loc, Module
 from shpy.ir.ops import TRANSCENDENTALS

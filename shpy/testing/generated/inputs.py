@@ -16,7 +16,7 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, layout_of, leaves
-from shpy.program import Program, check_count, check_program
+from shpy.programs import Program, check_count, check_program
 from shpy.testing.generated.syntax import F3, F, I, U, Variable
 
 NUMBERS: dict[Base, tuple[float, ...]] = {

@@ -17,7 +17,7 @@ import numpy as np
 
 import shpy as sh
 from shpy.ir.types import Base, Type
-from shpy.program import Program
+from shpy.programs import Program
 from shpy.testing.generated.syntax import (
     F3,
     FIELDS,

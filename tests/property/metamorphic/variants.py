@@ -18,7 +18,7 @@ from property.metamorphic.surgery import Surgeon
 
 from shpy.ir.nodes import Module
 from shpy.ir.verifier import verify
-from shpy.program import Program
+from shpy.programs import Program
 
 
 class Variant(Program):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import compact, few, put_aside, spread
+from shpy.backend.numpy.lanes import compact, few, put_aside, spread
 
 
 def counting(x, n, lanes):

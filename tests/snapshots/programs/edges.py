@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import maximum, minimum
+from shpy.backend.numpy.lanes import maximum, minimum
 from shpy.ir.meaning import bits_from_float, convert, mod, sign
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import half
+from shpy.backend.numpy.lanes import half
 
 
 def halves(x, f, lanes):

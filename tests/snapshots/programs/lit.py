@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import dot, maximum, normalize, vector
+from shpy.backend.numpy.lanes import dot, maximum, normalize, vector
 
 
 def lit(p, n, turn_0, turn_1, turn_2, light, lanes):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import vector
+from shpy.backend.numpy.lanes import vector
 
 
 def lookups(i, row, names, heights, path, lanes):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import component, pick, put
+from shpy.backend.numpy.lanes import component, pick, put
 
 
 def reversing(x, n, lanes):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import component, vector
+from shpy.backend.numpy.lanes import component, vector
 
 
 def swizzles(p, k, lanes):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from shpy.backends.numpy.lanes import maximum, minimum, select, vector
+from shpy.backend.numpy.lanes import maximum, minimum, select, vector
 from shpy.ir.meaning import convert, floor_mod_int, fract, mix
 
 

@@ -1,0 +1,191 @@
+"""Measure the errors of a program's results on every backend, mode and precision.
+
+Stage: measure. Takes a program and a domain, gives a `Report`.
+
+    report = measure(program, {"x": (1e-3, 1e3, "log")}, math=["strict", "fast"])
+    print(report.table())
+    report.plot("error.png")
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.reference import Exact, Kind, Truth, evaluate
+from shpy.accuracy.report import BINS, Report, Row
+from shpy.backend.registry import backend, backends as listed
+from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
+from shpy.lang.recording.location import here
+from shpy.passes.modes import MODES, PRECISIONS
+from shpy.programs import Program, check_count
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.observers import Setting
+from shpy.testing.runs import Run, run
+from shpy.units import relative, ulps
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to compile: `math` None where `compile` has no modes."""
+
+    backend: str
+    math: str | None
+    precision: str
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The keywords of `compile`."""
+        mode = {"math": self.math} if self.math is not None else {}
+        return {"precision": self.precision, **mode}
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.backend, self.math, self.precision)))
+
+
+def variants(
+    backends: Iterable[str] | str | None, math: Iterable[str] | str | None, precision: Iterable[str] | str | None
+) -> list[Variant]:
+    """Return every combination; None means all available backends, all modes, or f32.
+
+    Raises ShpyTypeError for an unknown mode or precision, BackendUnavailable for an unknown backend.
+    """
+    for what, given, known in (("precision", precision, PRECISIONS), ("math", math, MODES)):
+        for unknown in [x for x in _several(given, (), what) if x not in known]:
+            raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, known)))
+    for name in _several(backends, (), "backends"):
+        backend(name)
+    modes: list[str | None] = list(_several(math, MODES, "math"))
+    if "math" not in inspect.signature(Program.compile).parameters:
+        modes = [None]
+    names = _several(backends, [b.name for b in listed() if b.available], "backends")
+    return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"], "precision")]
+
+
+def _several(given: Iterable[str] | str | None, default: Iterable[str], what: str) -> list[str]:
+    if not isinstance(given, Iterable | None):
+        raise ShpyTypeError(
+            f"{what}={given!r} is no name and no list of names", loc=here(), cure=f"{what}=None for all"
+        )
+    return list(default) if given is None else [given] if isinstance(given, str) else list(given)
+
+
+def measure(
+    program: Program,
+    domain: Domain,
+    backends: Iterable[str] | str | None = None,
+    math: Iterable[str] | str | None = None,
+    precision: Iterable[str] | str | None = None,
+    reference: Kind = "mpmath",
+    samples: int = 2000,
+    seed: int = 0,
+) -> Report:
+    """Run the program on `samples` elements of the domain, and on special values, and compare with exact results.
+
+    `domain` says for each input a range, (lo, hi) or (lo, hi, "log"), an array, or a function of a numpy Generator and
+    a count. Each variant is measured on inputs of its own precision, in ULP of its own type. Special values in the
+    domain's ranges count like the others; those outside are counted apart, as edges. A variant that its target cannot
+    run is skipped, and the report lists it. Raises ShpyTypeError for a domain that does not fit the program.
+    """
+    check_count("seed", seed, 0)
+    rows: list[Row] = []
+    skipped: list[tuple[str, str]] = []
+    truths: dict[str, tuple[Samples, Truth]] = {}
+    for variant in variants(backends, math, precision):
+        if variant.precision not in truths:
+            drawn = draw(program, domain, samples, np.random.default_rng(seed), precision=variant.precision)
+            setting = Setting(program, drawn.inputs, {}, None, {"precision": variant.precision})
+            truths[variant.precision] = drawn, evaluate(setting, reference)
+        drawn, truth = truths[variant.precision]
+        try:
+            rows += _rows(program, variant, drawn, truth)
+        except (BackendUnavailable, CompileError) as error:
+            skipped.append((str(variant), error.message))
+    inputs = {precision: drawn.leaves for precision, (drawn, _) in truths.items()}
+    return Report(program.name, reference, tuple(rows), tuple(skipped), inputs)
+
+
+def _rows(program: Program, variant: Variant, drawn: Samples, truth: Truth) -> Iterator[Row]:
+    setting = Setting(program, drawn.inputs, {}, None, variant.options)
+    found = run(setting, variant.backend)
+    flushed = meets_denormals(setting) if found.flushes else np.zeros(drawn.count, np.bool_)
+    for k, name in enumerate(program.outputs):
+        yield _row(variant, name, drawn, found, truth, k, flushed)
+
+
+def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, output: int, flushed: Array) -> Row:
+    exact = truth.outputs[output]
+    errors, off = error_of(found, truth, output)
+    counted = drawn.inside & ~flushed & (found.written | truth.written)
+    kept, kept_off = errors[counted], off[counted]
+    outside = ~drawn.inside & ~flushed
+    largest = float(kept.max(initial=0.0))
+    beyond = outside & (errors > max(4.0, largest))
+    worst = int(np.flatnonzero(counted)[np.argmax(kept)]) if kept.size else 0
+
+    def inputs(n: int) -> dict[str, Any]:
+        return {leaf: array[n] for leaf, array in drawn.leaves.items()}
+
+    return Row(
+        backend=variant.backend,
+        math=variant.math,
+        precision=variant.precision,
+        output=name,
+        count=int(counted.sum()),
+        ulp=_three(kept),
+        relative=_three(kept_off),
+        worst=inputs(worst),
+        found=_value(found.outputs[output][worst]),
+        exact=_value(exact.high[worst]),
+        histogram=tuple(int(n) for n in np.bincount(np.searchsorted(BINS, kept), minlength=len(BINS) + 1)),
+        specials=int(outside.sum()),
+        edges=int(beyond.sum()),
+        edge=inputs(int(np.flatnonzero(beyond)[0])) if beyond.any() else None,
+        flushed=int((flushed & drawn.inside).sum()),
+        errors=np.where(counted, errors, np.nan),
+    )
+
+
+def error_of(found: Run, truth: Truth, output: int, dtype: Any = None) -> tuple[Array, Array]:
+    """Return the errors of one output in ULP and relative, each (n,): the largest of the components.
+
+    ULP are those of the output's own type, or of `dtype`. The error of ints and bools is their difference. It is
+    infinite where only one of the two runs wrote the element, and 0 where neither did.
+    """
+    exact, given = truth.outputs[output], found.outputs[output]
+    if given.dtype.kind == "f":
+        errors, off = _float_errors(given, exact, np.dtype(dtype or given.dtype))
+    else:
+        errors = off = np.abs(given.astype(np.float64) - exact.high.astype(np.float64))
+    ended = found.written != truth.written
+    unwritten = ~found.written & ~truth.written
+    whole = np.where(ended, np.inf, np.where(unwritten, 0.0, errors.max(axis=1)))
+    return whole, np.where(ended, np.inf, np.where(unwritten, 0.0, off.max(axis=1)))
+
+
+def _float_errors(given: Array, exact: Exact, dtype: Any) -> tuple[Array, Array]:
+    low = exact.low if given.dtype == np.float64 else None
+    return ulps(given, exact.high, dtype=dtype, rest=low), relative(given, exact.high)
+
+
+def _three(errors: Array) -> tuple[float, float, float]:
+    """Return the largest, the 99th percentile and the median."""
+    if not errors.size:
+        return 0.0, 0.0, 0.0
+    return (
+        float(errors.max()),
+        float(np.quantile(errors, 0.99, method="higher")),
+        float(np.quantile(errors, 0.5, method="higher")),
+    )
+
+
+def _value(array: Array) -> Any:
+    return array[0].item() if array.size == 1 else array.tolist()

@@ -1,0 +1,79 @@
+"""One text of a target: the names that its functions share, and the needs of each besides its arguments.
+
+Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
+and place in the grid that it and those that it calls read.
+
+    needs_of(module, needed_by)["shade"]   # {("table", "noise"), ("param", "gain"), ("grid_index", "")}
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+from shpy.backend.emit.names import Names, Target
+from shpy.ir.nodes import Function, Let, Module, Return, Store
+from shpy.ir.traverse import callee_of, changed_variables, walk
+
+Need = tuple[str, str]
+"""A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
+Needs = frozenset[Need]
+
+
+class Unit:
+    """One text: the module, and the names of what is global in it."""
+
+    target: ClassVar[Target]
+
+    def __init__(self, module: Module) -> None:
+        self.module = module
+        self.callees = {f.name: f for f in module.functions}
+        self.globals = Names(self.target)
+        self.functions: dict[str, str] = {}
+        """The name in the text of each function of the module."""
+        self.leaves_loops = True
+        """True if the driver leaves loops when the conditions of their exits hold."""
+
+
+def needed_by(let: Let) -> Needs:
+    """Return what an operation reads that is not its function's."""
+    match let.op:
+        case "table" | "table_size" | "neighbour":
+            return frozenset({("table", str(let.attr))})
+        case "param" | "grid_index" | "grid_shape":
+            return frozenset({(let.op, str(let.attr or ""))})
+    return frozenset()
+
+
+def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]:
+    """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
+    found: dict[str, Needs] = {}
+    for function in module.functions:  # callees come first
+        needs: set[Need] = set()
+        for s in walk(function.body):
+            callee = callee_of(s)
+            if callee is not None:
+                needs |= found[callee]
+            elif isinstance(s, Let):
+                needs |= needed(s)
+        found[function.name] = frozenset(needs)
+    return found
+
+
+def leaves_early(function: Function) -> bool:
+    """Return whether a Return stands anywhere but at the function's end."""
+    return any(isinstance(s, Return) for s in walk(function.body) if s is not function.body[-1])
+
+
+def direct_outputs(entry: Function, callees: Mapping[str, Function]) -> frozenset[int]:
+    """Return the outputs that are stored once, at the top of the body, and touched by nothing else: no variable."""
+    touched: Counter[int] = Counter()
+    for s in walk(entry.body):
+        if isinstance(s, Let):
+            if s.op == "load" and isinstance(s.attr, int):
+                touched[s.attr] += 1
+        else:
+            touched.update(changed_variables(s, callees))
+    whole = {s.variable for s in entry.body if isinstance(s, Store) and s.components is None and s.index is None}
+    return frozenset(o.id for o in entry.outputs if o.id in whole and touched[o.id] == 1)

@@ -1,0 +1,326 @@
+"""Builds shaders and runs them: a draw for a band of elements, textures in, framebuffer out.
+
+Stage: compile, run. n elements fill a texture row by row, a row being the last axis where that has a fair length, so
+that elements that are near lie near. What takes long is drawn in several strips (see `pace`), more than `BAND` elements
+with several framebuffers; more outputs than the device has draw buffers take several programs, each of which computes
+its share of the outputs anew.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import weakref
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.base import Array, Call, DeviceCall, TableMemory
+from shpy.backend.device.pace import Pace
+from shpy.backend.device.pool import Kind
+from shpy.backend.glsl.device.collective import collectives
+from shpy.backend.glsl.device.context import Context, check
+from shpy.backend.glsl.device.memory import GlslMemory, GlslSpace, own
+from shpy.backend.glsl.device.textures import FORMATS, Store, Target, read
+from shpy.backend.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
+from shpy.errors import CompileError
+from shpy.ir.nodes import Loc, Status
+from shpy.ir.tabledata import TableData
+from shpy.ir.types import Base, Type, vec
+
+Inputs = dict[int, tuple[Any, bool]]
+"""The textures of inputs by index, each with whether it has a texel for each element."""
+
+BAND: Final = 1 << 22
+"""Elements that are on the device at a time, at most."""
+
+_ROW: Final = 1024
+_ERROR: Final = re.compile(r"^(?:ERROR: )?0[:(](\d+)(?:\(\d+\)|\))?\s*:\s*(?:error\b)?[\s:]*(.*)$", re.MULTILINE)
+_USER_LINE: Final = re.compile(r"// (.+):(\d+)$")
+
+
+@dataclass(slots=True, weakref_slot=True, eq=False)
+class Program:
+    """A linked program with its shader, the draw that runs it, and the texture unit of each sampler that it reads.
+
+    `pace` is how much of a call one draw does.
+    """
+
+    shader: Shader
+    program: Any
+    vertices: Any
+    units: dict[str, int]
+    pace: Pace
+
+
+class Runtime:
+    """The objects that one context keeps: programs by their text, textures and tables."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.store = Store(context)
+        self.space = GlslSpace(self.store, collectives)
+        self._programs: weakref.WeakValueDictionary[tuple[Any, ...], Program] = weakref.WeakValueDictionary()
+
+    def build(self, shader: Shader, loc: Loc | None, *, steady: bool = True) -> Program:
+        """Return the program of this text; CompileError if the device refuses it, or it reads too many textures.
+
+        `steady`: no data makes an element take more than a few thousand iterations.
+        """
+        # Two texts may be the same where the names behind them, by which data come, are not.
+        key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
+        known = self._programs.get(key)
+        if known is None:
+            known = self.context.call(lambda: self._link(shader, loc, steady))
+            self._programs[key] = known
+        return known
+
+    def _link(self, shader: Shader, loc: Loc | None, steady: bool) -> Program:
+        samplers = [i.sampler for i in shader.inputs] + [t.sampler for t in shader.tables]
+        limit = self.context.limits.textures
+        try:
+            program = self.context.program(shader.source)
+        except self.context.moderngl.Error as e:
+            if len(samplers) > limit:
+                raise _too_many(len(samplers), limit, loc) from e
+            raise refused(shader.source, str(e), loc) from e
+        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
+        if len(units) > limit:  # there are drivers that link such a program
+            program.release()
+            raise _too_many(len(units), limit, loc)
+        vertices = self.context.gl.vertex_array(program, [])
+        check(self.context.gl, "prepare a program")
+        for sampler, unit in units.items():
+            program[sampler].value = unit
+        made = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
+        doomed = self.context.doomed
+        weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
+        return made
+
+    def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
+        """Run `programs`, whose outputs are those of `groups`, over all elements; return the status if one is made.
+
+        The status is the output after the last of `call.outputs`. It has to be called on the context's thread.
+        """
+        last = len(call.outputs)
+        status = np.ones(call.count, np.int32) if any(last in g for g in groups) else None
+        width = row_length(call.shape, self.context.limits.width)
+        band = max(1, min(self.context.limits.width, BAND // width)) * width
+        for first in range(0, call.count, band):
+            part = slice(first, min(first + band, call.count))
+            lent: list[tuple[Kind, Any]] = []
+            inputs: Inputs = {}
+            try:
+                # The program that makes the status comes first: the others' outputs are written where it says so.
+                for program, group in sorted(zip(programs, groups, strict=True), key=lambda p: last not in p[1]):
+                    target = self._draw(program, call, part, width, lent, inputs)
+                    _collect(target, program.shader.outputs, group, call, status, part, width)
+            finally:
+                self.context.resting.use()
+                for kind, thing in lent:
+                    self.store.pool.give_back(kind, thing)
+            check(self.context.gl, "run the program")
+        return status
+
+    def _draw(
+        self, made: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
+    ) -> Target:
+        shader, gl = made.shader, self.context.gl
+        count = part.stop - part.start
+        kind, target = self.store.target(shader.outputs, width, -(-count // width))
+        lent.append((kind, target))
+        check(gl, "make the outputs")
+        for port in shader.inputs:
+            if port.sampler in made.units and port.index not in inputs:
+                array = call.inputs[port.index]
+                alone = len(array) == 1
+                lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
+                inputs[port.index] = lent[-1][1], not alone
+        self.bind(made, call, inputs)
+        target.framebuffer.use()
+        self.render(made, call.shape, part.start, count, width, reads=True)
+        return target
+
+    def render(self, made: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, reads: bool) -> None:
+        """Run the cells of `count` elements, of which the first is `start`, in rows of `width`: see `Pace.driver`."""
+        program = made.program
+        _set(program, FIRST, start)
+        _set(program, WIDTH, width)
+        _set(program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
+        _set(program, RUNNING, True)
+        rows, rest = divmod(count, width)
+
+        def draw(first: int, height: int) -> None:
+            full = min(height, rows - first)
+            if full:
+                self._dispatch(made, width, first, full)
+            if full < height:
+                self._dispatch(made, rest, rows, 1)
+
+        made.pace.driver(-(-count // width), draw, lambda _: self.context.gl.finish(), width, reads=reads)()
+
+    def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
+        """Run some rows."""
+        self.context.go_on()
+        _set(made.program, LAST, (across - 1, first + height - 1))
+        self.context.gl.viewport = (0, first, across, height)
+        made.vertices.render(self.context.moderngl.TRIANGLES, 3)
+
+    def bind(self, made: Program, call: Call | DeviceCall, inputs: Inputs) -> None:
+        """Let a program read the inputs, tables and params of a call."""
+        for port in made.shader.inputs:
+            if port.sampler in made.units:
+                texture, each = inputs[port.index]
+                texture.use(made.units[port.sampler])
+                _set(made.program, port.each, int(each))
+        for table in made.shader.tables:
+            self._bind_table(made, table, call.tables[table.name])
+        for name, (uniform, type) in made.shader.params.items():
+            if uniform in made.program:
+                made.program[uniform].write(uniform_bytes(call.params[name], type))
+
+    def _bind_table(self, made: Program, table: TableTexture, data: TableData | TableMemory) -> None:
+        """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
+        if isinstance(data, TableMemory):
+            shape, texture = data.shape, own(data.memory).texture
+        else:
+            shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
+            texture = self.store.table(data, table.type) if table.sampler in made.units else None
+        if table.sampler in made.units:
+            texture.use(made.units[table.sampler])
+        _set(made.program, table.shape, shape if len(shape) > 1 else shape[0])
+
+
+class DeviceRun:
+    """A run over textures, made and started on the context's thread; `programs` make the outputs of `groups`.
+
+    Where a program discards elements at the start, a first draw of `rejection` computes which and writes that as a
+    depth. The depth test then keeps their fragments from running: early-z culling (Christen 2005, chapter 4).
+    """
+
+    def __init__(
+        self,
+        runtime: Runtime,
+        programs: tuple[Program, ...],
+        groups: tuple[tuple[int, ...], ...],
+        call: DeviceCall,
+        rejection: Program | None,
+    ) -> None:
+        self._runtime = runtime
+        context = runtime.context
+        outputs = [own(m) for m in (*call.outputs, call.status) if m is not None]
+        self._count = math.prod(call.shape)
+        self._width = min(self._count, FOLD, context.limits.width)
+        wanted = list(zip(programs, groups, strict=True))
+        depth = None
+        if rejection is not None and call.status is not None:
+            depth = runtime.space.depth(outputs[-1].texture.size)
+            wanted.insert(0, (rejection, (len(outputs) - 1,)))
+        self._draws = [
+            (made, context.gl.framebuffer([outputs[k].texture for k in group], depth)) for made, group in wanted
+        ]
+        for _, framebuffer in self._draws[1:]:
+            framebuffer.depth_mask = False
+        self._rejects = depth is not None
+        check(context.gl, "make a framebuffer")
+        framebuffers = [framebuffer for _, framebuffer in self._draws]
+        weakref.finalize(self, context.doomed.extend, framebuffers).atexit = False
+        self._refolded: list[tuple[GlslMemory, GlslMemory]] = []
+        inputs = [self._folded(own(m)) for m in call.inputs]
+        self._inputs = {k: (memory.texture, memory.count == self._count) for k, memory in enumerate(inputs)}
+        tables: dict[str, TableData | TableMemory] = {
+            name: TableMemory(self._folded(own(data.memory)), data.shape) if isinstance(data, TableMemory) else data
+            for name, data in call.tables.items()
+        }
+        self._call = replace(call, tables=tables)
+
+    def _folded(self, memory: GlslMemory) -> GlslMemory:
+        """Memory in rows of FOLD with the elements of this one, which are copied before each run if need be."""
+        folded = self._runtime.space.folded(memory)
+        if folded is not memory:
+            self._refolded.append((memory, folded))
+        return folded
+
+    def __call__(self) -> None:
+        """Start it."""
+        call, runtime = self._call, self._runtime
+        for given, folded in self._refolded:
+            runtime.space.copy(given, folded)
+        gl = runtime.context.gl
+        if self._rejects:
+            gl.enable(runtime.context.moderngl.DEPTH_TEST)
+        for number, (made, framebuffer) in enumerate(self._draws):
+            if self._rejects:
+                gl.depth_func = "<" if number else "1"
+            runtime.bind(made, call, self._inputs)
+            framebuffer.use()
+            runtime.render(made, call.shape, 0, self._count, self._width, reads=False)
+        if self._rejects:
+            gl.disable(runtime.context.moderngl.DEPTH_TEST)
+
+
+def row_length(shape: tuple[int, ...], limit: int) -> int:
+    """Return the number of elements in a row of the texture."""
+    if len(shape) > 1 and 64 <= shape[-1] <= limit:
+        return shape[-1]
+    return min(math.prod(shape), _ROW)
+
+
+def uniform_bytes(value: Array, type: Type) -> bytes:
+    """Return a param as GL takes it: floats as binary32, bools as ints."""
+    dtype: Any = {Base.F: np.float32, Base.U: np.uint32}.get(type.base, np.int32)
+    return np.ascontiguousarray(value).astype(dtype).tobytes()
+
+
+def _set(program: Any, name: str, value: Any) -> None:
+    """Set a uniform, if the driver has kept it."""
+    if name in program:
+        program[name].value = value
+
+
+def _collect(
+    target: Target,
+    types: tuple[Type, ...],
+    group: tuple[int, ...],
+    call: Call,
+    status: Array | None,
+    part: slice,
+    width: int,
+) -> None:
+    """Read a framebuffer into the call's outputs, the status first."""
+    if status is not None and len(call.outputs) in group:
+        read(target, group.index(len(call.outputs)), vec(Base.I), status[part].reshape(-1, 1), width)
+    written = None if status is None else status[part] == Status.WRITTEN
+    for attachment, (output, type) in enumerate(zip(group, types, strict=True)):
+        if output == len(call.outputs):
+            continue
+        out = call.outputs[output][part].reshape(-1, type.size)
+        dtype = np.dtype(FORMATS[type.base.value])
+        view = out.view(np.uint8) if out.dtype == np.bool_ else out
+        if written is None and view.dtype == dtype:
+            read(target, attachment, type, view, width)
+            continue
+        found = np.empty(out.shape, dtype)
+        read(target, attachment, type, found, width)
+        np.copyto(view, found, casting="same_kind", where=True if written is None else written[:, None])
+
+
+def _too_many(textures: int, limit: int, loc: Loc | None) -> CompileError:
+    return CompileError(f"{textures} inputs and tables: a program of this device reads {limit} at most", loc=loc)
+
+
+def refused(source: str, log: str, loc: Loc | None) -> CompileError:
+    """Return the driver's log as an error, at the user's line where the text's comments give it."""
+    found = _ERROR.search(log)
+    if found is None:
+        return CompileError(f"the driver refused the shader:\n{log.strip()}", loc=loc)
+    lines = source.splitlines()
+    at = int(found[1])
+    for line in reversed(lines[:at]):
+        user = _USER_LINE.search(line)
+        if user is not None:
+            loc = Loc(user[1], int(user[2]))
+            break
+    text = lines[at - 1].strip() if 0 < at <= len(lines) else ""
+    return CompileError(f"the driver refused this line of the shader: {found[2].strip()}\n  {at}: {text}", loc=loc)

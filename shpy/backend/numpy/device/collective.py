@@ -1,0 +1,89 @@
+"""Collective operations on arrays: numpy's own functions, where their result is the one that is defined.
+
+Stage: run.
+
+    COLLECTIVES.sort(memory, False)
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.base import Array, Collectives
+from shpy.backend.numpy.device.memory import NumpyMemory
+from shpy.ir.types import Base, vec
+
+_WORDS: Final = {1: np.uint8, 2: np.uint16, 4: np.uint32, 8: np.uint64}
+
+
+def _indices(array: Array) -> NumpyMemory:
+    return NumpyMemory(array.astype(np.int32), vec(Base.I))
+
+
+def _select(mask: Any) -> NumpyMemory:
+    return _indices(np.flatnonzero(mask.array))
+
+
+def _take(source: Any, index: Any) -> NumpyMemory:
+    return NumpyMemory(np.take(source.array, index.array, axis=0, mode="clip"), source.type)
+
+
+def _put(values: Any, index: Any, target: Any) -> None:
+    """Write values to the elements of `target` at an index; of several values for an element the last one stays."""
+    kept = (index.array >= 0) & (index.array < target.count)
+    winners = np.full(target.count, -1, np.int64)
+    np.maximum.at(winners, index.array[kept], np.flatnonzero(kept))
+    found = winners >= 0
+    target.array[found] = values.array[winners[found]]
+
+
+def words_in_order(array: Array, descending: bool) -> Array:
+    """Return unsigned integers in the order of the numbers: NaN is the greatest, both zeros are equal."""
+    word = np.dtype(_WORDS[array.itemsize])
+    if array.dtype.kind == "f":
+        top = word.type(1 << (8 * array.itemsize - 1))
+        found = np.where(array == 0, word.type(0), array.view(word))
+        found ^= np.where(found >= top, ~word.type(0), top)
+        found[np.isnan(array)] = ~word.type(0)
+    elif array.dtype.kind == "i":
+        found = array.view(word) ^ word.type(1 << (8 * array.itemsize - 1))
+    elif array.dtype.kind == "b":
+        found = (array.view(word) != 0).view(word)  # a bool of numpy may have any byte for True
+    else:
+        found = array.view(word)
+    return ~found if descending else found
+
+
+def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
+    if below is not None:
+        keys = NumpyMemory(keys.array.clip(0, below - 1), keys.type)
+    found = words_in_order(keys.array, descending)
+    if found.itemsize != 4:
+        return _indices(np.argsort(found, kind="stable"))
+    # Pairs are sorted many times as fast as indices are.
+    pairs = found.astype(np.uint64) << np.uint64(32) | np.arange(len(found), dtype=np.uint64)
+    pairs.sort()
+    return _indices(pairs & np.uint64(0xFFFFFFFF))
+
+
+def _sort(keys: Any, descending: bool) -> NumpyMemory:
+    """Sort stably: +0 and -0, and NaNs of different bits, keep the order that they had."""
+    array = keys.array
+    found = np.sort(array)[::-1].copy() if descending else np.sort(array)
+    if array.dtype.kind == "f":
+        for alike in (array == 0, np.isnan(array)):
+            some = array[alike]
+            if len(some):
+                found[found == 0 if some[0] == 0 else np.isnan(found)] = some
+    return NumpyMemory(found, keys.type)
+
+
+def _tally(numbers: Any, bins: int) -> NumpyMemory:
+    kept = numbers.array[(numbers.array >= 0) & (numbers.array < bins)]
+    return _indices(np.bincount(kept, minlength=bins))
+
+
+COLLECTIVES: Final = Collectives(_select, _take, _put, sort=_sort, order=_order, tally=_tally)
+"""The operations of arrays. numpy's kernels make lists of elements by themselves."""

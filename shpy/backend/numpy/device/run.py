@@ -1,0 +1,290 @@
+"""The numpy backend: compiles the printed Python text and runs it over arrays, a tile of lanes at a time.
+
+Stage: compile, run. It is always there. A tile is small enough to stay in a core's cache, and large enough that
+Python's own time does not matter. Tiles are read before they are written, so an output may be an input.
+
+    executable = NumpyBackend().compile(module, Options())
+    status = executable.run(call)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from shpy.backend.base import Array, Call, Device, DeviceCall, Options
+from shpy.backend.device.listed import few, is_worth_a_list, run_some
+from shpy.backend.dump import dump
+from shpy.backend.numpy.device.collective import COLLECTIVES
+from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
+from shpy.backend.numpy.tables import Listed, Place, TableView, places_of
+from shpy.backend.numpy.text.apart import Layout, lay_out
+from shpy.backend.numpy.text.module import Printed, print_python
+from shpy.errors import BackendUnavailable, CompileError
+from shpy.ir import exact
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Let, Loc, Module, Status, Value
+from shpy.ir.ops import OPS
+from shpy.ir.tabledata import TableData
+from shpy.ir.traverse import walk
+from shpy.ir.types import Type
+from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.rejecting import find_rejection
+
+SPACE: Final = NumpySpace(COLLECTIVES)
+"""The host's memory."""
+TILE: Final = 32_768
+"""Lanes that run together."""
+LARGE_TILE: Final = 65_536
+"""Lanes that run together where that is better, see `Printed.large`."""
+_OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
+    ("place", ""): lambda place: place,
+    ("grid_index", ""): lambda place: place.index,
+    ("lanes", ""): lambda place: place.lanes,
+}
+"""The arguments of a text that depend on the tile."""
+_KEPT_MEMORY: Final = 1 << 24
+# Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
+# numpy has no function for rsqrt.
+TARGET: Final = Target(
+    "numpy", native=frozenset(OPS) - {"rsqrt"}, bounded=frozenset({"sin", "cos", "tan"}), vector=True
+)
+
+EXACT: Final = frozenset(exact.FUNCTIONS) - {"sin", "cos"}
+"""Functions that numpy does faster than a formula: its sine and cosine of binary64 take one element at a time."""
+
+
+class NumpyBackend:
+    """The backend: see `base.Backend`."""
+
+    name = "numpy"
+
+    def __init__(self) -> None:
+        # glibc gives memory back to the system as soon as more than 128 KiB are free, and a tile's arrays would be
+        # mapped anew at every operation. After a large block was freed it keeps twice its size. Nothing writes to it.
+        np.empty(_KEPT_MEMORY, np.uint8)
+
+    def devices(self) -> list[Device]:
+        """Return the one device: the processor."""
+        return [Device("numpy", np.__version__, ("f64",))]
+
+    def compile(self, module: Module, options: Options, tile: int | None = None) -> NumpyExecutable:
+        """Prepare, vectorise, print and compile; CompileError naming the user's line. `tile` is for tests."""
+        if options.device not in (None, 0):
+            raise BackendUnavailable(f"numpy has one device, not a device {options.device}", cure="device=0")
+        if options.lanes not in ("auto", 1):
+            raise CompileError(f"numpy runs tiles of elements, not {options.lanes}", loc=module.entry.loc)
+        functions = _functions(module) if options.math == "strict" else frozenset()
+        trusted = frozenset(filter(exact.trusted, functions))
+        prepared = prepare(module, options, replace(TARGET, exact=trusted))
+        layout = lay_out(prepared.module)
+        vector = find_neighbours(layout.vector)
+        dump("vector", module.name, lambda: str(vector.module))
+        printed = print_python(vector, status=prepared.status, exact=trusted)
+        tile = tile or (LARGE_TILE if printed.large else TILE)
+        shorter = find_rejection(module)
+        rejection = None if shorter is None else self.compile(shorter, options)
+        notes = _notes(functions - trusted)
+        return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), notes, rejection)
+
+    def space(self, device: int | None) -> NumpySpace:
+        """Return the host's memory."""
+        return SPACE
+
+
+def _functions(module: Module) -> frozenset[str]:
+    """Return the operations of a module that numpy's functions of binary64 can compute."""
+    lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
+    return EXACT.intersection(let.op for let in lets)
+
+
+def _notes(distrusted: frozenset[str]) -> tuple[str, ...]:
+    """Describe this version of numpy, where it has functions that are not close enough."""
+    if not distrusted:
+        return ()
+    names = " and ".join(sorted(distrusted))
+    return (f"numpy {np.__version__} gets {names} of binary64 wrong: strict mode has formulas in their place",)
+
+
+def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
+    """Return the entry of the text, which is our own: names were made by `naming`, all else is numbers."""
+    scope: dict[str, Any] = {"__name__": module.name}
+    try:
+        exec(compile(printed.text, f"<{printed.entry}, as numpy>", "exec"), scope)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise CompileError(f"Python cannot take the text of {module.name}: {error}", loc=module.entry.loc) from error
+    entry: Callable[..., Any] = scope[printed.entry]
+    return entry
+
+
+@dataclass(slots=True, eq=False)
+class NumpyExecutable:
+    """A compiled module: see `base.Executable`."""
+
+    prepared: Prepared
+    layout: Layout
+    printed: Printed
+    tile: int
+    entry: Callable[..., Any]
+    notes: tuple[str, ...] = ()
+    """The functions that this version of numpy gets wrong; it keeps denormals and has every precision."""
+    rejection: NumpyExecutable | None = None
+    views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
+    ports: tuple[Type, ...] = field(init=False)
+    outs: tuple[tuple[int, np.dtype[Any]], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Derive the types of the inputs, and the number and dtype of each output that the text writes in place."""
+        self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
+        outputs = self.layout.vector.module.entry.outputs
+        self.outs = tuple((at, np.dtype(DTYPES[outputs[at].type.base])) for at in self.printed.outs)
+
+    @property
+    def source(self) -> str:
+        """The Python text."""
+        return self.printed.text
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The lines of the limited loops."""
+        return self.prepared.loops
+
+    @property
+    def writes_all(self) -> bool:
+        """Return whether no element has a status."""
+        return not self.prepared.status
+
+    def run(self, call: Call) -> Array | None:
+        """Run it; return the status of each element, or None when every element was written."""
+        status = np.empty(call.count, np.int32) if self.prepared.status else None
+        uniforms = self._uniforms(call)
+        live = None if status is None else self._live(call)
+        with np.errstate(all="ignore"):
+            if live is not None:
+                return self._run_listed(call, live, uniforms)
+            for place in places_of(call.shape, self.tile, grid=self.layout.grid):
+                self._run_tile(call, place, uniforms, status)
+        return None if status is None or np.all(status == Status.WRITTEN) else status
+
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
+        """Prepare a run over arrays of the host: see `base.Executable`."""
+        return over_arrays(self.run, call)
+
+    def _live(self, call: Call) -> Array | None:
+        """Return the indices of the elements that are not discarded at the start, if they are few; None: all run."""
+        if self.rejection is None or not is_worth_a_list(call.count):
+            return None
+        rejected = np.empty(call.count, np.bool_)
+        self.rejection.run(replace(call, outputs=(rejected,)))
+        return few(~rejected)
+
+    def _run_listed(self, call: Call, live: Array, uniforms: dict[tuple[str, str], Any]) -> Array:
+        """Run some elements, in tiles whose lanes are these elements; return the status of each element of the call."""
+        status = np.full(call.count, Status.DISCARDED, np.int32)
+        for start in range(0, len(live), self.tile):
+            elements = live[start : start + self.tile]
+            run_some(call, elements, status, partial(self._run_list, Listed.of(elements, call.shape), uniforms))
+        return status
+
+    def _run_list(self, place: Place, uniforms: dict[tuple[str, str], Any], call: Call) -> Array:
+        ended = np.empty(call.count, np.int32)
+        self._run_tile(call, place, uniforms, ended)
+        return ended
+
+    def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
+        part, extents = place.part, place.extents
+        inputs = [_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True)]
+        if place.block:
+            inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
+        given = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
+        outputs = self._outputs(call, part)
+        told = {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
+        results = self.entry(*inputs, *given, *told.values())
+        results = results if isinstance(results, tuple) else (results,)
+        written: Array | None = None
+        if status is not None:
+            *results, ended = results
+            status[part].reshape(extents)[...] = ended
+            written = status[part] == Status.WRITTEN
+            if written.all():
+                written = None
+        for at, (out, result) in enumerate(zip(outputs, results, strict=True)):
+            if result is not told.get(at):
+                _write(out, result, written, extents)
+
+    def _outputs(self, call: Call, part: slice) -> list[Array]:
+        """Return the arrays for the results: one for an output, or one for each component of it."""
+        outputs = [out[part] for out in call.outputs]
+        if not self.layout.apart:
+            return outputs
+        return [column for out in outputs for column in ([out] if out.ndim == 1 else out.T)]
+
+    def _uniforms(self, call: Call) -> dict[tuple[str, str], Any]:
+        """Params, tables and the grid's shape, by the argument that they are for."""
+        module = self.prepared.module
+        given: dict[tuple[str, str], Any] = {}
+        for param in module.params:
+            given["param", param.name] = _uniform(call.params[param.name], param.type)
+        for table in module.tables:
+            given["table", table.name] = self._view(call.tables[table.name], table.rank, table.type)
+        if ("grid_shape", "") in self.printed.arguments:
+            given["grid_shape", ""] = _column(np.array(call.shape, np.int32))
+        return given
+
+    def _view(self, data: TableData, rank: int, type: Type) -> TableView:
+        known = self.views.get(data)
+        if known is not None and known[0] == data.version:
+            return known[1]
+        if known is not None and known[1].looks_into(data.array):
+            view = known[1]
+            view.renew()
+        else:
+            view = TableView(np.asarray(data.array, DTYPES[type.base]), rank)
+        self.views[data] = data.version, view
+        return view
+
+
+def _column(values: Array) -> Any:
+    """Return one number for each axis as a uniform."""
+    return values[0] if len(values) == 1 else values[:, None]
+
+
+def _uniform(value: Array, type: Type) -> Any:
+    typed = np.asarray(value).astype(DTYPES[type.base])
+    return typed.reshape(())[()] if type.size == 1 else typed.reshape(type.size, 1)
+
+
+def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
+    """Return the tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
+    lanes = part.stop - part.start
+    rows = given[part] if given.shape[0] != 1 else np.broadcast_to(given, (lanes, *given.shape[1:]))
+    tile = (
+        np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
+    )
+    return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
+
+
+def _whole(out: Array, dtype: np.dtype[Any], extents: tuple[int, ...]) -> Array | None:
+    """Return an output's memory as a block to write to, or None if its numbers lie apart or are converted."""
+    return out.reshape(extents) if out.dtype == dtype and out.flags.c_contiguous else None
+
+
+def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:
+    """Put a result, (size, lanes), a block or uniform, where it belongs."""
+    if out.ndim == 2:
+        rows, where = np.asarray(result).T, None if written is None else written[:, None]
+    else:
+        out, rows, where = out.reshape(extents), result, None if written is None else written.reshape(extents)
+    if where is None:
+        out[...] = rows
+    else:
+        np.copyto(out, rows, where=where, casting="same_kind")
+
+
+backend = NumpyBackend()

@@ -1,0 +1,60 @@
+"""The abilities of an OpenCL device in binary64: asked by a kernel whose results are compared bit for bit.
+
+Stage: run. Strict mode's elementary functions are formulas in binary64 where a device computes exactly in it.
+
+    abilities_in_binary64(machine.probe, lanes=16, flushed=False)          # {"exact", "fused"}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.device.probe import COUNT, hard_inputs, is_exact_in_binary64
+
+ABILITIES: Final = frozenset({"exact", "fused"})
+"""Abilities of a device: every operation is rounded correctly, and fma is quick besides."""
+
+# Drivers of processors do not define FP_FAST_FMA, but the macros of their compiler tell.
+PROBE: Final = """\
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#pragma OPENCL FP_CONTRACT OFF
+__kernel void probe(__global floatWIDE *a, __global floatWIDE *b, __global floatWIDE *c,
+                    __global doubleWIDE *r, __global floatWIDE *narrow, __global int *quick) {
+    size_t i = get_global_id(0), all = get_global_size(0);
+    doubleWIDE d = convert_doubleWIDE(a[i]);
+    doubleWIDE x = d * convert_doubleWIDE(b[i]);
+    doubleWIDE y = x * convert_doubleWIDE(c[i]);
+    r[i] = y;
+    r[all + i] = x + y;
+    r[2 * all + i] = d - y;
+    r[3 * all + i] = x / y;
+    r[4 * all + i] = sqrt(x);
+    r[5 * all + i] = floor(d * 0.3);
+    r[6 * all + i] = fma(x, y, -x);
+    narrow[i] = convert_floatWIDE(2 * i < all ? d * 1.5 : x);
+#if defined(FP_FAST_FMA) || defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+    quick[0] = 1;
+#else
+    quick[0] = 0;
+#endif
+}
+"""
+_NAMES: Final = ("mul", "add", "sub", "div", "sqrt", "floor", "fma")
+
+
+def abilities_in_binary64(probe: Callable[..., Any], *, lanes: int, flushed: bool) -> frozenset[str]:
+    """Probe a device that has binary64: return the names of its abilities, from ABILITIES.
+
+    `probe` runs a text on it (`Machine.probe`). `flushed`: it makes zeros of denormals of binary32.
+    """
+    results, narrow, quick = np.empty((7, COUNT)), np.empty(COUNT, np.float32), np.empty(1, np.int32)
+    probe(PROBE.replace("WIDE", str(lanes) if lanes > 1 else ""), hard_inputs(), (results, narrow, quick))
+    found = dict(zip(_NAMES, results, strict=True)) | {"narrow": narrow}
+    fused = found.pop("fma")
+    if not is_exact_in_binary64(found, flushed=flushed):
+        return frozenset()
+    quickly = bool(quick[0]) and is_exact_in_binary64({"fma": fused}, flushed=flushed)
+    return ABILITIES if quickly else frozenset({"exact"})

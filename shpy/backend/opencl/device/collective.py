@@ -1,0 +1,187 @@
+"""Collective operations on an OpenCL device: lists of marked elements, gathers, scatters, sorting and counting.
+
+Stage: run. Each work item takes a chunk of neighbouring elements, and there are a few chunks for each compute unit:
+a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest first, with stable passes.
+
+    operations = collectives(space)
+    operations.sort(memory, False)
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.base import Collectives, NodeTypes
+from shpy.backend.opencl.device.dispatch import LOCAL_SIZE
+from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, held
+from shpy.backend.opencl.device.trees import OpenCLTree, tree_of
+from shpy.ir.nodes import Module, Status
+from shpy.ir.types import Base, vec
+from shpy.passes.modes import Precision
+
+_CPU_DIGIT: Final = 11
+_DIGIT: Final = 8
+"""Bits of a digit, on a CPU and elsewhere: a CPU's caches hold larger tables, so that there are fewer passes."""
+_LEAST: Final = 1 << 14
+"""Elements of a chunk at least, so that its tables cost less than its elements."""
+_MOST_COUNTERS: Final = 1 << 22
+"""Counters of all chunks together."""
+
+# In these files WORD is the unsigned word of a component, KEY one of _KEYS.
+_ORDER, _SELECT, _MOVE, _TALLY = (
+    (resources.files(__package__) / f"{name}.cl").read_text() for name in ("order", "select", "move", "tally")
+)
+_MARK: Final = f"""\
+__kernel void mark(__global const uchar *mask, uint n, __global int *status) {{
+    size_t i = get_global_id(0);
+    if (i < n)
+        status[i] = mask[i] ? {Status.WRITTEN} : {Status.DISCARDED};
+}}
+"""
+_KEYS: Final = {
+    # NaN, the greatest; both zeros alike; then negative numbers with their bits inverted, so that the least is first.
+    "f4": "(x & 0x7fffffffu) > 0x7f800000u ? 0xffffffffu : (x & 0x7fffffffu) == 0 ? 0x80000000u"
+    " : x ^ ((uint)((int)x >> 31) | 0x80000000u)",
+    "f8": "(x & 0x7ffffffffffffffful) > 0x7ff0000000000000ul ? 0xfffffffffffffffful"
+    " : (x & 0x7ffffffffffffffful) == 0 ? 0x8000000000000000ul"
+    " : x ^ ((ulong)((long)x >> 63) | 0x8000000000000000ul)",
+    "i4": "x ^ 0x80000000u",
+    "u4": "x",
+    "u1": "x != 0",
+}
+"""An expression of the word x, by the kind and size of what it holds, whose unsigned order is that of the numbers."""
+
+
+def collectives(space: OpenCLSpace) -> Collectives:
+    """Return the collective operations that run on this device."""
+    own = _OpenCLCollectives(space)
+    tree = own.tree if own.on_cpu else None
+    return Collectives(own.select, own.take, own.put, own.place, own.mark, own.sort, own.order, own.tally, tree)
+
+
+class _OpenCLCollectives:
+    def __init__(self, space: OpenCLSpace) -> None:
+        self._space = space
+        machine = self._machine = space.machine
+        self.on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
+        self._digit = _CPU_DIGIT if self.on_cpu else _DIGIT
+
+    def select(self, mask: Any) -> OpenCLMemory:
+        """Return the indices of the elements whose mark is set, in order, as ints."""
+        n = mask.count
+        chunks, chunk = self._chunks(n)
+        counts = self._allocate(chunks, Base.U)
+        text = _SELECT.replace("BLOCK", "256")
+        self._run(text, "count_marks", chunks, mask, n, chunk, counts)
+        found = counts.read()
+        counts.write(np.cumsum(found, dtype=np.uint32) - found)
+        listed = self._allocate(int(found.sum()), Base.I)
+        if listed.count:
+            self._run(text, "list_marks", chunks, mask, n, chunk, counts, listed)
+        return listed
+
+    def take(self, source: Any, index: Any) -> OpenCLMemory:
+        """Gather elements; an index out of range is clamped."""
+        taken = self._space.allocate(index.count, source.type, source.dtype)
+        n, last = index.count, index.dtype.type(source.count - 1)
+        self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=LOCAL_SIZE)
+        return taken
+
+    def put(self, values: Any, index: Any, target: Any) -> None:
+        """Scatter elements; of several at one place the last one stays."""
+        n, places, text = index.count, target.count, self._moving(values, index)
+        winners = self._allocate(places, Base.I)
+        self._run(text, "forget", places, winners, places, group=LOCAL_SIZE)
+        self._run(text, "compete", n, index, n, places, winners, group=LOCAL_SIZE)
+        self._run(text, "put", places, values, winners, places, target, group=LOCAL_SIZE)
+
+    def place(self, values: Any, index: Any, target: Any) -> None:
+        """Scatter elements to places that are all different."""
+        self._run(
+            self._moving(values, index), "place", index.count, values, index, index.count, target, group=LOCAL_SIZE
+        )
+
+    def mark(self, mask: Any, status: Any) -> None:
+        """Set the status of each element to WRITTEN where it is marked."""
+        self._run(_MARK, "mark", mask.count, mask, mask.count, status, group=LOCAL_SIZE)
+
+    def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
+        """Sort scalars."""
+        found: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)[0]
+        return found
+
+    def order(self, keys: Any, descending: bool, below: int | None) -> OpenCLMemory:
+        """Return the indices that sort scalars."""
+        found: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)[1]
+        return found
+
+    def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
+        """Count how often each number below `bins` occurs."""
+        n = numbers.count
+        chunks, chunk = self._chunks(n, max(1, _MOST_COUNTERS // bins))
+        counts = self._allocate(chunks * bins, Base.I)
+        self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
+        self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
+        return counts if chunks == 1 else self._space.part(counts, 0, bins)
+
+    def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
+        """Make the kernels that fold and scan with a program."""
+        return tree_of(self._space, module, types, precision)
+
+    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
+        """Sort scalars digit by digit; return them and, if `indexed`, the indices that they had."""
+        text, bits = self._ordering(keys, descending, below)
+        chunks, chunk = self._chunks(keys.count)
+        counts = self._allocate(chunks << self._digit, Base.U)
+        given, indices = keys, None
+        for shift in range(0, bits, self._digit):
+            moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I) if indexed else None
+            self._digits(text, given, chunks, chunk, shift, counts)
+            args = (given, keys.count, chunk, shift, counts, moved)
+            if indexed:
+                self._run(text, "move_pairs", chunks, *args, indices, moved_indices)
+            else:
+                self._run(text, "move_words", chunks, *args)
+            given, indices = moved, moved_indices
+        return given, indices
+
+    def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, counts: Any) -> None:
+        """Compute the first place in the sorted order of each digit of each chunk."""
+        self._run(text, "count_digits", chunks, given, given.count, chunk, shift, counts)
+        self._run(text, "sum_before", 1, counts, chunks << self._digit)
+
+    def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
+        """Return the kernel text that sorts keys of this type, and the bits of a key."""
+        kept = held(keys.type, keys.dtype)
+        word = WORDS[kept.itemsize]
+        key = _KEYS[kept.str[1:]]
+        if below is not None:
+            key = f"(uint)clamp((int)x, 0, {below - 1})" if keys.type.base is Base.I else f"min(x, {below - 1}u)"
+        if descending:
+            key = f"({word})~({key})"
+        text = _ORDER.replace("KEY", key).replace("RADIX", str(1 << self._digit)).replace("WORD", word)
+        return text, 8 * kept.itemsize if below is None else max(1, (below - 1).bit_length())
+
+    def _moving(self, moved: Any, index: Any) -> str:
+        text = _MOVE.replace("WORD", WORDS[held(moved.type, moved.dtype).itemsize])
+        return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
+
+    def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
+        """Return the number of chunks, and the elements of each chunk."""
+        each = 4 if self.on_cpu else 128
+        chunks = max(1, min(self._machine.device.max_compute_units * each, n // _LEAST, most))
+        return chunks, -(-n // chunks)
+
+    def _allocate(self, count: int, base: Base) -> OpenCLMemory:
+        return self._space.allocate(count, vec(base), np.dtype(np.int32 if base is Base.I else np.uint32))
+
+    def _like(self, memory: Any) -> OpenCLMemory:
+        return self._space.allocate(memory.count, memory.type, memory.dtype)
+
+    def _run(self, text: str, name: str, items: int, *args: Any, group: int = 1) -> None:
+        """Start a kernel over this number of work items, rounded up to whole groups by idle items."""
+        given = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
+        self._space.enqueue(text, name, items, given, group=group)

@@ -1,0 +1,462 @@
+"""OpenCL devices: contexts, queues, programs in memory, and buffers that are used again.
+
+Stage: run. Everything of pyopencl that the runtime touches is here.
+
+    machine = machine_of(None)               # the first device
+    program = machine.build(text)            # cached by its text
+    with machine.lock:
+        buffer = machine.take(4096)
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import cache, cached_property
+from typing import Any, ClassVar, Final
+from weakref import WeakSet, WeakValueDictionary
+
+import numpy as np
+
+from shpy.backend.base import Array, Device
+from shpy.backend.device import store
+from shpy.backend.device.pace import Pace
+from shpy.backend.device.pool import Kind, Pool, rounded
+from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
+from shpy.backend.device.processes import Driver, at_exit
+from shpy.backend.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
+from shpy.backend.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
+from shpy.backend.opencl.device.compiler_trials import TRIALS
+from shpy.backend.opencl.device.declarations import GUARD, declarations
+from shpy.backend.opencl.device.exactness import EXACTNESS
+from shpy.backend.opencl.device.importing import pyopencl
+from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
+from shpy.backend.opencl.device.waiting import Waiter
+from shpy.backend.opencl.packets.prologue import SIGNS, Abilities
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.errors import BackendUnavailable, ShpyTypeError, warn
+from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
+from shpy.passes.library import CORRECTABLE
+from shpy.passes.modes import Math
+from shpy.passes.pipeline import Target
+
+_PLAIN = "-cl-opt-disable"
+"""The option for a compiler whose optimisations give wrong results."""
+_CPU_SECONDS = 0.5
+"""The intended seconds of a dispatch on a CPU. Only Ctrl-C has to wait for its end, and long ones keep cores busy."""
+ANY_SIZE = 1 << 16
+"""Work items of the first launch of a kernel; all of them are idle, so it takes microseconds on any device."""
+_LEAST = 64
+"""Bytes of the smallest buffer."""
+_TRIED: Final = 1 << 20
+"""Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
+_FEW: Final = 16
+"""The most brief runs for which a wait need not be interruptible."""
+
+
+_DRIVER = Driver("opencl")
+
+
+def _found() -> tuple[Any, ...]:
+    """Return every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
+    _DRIVER.use()
+    try:
+        return _listed()
+    except BackendUnavailable:
+        _DRIVER.release()
+        raise
+
+
+@cache
+def _listed() -> tuple[Any, ...]:
+    cl = pyopencl()
+    platforms = []
+    try:
+        with ieee_arithmetic():  # a processor's driver starts threads, which compute as this one does
+            platforms = cl.get_platforms()
+            found = [d for platform in platforms for d in platform.get_devices()]
+        found.sort(key=lambda d: not d.type & cl.device_type.GPU)
+    except cl.Error:
+        found = []
+    if not found:
+        raise explain_absence([platform.name.strip() for platform in platforms])
+    return tuple(found)
+
+
+def devices() -> list[Device]:
+    """Return every OpenCL device of every platform, GPUs first; BackendUnavailable when there is none."""
+    return [
+        Device(
+            d.name.strip(),
+            f"{d.platform.name.strip()}, {d.version.strip()}, driver {d.driver_version.strip()}",
+            tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
+            machine_of(at).notes,
+        )
+        for at, d in enumerate(_found())
+    ]
+
+
+_FEATURES = {"f64": "cl_khr_fp64", "f16": "cl_khr_fp16"}
+
+
+def _built_silently(program: Any, options: list[str]) -> Any:
+    """Build a program without pyopencl's warning about build logs, which some drivers write after each build."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return program.build(options=options, cache_dir=False)
+
+
+def _rounds_correctly(device: Any) -> bool:
+    return bool(device.single_fp_config & pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
+
+
+def machine_of(index: int | None) -> Machine:
+    """Return the device of this index in `devices()`, the first for None; a process opens each device once."""
+    found = _found()
+    index = index or 0
+    if not 0 <= index < len(found):
+        raise ShpyTypeError(f"there is no OpenCL device {index}", cure=f"device=0 to {len(found) - 1}")
+    return _opened(index)
+
+
+@cache
+def _opened(index: int) -> Machine:
+    return Machine(_listed()[index])
+
+
+class Machine:
+    """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
+
+    worth_lending: ClassVar = 1 << 16
+    """Bytes: smaller arrays are copied in less time than it takes to make a buffer of their memory."""
+
+    def __init__(self, device: Any) -> None:
+        fault = explain_cache([device.platform.name.strip()])
+        if fault is not None:
+            raise fault
+        self.cl = pyopencl()
+        self.device = device
+        with ieee_arithmetic():
+            self.context = self.cl.Context([device])
+            self.queue = self.cl.CommandQueue(self.context)
+        self._lock = threading.RLock()
+        self.waiter = Waiter(self._lock)
+        at_exit(self.waiter.end)
+        self.doubles = "cl_khr_fp64" in device.extensions.split()
+        self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
+        """True if the driver promises that its own functions keep denormals."""
+        self._options = ["-cl-std=CL1.2", "-w"]
+        if _rounds_correctly(device):
+            self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        # Whoever runs a program keeps it: once its last executable is gone, so is the program.
+        self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
+        self._on_disk: WeakSet[Any] = WeakSet()
+        self.pool = Pool()
+        self._uploads: list[Any] = []
+        """Copies to the device that may be in progress, with their arrays, and memory that runs may still read."""
+        self.started = 0
+        """The number of runs over streams that were started since the last wait."""
+        self.may_take_long = False
+        """True if one of these runs may take long."""
+
+    @property
+    def lock(self) -> AbstractContextManager[Any]:
+        """The device's lock. Raises BackendUnavailable in a process that was forked after the device was opened."""
+        _DRIVER.use()
+        return self._lock
+
+    def options(self, math: Math) -> list[str]:
+        """Return the options with which a program of this mode is built."""
+        plain = [*self._options, _PLAIN] if "optimiser" in self.wrong else self._options
+        return [*plain, "-cl-fast-relaxed-math"] if math == "fast" else plain
+
+    def build(self, text: str, math: Math = "strict") -> Any:
+        """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
+        program = self._programs.get((text, math))
+        if program is None:
+            program = self._kept(text, math) or self._compiled(text, self.options(math))
+            self._programs[text, math] = program
+        return program
+
+    def _compiled(self, text: str, options: list[str]) -> Any:
+        """Return the program of a text, which declares the functions that it calls where that takes less time."""
+        if DECLARES in self._succeeded:
+            try:
+                declared = declarations(text, doubles=self.doubles) + text
+                return _built_silently(self.cl.Program(self.context, declared), [*options, GUARD])
+            except self.cl.Error:
+                pass  # the fault is in the text, or a declaration is missing: the whole header tells
+        return self._compiled_with_header(text, options)
+
+    def _compiled_with_header(self, text: str, options: list[str]) -> Any:
+        """Return the program of a text that relies on the declarations of the driver."""
+        try:
+            return _built_silently(self.cl.Program(self.context, text), options)
+        except self.cl.Error as error:
+            fault = explain_cache([self.device.platform.name.strip()])
+            if fault is not None:
+                raise fault from error
+            raise
+
+    def _key(self, text: str, options: list[str]) -> str:
+        device = self.device
+        parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
+        return store.key("opencl", *parts, " ".join(options), text)
+
+    def _binary_key(self, text: str, math: Math) -> str:
+        """Return the name of a program's binary, which holds the code that the first launch made."""
+        return self._key(f"{ANY_SIZE} work items: {text}", self.options(math))
+
+    def _kept(self, text: str, math: Math) -> Any:
+        """Return the program from an earlier process's binary; None where there is none that the driver takes."""
+        binary = store.load(self._binary_key(text, math))
+        try:
+            return None if binary is None else self.load(text, math, binary)
+        except self.cl.Error as error:
+            store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
+            return None
+
+    def load(self, text: str, math: Math, binary: bytes) -> Any:
+        """Return the program of a binary that another process made of this text; pyopencl's error if it is refused."""
+        program = _built_silently(self.cl.Program(self.context, [self.device], [binary]), self.options(math))
+        self._programs[text, math] = program
+        self._on_disk.add(program)
+        return program
+
+    def keep(self, text: str, math: Math) -> None:
+        """Store the program's binary for later processes, after a launch, so that it holds generated code.
+
+        Do nothing for a driver that has a cache of its own: PoCL would generate code for another group size to make
+        this binary, which takes a third of a compilation.
+        """
+        program = self.build(text, math)
+        if program not in self._on_disk and store.is_open() and not keeps_kernels(self.device.platform.name.strip()):
+            self._on_disk.add(program)
+            binary = program.get_info(self.cl.program_info.BINARIES)[0]
+            store.save(self._binary_key(text, math), bytes(binary))
+
+    def pace(self, *, bounded: bool) -> Pace:
+        """Return the pace of a new kernel. A CPU has no watchdog that ends long dispatches."""
+        if self.device.type & self.cl.device_type.CPU:
+            return Pace(_CPU_SECONDS, bounded=bounded)
+        return Pace(bounded=bounded)
+
+    def take(self, size: int) -> Any:
+        """Return a buffer of at least `size` bytes; the caller gives it back."""
+        size = rounded(max(size, _LEAST))
+        return self.pool.take(Kind(size), lambda: self._buffer(size))
+
+    def _buffer(self, size: int) -> Any:
+        """Return a new buffer; MemoryError of the driver if the host's memory, where it is used, has no such part.
+
+        PoCL allocates a buffer at its first use, and ends the process if it cannot.
+        """
+        if self.shares_memory and size >= _TRIED:
+            try:
+                np.empty(size, np.uint8)
+            except MemoryError as error:
+                raise self.cl.MemoryError(str(error)) from error
+        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+
+    def give_back(self, buffers: list[Any]) -> None:
+        """Return buffers to the pool, after the device has finished with them."""
+        self._uploads.clear()
+        for buffer in buffers:
+            self.pool.give_back(Kind(buffer.size), buffer)
+
+    @cached_property
+    def shares_memory(self) -> bool:
+        """Return whether the device uses the host's memory, so that arrays need not be copied."""
+        return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
+
+    def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
+        """Return a buffer that is the array's own memory; None if it has to be copied.
+
+        `size`: the components of an element, to whose size a kernel may expect memory to be aligned.
+        """
+        aligned = array.itemsize * (4 if size == 3 else size)
+        place = array.__array_interface__["data"][0]
+        if not self.shares_memory or array.nbytes < self.worth_lending or place % aligned:
+            return None
+        flags = self.cl.mem_flags
+        access = flags.READ_WRITE if write else flags.READ_ONLY
+        return self.cl.Buffer(self.context, access | flags.USE_HOST_PTR, hostbuf=array)
+
+    def settle(self, *, copies: bool = False) -> None:
+        """Wait until all runs over streams that were started have ended; Ctrl-C ends the wait.
+
+        `copies`: the caller copies to the host next, which waits for brief runs by itself. Nothing runs for a process
+        that was forked from the one that opened the device.
+        """
+        if not self.started or _DRIVER.is_elsewhere:
+            return
+        with self.lock:
+            if self.started <= _FEW and not self.may_take_long:
+                if not copies:
+                    self.queue.finish()  # to wake the thread that waits would take as long as these runs
+            else:
+                self.waiter.wait(self.cl.enqueue_marker(self.queue))
+            self.started, self.may_take_long = 0, False  # not after Ctrl-C: what was started still runs
+
+    def outlive(self, things: Sequence[Any]) -> None:
+        """Hold memory without another owner until the runs over streams that may read it have ended."""
+        if self.started:
+            self._uploads.extend(things)
+
+    def finish(self, lent: list[Any]) -> None:
+        """Wait until the queue is empty, and make results visible in lent arrays."""
+        for buffer in lent:
+            access = self.cl.map_flags.READ
+            mapped, _ = self.cl.enqueue_map_buffer(self.queue, buffer, access, 0, (buffer.size,), np.uint8)
+            mapped.base.release(self.queue)
+        self.queue.finish()
+
+    def abandon(self, things: Any) -> None:
+        """Hold the memory of an interrupted run until the device has finished with it."""
+        self.waiter.keep(self.cl.enqueue_marker(self.queue), (things, self._uploads))
+        self._uploads = []
+
+    def upload(self, array: Array) -> Any:
+        """Return a buffer that holds the array."""
+        buffer = self.take(array.nbytes)
+        self._uploads.append(self.cl.enqueue_copy(self.queue, buffer, array, is_blocking=False))
+        return buffer
+
+    def download(self, array: Array, buffer: Any, offset: int = 0) -> None:
+        """Read the buffer, from a byte on, into the array."""
+        self.cl.enqueue_copy(self.queue, array, buffer, src_offset=offset)
+
+    @property
+    def lanes(self) -> int:
+        """The elements that a work item should compute: those of a CPU's vector, 1 on any other device."""
+        if not self.device.type & self.cl.device_type.CPU:
+            return 1
+        widths = [w for w in self.widths if w <= self.device.native_vector_width_float]
+        return max((w for w in widths if w in WIDTHS), default=1)
+
+    def width_key(self, program: str) -> str:
+        """Return the name under which the width of a program's packets on this device is kept."""
+        return self._key(f"width of {program}", self.options("strict"))
+
+    @cached_property
+    def wrong(self) -> frozenset[str]:
+        """The operations with wrong results on this device: probed once, and stored on disk.
+
+        Where another library makes threads flush denormals, the driver's threads may flush them too; the result then
+        holds for this process alone.
+        """
+        if was_flushing():
+            return self._asked()
+        return store.known_names(self._key(EXACTNESS, self._options), FAULTS, self._asked)
+
+    def target(self, target: Target, math: Math) -> Target:
+        """Return a target with the abilities of this device.
+
+        Only strict mode uses those in binary64, so other modes do not wait for their probe.
+        """
+        doubles = self.binary64 if math == "strict" else frozenset()
+        return replace(target, wrong=self.wrong & CORRECTABLE, doubles="exact" in doubles, fuses="fused" in doubles)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return facts about this device for the user."""
+        native = min(self.device.native_vector_width_float, max(WIDTHS))
+        notes = notes_of(self.wrong, binary64="exact" in self.binary64)
+        if self.lanes < native and self.device.type & self.cl.device_type.CPU:
+            return (
+                *notes,
+                f"this device fails at vectors of {native}: packets of {self.lanes} take their place",
+            )
+        return notes
+
+    @in_ieee_arithmetic
+    def _asked(self) -> frozenset[str]:
+        try:
+            found = self._found(self._options)
+        except self.cl.Error:
+            found = frozenset({"optimiser"})
+        return found if "optimiser" not in found else self._found([*self._options, _PLAIN]) | found
+
+    def _found(self, options: list[str]) -> frozenset[str]:
+        """Probe programs that are built with these options: return the names of the device's faults."""
+        lanes = self.lanes
+        text = EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
+        flags = np.tile(np.array([0, 1], np.uint8), COUNT)
+        results, ints = np.empty((7, COUNT), np.float32), np.empty((5, COUNT), np.int32)
+        given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
+        self.probe(text, given, (results, ints), options)
+        wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
+        others = zip(("convert_nan", "zeros", "optimiser", "exits"), ints[1:], strict=True)
+        return wrong | {name for name, found in others if found.any()}
+
+    @in_ieee_arithmetic
+    def probe(
+        self, text: str, given: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
+    ) -> None:
+        """Run the kernel `probe` of a text over COUNT elements in packets; return the output arrays."""
+        with self.lock:
+            program = self._compiled(text, options or self.options("strict"))
+            kernel = self.cl.Kernel(program, "probe")
+            inputs, outputs = [self.upload(array) for array in given], [self.take(array.nbytes) for array in results]
+            kernel.set_args(*inputs, *outputs)
+            self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // self.lanes,), None)
+            for array, buffer in zip(results, outputs, strict=True):
+                self.download(array, buffer)
+            self.queue.finish()
+            self.give_back([*inputs, *outputs])
+
+    @cached_property
+    def binary64(self) -> frozenset[str]:
+        """The abilities of this device in binary64, a subset of ABILITIES: probed once, and stored on disk."""
+        if not self.doubles:
+            return frozenset()
+
+        def asked() -> frozenset[str]:
+            return abilities_in_binary64(self.probe, lanes=self.lanes, flushed="denormals" in self.wrong)
+
+        if was_flushing():
+            return asked()
+        return store.known_names(self._key(PROBE, self.options("strict")), ABILITIES, asked)
+
+    @cached_property
+    def _succeeded(self) -> frozenset[str]:
+        """The names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
+        skipped = set() if reads_header(self.device.platform.name.strip()) else {DECLARES}
+        trials = {name: trial for name, trial in TRIALS.items() if name not in skipped}
+        key = self._key("".join(t.declarations + t.text(name) for name, t in trials.items()), self._options)
+        try:
+            return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
+        except Unfinished as error:  # which is not kept: the next process tries again
+            warn(
+                f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
+                f"not found out ({error})"
+            )
+            return error.found
+
+    @cached_property
+    def abilities(self) -> Abilities:
+        """The functions that the compiler has besides OpenCL C."""
+        known = self._succeeded
+        signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
+        wider = frozenset(n for n in WIDER if f"wide{n}" in known)
+        return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs, wider)
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """The widths that packets may have on this device: some drivers crash on functions of some vectors.
+
+        All widths are allowed where no trial could be run.
+        """
+        known = self._succeeded
+        if not known:
+            return WIDTHS
+        halves = sorted(self.abilities.wider) if "floats16" in known else ()
+        return (*(n for n in WIDTHS if f"floats{n}" in known), *halves)
+
+    def _place(self) -> tuple[int, int]:
+        """Return the indices of the platform and of its device, as the driver lists them."""
+        platform = self.device.platform
+        return self.cl.get_platforms().index(platform), platform.get_devices().index(self.device)

@@ -1,0 +1,478 @@
+"""The OpenCL backend: builds a printed kernel and runs it over arrays.
+
+Stage: compile and run. `compile` prepares and prints a module, builds it and lets the driver generate its code; `run`
+brings inputs, tables and params to the device, launches one work item an element, and brings the outputs back. A
+processor's kernels work on the arrays themselves. Arrays of another width than the kernel's (float16 for f at f16,
+bools) are converted on the host.
+
+    executable = OpenCLBackend().compile(module, Options())
+    status = executable.run(call)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+import weakref
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
+from shpy.backend.device.pace import Pace
+from shpy.backend.device.probe import refuse_wrong
+from shpy.backend.opencl.device.beside import Beside, Compiled, Facts
+from shpy.backend.opencl.device.collective import collectives
+from shpy.backend.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, starter
+from shpy.backend.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
+from shpy.backend.opencl.device.memory import MEMORY, OpenCLSpace, own
+from shpy.backend.opencl.device.staging import Staged, Stages, is_small, staged_array
+from shpy.backend.opencl.device.tables import tables_of
+from shpy.backend.opencl.device.targets import PACKET_TARGET, TARGET
+from shpy.backend.opencl.device.widths import Choosing, measured_widths, next_width
+from shpy.backend.opencl.packets.kernel import print_packets
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.backend.opencl.text.kernel import Kernel, print_kernel
+from shpy.backend.opencl.text.operations import ELEMENTWISE
+from shpy.errors import CompileError, ShpyTypeError, warn
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Let, Loc, Module, Status, Table
+from shpy.ir.tabledata import TableData
+from shpy.ir.text import print_module
+from shpy.ir.traverse import walk
+from shpy.ir.types import Type, vec
+from shpy.passes.exits import few_turns
+from shpy.passes.modes import REPRODUCIBLE
+from shpy.passes.pipeline import Prepared, prepare
+from shpy.passes.size import check_growth, check_size
+
+_MOST_STATEMENTS: Final = 1 << 26
+"""The most statements with all calls expanded. PoCL visits every path of calls, so its time doubles with each level."""
+_GROUPS: Final = 4
+"""Groups of packets for each core, with which all cores end at nearly the same time."""
+_FLUSHED: Final = "in {} mode this device flushes denormals to zero"
+"""The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
+_WIDE: Final = 32
+"""Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
+
+
+class OpenCLBackend:
+    """OpenCL devices as a backend; see `base.Backend`."""
+
+    name = "opencl"
+
+    def devices(self) -> list[Device]:
+        """Return every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
+        return devices()
+
+    def compile(self, module: Module, options: Options) -> Executable:
+        """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
+
+        `lanes="auto"` is the fastest of several widths on a CPU (see `widths`), and 1 on a GPU or for a program that no
+        packet can run, which is a ShpyWarning with the cause.
+        """
+        machine = machine_of(options.device)
+        lanes = machine.lanes if options.lanes == "auto" else options.lanes
+        if lanes not in (1, *WIDTHS, *WIDER):
+            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, (*WIDTHS, *WIDER)))}')
+        if lanes > 1 and lanes not in machine.widths:
+            name = machine.device.name.strip()
+            cure = f'lanes="auto", or {max((1, *machine.widths))}'
+            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure=cure)
+        try:
+            if options.lanes == "auto" and lanes > 1:
+                return _choosing(machine, module, options)
+            return _built(machine, module, options, lanes)
+        except CompileError as e:
+            if options.lanes != "auto" or lanes == 1:
+                raise
+            single = _built(machine, module, options, 1)
+            remark = f"one element at a time, not {lanes}: {e.message}"
+            warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}")
+            return replace(single, remarks=(*single.remarks, remark))
+
+    def space(self, device: int | None) -> OpenCLSpace:
+        """Return the memory of a device."""
+        return _space_of(machine_of(device))
+
+
+@cache
+def _space_of(machine: Machine) -> OpenCLSpace:
+    return OpenCLSpace(machine, collectives)
+
+
+def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
+    """Return the kernel at the width that earlier trials chose, or one that will try other widths."""
+    key = machine.width_key(f"{print_module(module)}{options}")
+    measured = measured_widths(key, machine.widths)
+    lanes = measured[0] if measured else machine.lanes
+    start = time.perf_counter()
+    first = _built(machine, module, options, lanes)
+    if measured and next_width(lanes, measured, machine.widths) is None:
+        others = ", ".join(map(str, measured[1:]))
+        return replace(first, remarks=(*first.remarks, f"{lanes} lanes: trials against {others} chose them"))
+    seconds = time.perf_counter() - start
+    spread = _GROUPS * PACKETS * machine.device.max_compute_units
+    builder = Beside(machine, partial(_compiled_elsewhere, first.prepared, options), partial(_loaded, first, options))
+    return Choosing(first, machine.widths, builder, seconds, key, _space_of(machine), measured, spread)
+
+
+def _compiled_elsewhere(prepared: Prepared, options: Options, facts: Facts, lanes: int) -> Compiled:
+    """Compile for a width in a process of its own, which learns `facts` about the device."""
+    machine = machine_of(options.device)
+    vars(machine).update(facts)
+    start = time.process_time()
+    executable = _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
+    binary = executable.program.get_info(machine.cl.program_info.BINARIES)[0]
+    return Compiled(executable.kernel, bytes(binary), time.process_time() - start)
+
+
+def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> OpenCLExecutable:
+    """Return the kernel of another width than that of `first`, from a binary."""
+    machine = first.machine
+    with machine.lock:
+        program = machine.load(compiled.kernel.text, options.math, compiled.binary)
+        executable = _compiled(machine, first.prepared, options, compiled.kernel)
+    assert executable.program is program
+    return executable
+
+
+def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
+    target = TARGET if lanes == 1 else PACKET_TARGET
+    prepared = prepare(module, options, machine.target(target, options.math))
+    check_size(prepared.module, "OpenCL's compiler")
+    check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
+    if options.math in REPRODUCIBLE:
+        refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
+
+
+def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
+    if lanes > 1:
+        return print_packets(prepared.module, lanes, machine.abilities, options.math, faults=machine.wrong)
+    statements = (s for f in prepared.module.functions for s in walk(f.body))
+    rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
+    elementwise = rounds and machine.abilities.elementwise
+    return print_kernel(prepared.module, options.math, elementwise=elementwise, faults=machine.wrong)
+
+
+def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Kernel) -> OpenCLExecutable:
+    if kernel.doubles and not machine.doubles:
+        raise CompileError(
+            f"{machine.device.name.strip()} has no f64",
+            loc=prepared.module.entry.loc,
+            cure='precision="f32", or backend="numpy"',
+            lacks="f64",
+        )
+    with machine.lock:
+        try:
+            program = machine.build(kernel.text, options.math)
+            compiled = machine.cl.Kernel(program, kernel.name)
+            pace = machine.pace(bounded=few_turns(prepared.module))
+            remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
+            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, remarks)
+            executable.warm_up()
+            machine.keep(kernel.text, options.math)
+        except machine.cl.Error as e:
+            raise _refusal(str(e), kernel) from e
+    return executable
+
+
+def _refusal(log: str, kernel: Kernel) -> CompileError:
+    """Return the driver's complaints, each at the user's line that the text's line comes from."""
+    found: list[tuple[Loc | None, str]] = []
+    for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
+        upto = kernel.lines[: int(line)]
+        found.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
+    if not found:
+        return CompileError(f"the OpenCL driver refused the kernel:\n{log.strip()}")
+    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in found)
+    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=found[0][0])
+
+
+@dataclass(slots=True)
+class OpenCLExecutable:
+    """A kernel on a device: see `base.Executable`."""
+
+    machine: Machine
+    kernel: Kernel
+    prepared: Prepared
+    program: Any
+    compiled: Any
+    pace: Pace
+    remarks: tuple[str, ...] = ()
+    stages: Stages = field(default_factory=Stages)
+    spare: list[Any] = field(default_factory=list)
+    """Kernel objects that no run uses, for the next runs."""
+
+    @property
+    def source(self) -> str:
+        """The kernel's text."""
+        return self.kernel.text
+
+    @property
+    def lanes(self) -> int:
+        """Elements of a packet."""
+        return self.kernel.lanes
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the faults of the device, and why elements run one at a time where packets were tried."""
+        return (*self.machine.notes, *self.remarks)
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The lines of the limited loops."""
+        return self.prepared.loops
+
+    @property
+    def writes_all(self) -> bool:
+        """Return whether no element has a status."""
+        return not self.prepared.status
+
+    def warm_up(self) -> None:
+        """Launch the kernel once with idle work items, since drivers generate code for any size at the first launch."""
+        machine, entry, module = self.machine, self.prepared.module.entry, self.prepared.module
+        empty = machine.take(LOCAL_SIZE)
+        inputs = [(empty, 0) for _ in self.kernel.inputs]
+        tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
+        params = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
+        args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
+        self.compiled.set_args(np.uint64(0), *args[1:])
+        enqueue = machine.cl.enqueue_nd_range_kernel
+        machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1)))  # Ctrl-C is heard
+        machine.give_back([empty])
+
+    def run(self, call: Call) -> Array | None:
+        """Run the kernel; return the status of each element, or None if all elements are written."""
+        with self.machine.lock:
+            used: list[Any] = []
+            try:
+                staged = self.machine.shares_memory and not self.kernel.tables and is_small(call)
+                status = self._run_staged(call) if staged else self._run(call, used)
+            except BaseException as error:
+                self.machine.abandon((used, call))
+                if isinstance(error, self.machine.cl.MemoryError):
+                    raise MemoryError from error
+                raise
+            self.machine.give_back(used)
+            return status
+
+    def _run(self, call: Call, used: list[Any]) -> Array | None:
+        machine, entry = self.machine, self.prepared.module.entry
+        inputs, lent = list[tuple[Any, int]](), []
+        for i in self.kernel.inputs:
+            type = entry.inputs[i].type
+            array = np.ascontiguousarray(call.inputs[i], dtype=MEMORY[type.base])
+            buffer = machine.lend(array, type.size)
+            if buffer is None:
+                buffer = machine.upload(array)
+                used.append(buffer)
+            else:
+                lent.append((buffer, array))
+            inputs.append((buffer, len(array)))
+        tables = [self._table(call.tables[table.name], table)[:2] for table in self.kernel.tables]
+        outputs = self._outputs(call, used)
+        args = self._arguments(call.shape, inputs, tables, call.params, [buffer for buffer, *_ in outputs])
+        self._starter(self.compiled, args, call.shape, reads=True, shared=True)()
+        machine.finish([buffer for buffer, is_lent, _ in outputs if is_lent])
+        return self._collect(call, outputs)
+
+    def _run_staged(self, call: Call) -> Array | None:
+        staged = self.stages.get(call, self._stage)
+        for i, array in staged.inputs:
+            np.copyto(array, call.inputs[i], casting="unsafe")
+        if self.kernel.params:
+            staged.set_params(self._params(call.params))
+        staged.start()
+        self.machine.finish(staged.buffers)
+        return self._hand_over(call, staged.outputs)
+
+    def _stage(self, call: Call) -> Staged:
+        """Make arrays for runs of this shape, and a kernel object with them as arguments."""
+        machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
+        inputs = [staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
+        found = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
+        buffers = [buffer for _, buffer in found]
+        args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
+        first = len(args) - len(buffers) - len(kernel.params)
+        compiled = machine.cl.Kernel(self.program, kernel.name)
+        start = self._starter(compiled, args, call.shape, reads=True)
+
+        def set_params(values: list[Any]) -> None:
+            args[first : first + len(values)] = values
+            for at, value in enumerate(values, first):
+                compiled.set_arg(at, value)
+
+        arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
+        return Staged(arrays, [array for array, _ in found], buffers, set_params, start)
+
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
+        """Prepare a run over buffers of the device: see `base.Executable`."""
+        if not math.prod(call.shape):
+            return lambda: None
+        memories = [own(call.inputs[i]) for i in self.kernel.inputs]
+        with self.machine.lock:
+            tables = [self._table(call.tables[table.name], table) for table in self.kernel.tables]
+        results = [own(m).buffer for m in (*call.outputs, *(() if call.status is None else (call.status,)))]
+        assert len(results) == len(self.prepared.module.entry.outputs)
+        inputs = [(memory.buffer, memory.count) for memory in memories]
+        args = self._arguments(call.shape, inputs, [table[:2] for table in tables], call.params, results)
+        # A kernel object holds its arguments, so each repeated run has its own. To make an object takes longer than a
+        # small run, so the objects of runs that were deleted are used again.
+        compiled = self.compiled if once else self._spare_kernel()
+        run = self._starter(compiled, args, call.shape, reads=False, shared=once)
+        if not once:
+            weakref.finalize(run, self.spare.append, compiled).atexit = False
+        copies = [copy for _, _, copy in tables if copy is not None]
+        if not copies:
+            return run
+
+        def start() -> None:
+            for copy in copies:
+                copy()
+            run()
+
+        return start
+
+    def _spare_kernel(self) -> Any:
+        try:
+            return self.spare.pop()  # at once: another thread may take the last one
+        except IndexError:
+            return self.machine.cl.Kernel(self.program, self.kernel.name)
+
+    def _table(self, data: TableData | TableMemory, table: Table) -> tuple[Any, Any, Callable[[], None] | None]:
+        """Return a table's buffer and shape, and a function that updates it before each run, or None."""
+        machine = self.machine
+        padded = self.kernel.lanes > 1 and table.type.size == 3
+        if isinstance(data, TableMemory):
+            memory = own(data.memory)
+            shape = _argument(np.array(data.shape, np.int32))
+            if not padded:
+                return memory.buffer, shape, None
+            wide = memory.space.allocate(memory.count, vec(table.type.base, 4), memory.dtype)
+            return wide.buffer, shape, memory.space.padding(memory, wide)
+        dtype = np.dtype(MEMORY[table.type.base])
+        shape = _argument(np.array(data.array.shape[: table.rank], np.int32))
+        return tables_of(machine).buffer(data, dtype, table.type.size, padded=padded), shape, None
+
+    def _arguments(
+        self,
+        shape: tuple[int, ...],
+        inputs: Iterable[tuple[Any, int]],
+        tables: Iterable[tuple[Any, Any]],
+        params: dict[str, Array],
+        outputs: Iterable[Any],
+    ) -> list[Any]:
+        """Return the kernel's arguments, see `Kernel`, from buffers: each input's with the number of its elements."""
+        kernel, count = self.kernel, math.prod(shape)
+        args: list[Any] = [np.uint64(count), np.uint64(0) if kernel.lanes == 1 else np.int32(0)]
+        if kernel.lanes > 1 and not kernel.listed:
+            args.append(np.int32(self._row_length(shape)))
+        if kernel.grid:
+            args.append(_argument(np.array(shape, np.int32)))
+        for buffer, length in inputs:
+            args += [buffer, np.int32(length == count)]
+        for table in tables:
+            args += table
+        return [*args, *self._params(params), *outputs]
+
+    def _params(self, params: dict[str, Array]) -> list[Any]:
+        types = {p.name: p.type for p in self.prepared.module.params}
+        return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
+
+    def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool, Array | None]]:
+        """Return for each output, the status last, a buffer, whether it is the caller's array, and that array.
+
+        The array is None if the output is not of its form, or if some elements may not be written.
+        """
+        found = []
+        for k, output in enumerate(self.prepared.module.entry.outputs):
+            dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
+            out = None if self.prepared.status else call.outputs[k]
+            out = out if out is not None and out.dtype == dtype and out.flags.c_contiguous else None
+            buffer = None if out is None else self.machine.lend(out, size, write=True)
+            is_lent = buffer is not None
+            if not is_lent:
+                buffer = self.machine.take(call.count * size * dtype.itemsize)
+                used.append(buffer)
+            found.append((buffer, is_lent, out))
+        return found
+
+    @property
+    def _group(self) -> int:
+        return LOCAL_SIZE if self.kernel.lanes == 1 else PACKETS
+
+    def _row_length(self, shape: tuple[int, ...]) -> int:
+        """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
+        *others, last = shape or (1,)
+        columns = self.kernel.columns
+        is_image = (
+            columns < self.kernel.lanes and last >= _WIDE and math.prod(shape) >= last * (self.kernel.lanes // columns)
+        )
+        return last if others and (is_image or self.kernel.grid) else columns
+
+    def _starter(
+        self, compiled: Any, args: list[Any], shape: tuple[int, ...], *, reads: bool, shared: bool = False
+    ) -> Callable[[], None]:
+        """Return a function that runs a kernel with these arguments over the elements of a shape: see `starter`."""
+        items, lanes = self._items(shape), self.kernel.lanes
+        return starter(self.machine, compiled, args, items, self._group, self.pace, lanes, reads=reads, shared=shared)
+
+    def _items(self, shape: tuple[int, ...]) -> Items:
+        """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""
+        count = math.prod(shape)
+        if self.kernel.lanes == 1:
+            return Items(count)
+        columns, row = self.kernel.columns, self._row_length(shape)
+        lines = -(-count // (row * (self.kernel.lanes // columns)))
+        return Items(lines) if row == columns else Items(-(-row // columns), lines)
+
+    def _collect(self, call: Call, outputs: list[tuple[Any, bool, Array | None]]) -> Array | None:
+        """Copy outputs to the host that are not in its memory."""
+        found: list[Array | None] = []
+        for slot, (buffer, is_lent, out) in zip(self.prepared.module.entry.outputs, outputs, strict=True):
+            shape = (call.count, slot.type.size) if slot.type.size > 1 else (call.count,)
+            array = np.empty(shape, MEMORY[slot.type.base]) if out is None else out
+            if not is_lent:
+                self.machine.download(array, buffer)
+            found.append(array if out is None else None)
+        return self._hand_over(call, found)
+
+    def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
+        """Copy written elements to the caller's outputs; return the statuses if some elements were not written."""
+        status: Array | None = None
+        written: Any = True
+        if self.prepared.status:
+            last = found[-1]
+            assert last is not None
+            if not (last == Status.WRITTEN).all():
+                status = last.copy()
+                written = status == Status.WRITTEN
+        for out, array in zip(call.outputs, found, strict=False):
+            if array is not None:
+                where = written if status is None else written.reshape(-1, *[1] * (out.ndim - 1))
+                np.copyto(out, array, casting="unsafe", where=where)
+        return status
+
+
+def _held(type: Type) -> Any:
+    """Return the dtype of a param's component as an argument: no argument may be a bool."""
+    return np.int32 if type.is_bool else DTYPES[type.base]
+
+
+def _argument(values: Array, type: Type | None = None) -> Any:
+    """Return numbers as one argument: a scalar or a vector; a vector of three is padded to four."""
+    flat = np.atleast_1d(values)
+    if type is not None and type.is_bool and type.size > 1:
+        flat = -flat
+    if flat.size == 1:
+        return flat[0]
+    return np.append(flat, flat.dtype.type(0)) if flat.size == 3 else flat
+
+
+backend = OpenCLBackend()

@@ -1,0 +1,146 @@
+"""Folds and scans on an OpenCL device that is a processor: a dispatch of parts, each of which is a work item's.
+
+Stage: compile and run. Few elements are one part, so a sum of them is one dispatch; see `prologue_trees` for the text.
+
+    tree = tree_of(space, module, NodeTypes((F,), (F,), lifted=False), "f32")
+    tree.fold([memory], [sums])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.base import Array, NodeTypes, Options
+from shpy.backend.device.probe import refuse_wrong
+from shpy.backend.opencl.device.driver import Machine
+from shpy.backend.opencl.device.memory import OpenCLMemory, OpenCLSpace
+from shpy.backend.opencl.device.targets import PACKET_TARGET
+from shpy.backend.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
+from shpy.backend.opencl.packets.trees import print_trees
+from shpy.errors import warn
+from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Loop, Module
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, vec
+from shpy.passes.modes import Precision
+from shpy.passes.pipeline import prepare
+from shpy.passes.precision import rebased
+from shpy.passes.size import inlined_sizes
+
+_ALONE: Final = 1 << 16
+"""The most elements for a single work item: to start a second one would take longer than it saves."""
+_PARTS: Final = 32
+"""Parts for each core, enough for all cores to end at nearly the same time."""
+_LARGE: Final = 400
+"""Statements above which `folding` and `scanning` run a program instead, in dispatches of bounded length."""
+_BRIEF: Final = 1 << 26
+"""Statements, those that read elements included, that run in a few milliseconds, too short to be interruptible."""
+_READING: Final = 4
+"""The cost, in statements, of reading an element and shuffling it beside its neighbour."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenCLTree:
+    """A program of two elements in kernels of its own: see `base.Tree`."""
+
+    space: OpenCLSpace
+    text: str
+    block: int
+    cores: int
+    brief: int
+    """The most elements for which the wait need not be interruptible."""
+    parts: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of the result of each part."""
+    results: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of the final result; the lock is held until it is read."""
+    done: OpenCLMemory
+    """The number of finished parts of the current run; 0 between runs."""
+
+    def each(self, count: int) -> int:
+        """Return the number of elements of a part, for this number of elements in all."""
+        if count <= _ALONE:
+            return max(self.block, 1 << (count - 1).bit_length())
+        return max(self.block, 1 << (count // (_PARTS * self.cores)).bit_length())
+
+    def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
+        """Reduce each part to one element."""
+        self._fold(given, made, None, made)
+
+    def reduce(self, given: Sequence[Any]) -> list[Array]:
+        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7."""
+        with self.space.machine.lock:
+            several = given[0].count > self.each(given[0].count)
+            self._fold(given, self.parts, self.done.buffer, self.results) if several else self.fold(given, self.results)
+            return [memory.read() for memory in self.results]
+
+    def _fold(self, given: Sequence[Any], parts: Sequence[Any], done: Any, made: Sequence[Any]) -> None:
+        count = given[0].count
+        each = self.each(count)
+        sizes = [np.uint64(count), np.uint64(each)]
+        args = [*_buffers(given), *sizes, *_buffers(parts), done, *_buffers(made)]
+        self._run(FOLD, -(-count // each), count, args)
+
+    def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
+        """Compute all prefixes; `above` holds the prefixes that end with each part."""
+        count = given[0].count
+        each, parts = self.each(count), 1 if above is None else above[0].count
+        sizes = [np.uint64(count), np.uint64(each), np.int32(parts), np.int32(exclusive)]
+        args = [*_buffers(given), *sizes, *_buffers(given if above is None else above), *_buffers(made)]
+        self._run(SCAN, parts, count, args)
+
+    def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
+        self.space.enqueue(self.text, name, parts, args, brief=count <= self.brief)
+
+
+def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
+    """Print and build the kernels.
+
+    Return None for a large program, for one that may discard or reads more, and if the driver refuses the kernels.
+    """
+    machine = space.machine
+    lanes = machine.lanes
+    if lanes == 1:
+        return None
+    options = Options(precision=precision)
+    if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
+        element, made = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.made))
+        types = replace(types, element=element, made=made)
+    prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
+    statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
+    if prepared.status or statements > _LARGE:
+        return None
+    refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)
+    if kernel is None or (kernel.doubles and not machine.doubles):
+        return None
+    if not _builds(machine, kernel.text):
+        warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
+        return None
+    dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
+    cores = machine.device.max_compute_units
+    parts, results = (
+        tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.made) for count in (_PARTS * cores, 1)
+    )
+    done = space.allocate(1, vec(Base.U), np.dtype(np.uint32))
+    done.write(np.zeros(1, np.uint32))
+    loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
+    brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
+    return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
+
+
+def _builds(machine: Machine, text: str) -> bool:
+    """Return whether the driver builds a text. The program itself, which runs otherwise, explains a refusal."""
+    try:
+        with machine.lock:
+            machine.build(text)
+    except machine.cl.Error:
+        return False
+    return True
+
+
+def _buffers(memories: Sequence[Any]) -> list[Any]:
+    return [memory.buffer for memory in memories]

@@ -1,0 +1,335 @@
+"""The kernel of a prepared module in packets: a work item computes many elements.
+
+Stage: emit. The module is split into scalars and vectorised. A varying value becomes a `float16`, a uniform value stays
+a `float`, and uniform control flow stays as it is:
+
+    __kernel void f(ulong count, int first, int row, __global const float *c_in, int c_step, __global float *y_out) {
+        int2 corner = sh_corner(first, row);
+        sh_packet packet = sh_packet_at(corner, count, row);
+        ...
+        float16x2 c = sh_read_f2(c_in, c_step, packet);
+        float16 z_x = (float16)(0.0f);
+        ...
+
+    print_packets(prepared.module, 16, Abilities()).text
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from typing import ClassVar, Final
+
+from shpy.backend.emit import tree
+from shpy.backend.emit.entry import Needs, needed_by
+from shpy.backend.emit.tree import (
+    BOOL,
+    INT,
+    UINT,
+    Block,
+    Cast,
+    Construct,
+    Declare,
+    Do,
+    Exit,
+    Expr,
+    Member,
+    Name,
+    Own,
+    Parameter,
+    Pointer,
+    number,
+)
+from shpy.backend.opencl.packets.alone import LaneCalls
+from shpy.backend.opencl.packets.operations import PacketBody
+from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
+from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
+from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
+from shpy.backend.opencl.packets.spell_packets import PacketSpeller
+from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
+from shpy.backend.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
+from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
+from shpy.backend.opencl.text.prologue import NOINLINE
+from shpy.ir.nodes import Call, Function, Let, Module, Variable
+from shpy.ir.traverse import walk
+from shpy.ir.types import Base, Type, vec
+from shpy.passes.components import take_apart
+from shpy.passes.hide import hide_derivable
+from shpy.passes.inline import inline_calls
+from shpy.passes.modes import Math
+from shpy.passes.neighbours import find_neighbours
+from shpy.passes.pairing import pair
+from shpy.passes.pipeline import optimise
+from shpy.passes.vectorize import vectorize
+
+_LARGE: Final = 400
+"""The most statements of an entry that is not a function of its own: PoCL generates the code of a kernel three times.
+
+Other functions with more statements are not inlined.
+"""
+
+
+def print_packets(
+    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, faults: Collection[str] = ()
+) -> Kernel:
+    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
+
+    `faults` are the compiler's faults, of FAULTS.
+    """
+    called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
+    if called:
+        # A function that lanes run one after the other calls no other function.
+        module = inline_calls(module, lambda f: f.name in called)
+    packets = in_packets(module, lanes, math, faults, padded=True, alone=True)
+    columns = lanes if _stay_together(packets) else QUAD
+    return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
+
+
+def in_packets(
+    module: Module, lanes: int, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
+) -> Module:
+    """Return a prepared module on packets of scalars; `padded` and `alone`: see `vectorize`."""
+    scalar = optimise(take_apart(module))
+    # A hidden zero adds arithmetic on vectors, which has to be split too.
+    whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
+    return widen(find_neighbours(vectorize(whole, padded=padded, alone=alone)), lanes)
+
+
+def _stay_together(module: Module) -> bool:
+    """Return whether lanes neither diverge nor gather from tables; blocks then have no advantage over rows.
+
+    Divergence inside functions without stores does not count, because rare numbers cause it.
+    """
+    lets = [(f.name, s) for f in module.functions for s in walk(f.body) if isinstance(s, Let)]
+    pure = {str(s.attr) for _, s in lets if s.op == "call"}
+    part = any(s.op == "lane_any" and name not in pure for name, s in lets)
+    return not part and not any(s.op == "table" and isinstance(s.value.type, Lanes | Rows) for _, s in lets)
+
+
+def _is_large(function: Function) -> bool:
+    return sum(1 for _ in walk(function.body)) > _LARGE
+
+
+class PacketMaker(KernelMaker):
+    """The emitter of a kernel of packets; `ports` are the entry's inputs and outputs before the split into scalars."""
+
+    prologue: PacketPrologue
+    body: ClassVar[type[ClBody]] = PacketBody
+    work: ClassVar[str] = "packet"
+
+    def __init__(
+        self,
+        module: Module,
+        ports: Function,
+        lanes: int,
+        columns: int,
+        abilities: Abilities,
+        math: Math = "strict",
+        *,
+        faults: Collection[str],
+    ) -> None:
+        self.lanes, self.columns = lanes, columns
+        super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
+        self.listed = columns == lanes and not self.grid_of(module.entry.name)
+        self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
+        self.speller = PacketSpeller(self.prologue.struct)
+        self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
+        for base in Base:
+            for size in (2, 3, 4):
+                if base is not Base.H:
+                    self.globals.reserve(spelled_wide(rows_of(base, size, lanes)))
+        take = self.globals.take
+        self.outer = ports
+        self.row = Name(INT, "" if self.listed else take("row"))
+        self.corner = Name(UINT if self.listed else vec(Base.I, 2), take("start" if self.listed else "corner"))
+        self.place = {self.corner: SIZE if self.listed else self.corner.type, self.count: ULONG}
+        self.place |= {} if self.listed else {self.row: INT}
+        self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
+        self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
+        self.packet = Name(INT, take("packet"))
+        self.words = Words()
+        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
+
+    def kernels_around(self, text: Callable[[str], str]) -> Kernel:
+        """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
+        entry = self.module.entry
+        self.place = {}
+        self.add_functions()
+        self.prologue.packet()
+        inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
+        self.add(entry, inner)
+        around = text(inner)
+        self.words.add_text(around)
+        self.speller.paragraph(around)
+        return self.finished(())
+
+    def finished(self, inputs: tuple[int, ...]) -> Kernel:
+        """Return the kernel with the whole text that was added."""
+        return replace(super().finished(inputs), lanes=self.lanes, columns=self.columns, listed=self.listed)
+
+    def needs_doubles(self) -> bool:
+        """Return whether a double occurs."""
+        return super().needs_doubles() or self.prologue.doubles
+
+    def declared(self) -> Sequence[str]:
+        """Return declarations of vectors longer than OpenCL C's."""
+        if self.lanes <= LONGEST:
+            return ()
+        self.words.add_text(self.prologue.text())
+        return ["", *declare_wide(self.words, self.lanes).splitlines()]
+
+    # The extra arguments of functions
+
+    def needed(self, let: Let) -> Needs:
+        """Return the tables, params and grid variables that an operation reads.
+
+        Neighbours, and indices of more than two axes, need the grid's shape, because rows are counted through planes.
+        """
+        shape = let.op == "neighbour" or self.rank_of(let) > 2
+        return needed_by(let) | ({(SHAPE, "")} if shape else frozenset())
+
+    def rank_of(self, let: Let) -> int:
+        """Return the number of axes on which an operation reads the place in the grid; 0 for others."""
+        if let.op == "neighbour":
+            return self.tables[str(let.attr)].rank
+        return min(super().rank_of(let), 1) if isinstance(let.value.type, Lanes) else super().rank_of(let)
+
+    def handed(self, function: str) -> tuple[Name, ...]:
+        """Return the extra arguments of a function; the entry's own function computes its index in the grid itself."""
+        found = super().handed(function)
+        if function != self.module.entry.name or not self.place:
+            return found
+        return (*self.place, *(e for e in found if e != self.grid[INDEX]))
+
+    def declares(self, e: Name) -> Parameter:
+        """Return the parameter for an extra argument."""
+        return Parameter(self.place[e], e.text) if e in self.place else super().declares(e)
+
+    def array(self, type: Type, qualifier: str = "") -> Pointer:
+        """Return the type of an array in memory; vectors of three are padded to four."""
+        return super().array(type.sized(4) if type.size == 3 else type, qualifier)
+
+    # Functions
+
+    def stands_apart(self, function: Function) -> bool:
+        """Return whether the compiler must not inline the function."""
+        return super().stands_apart(function) or _is_large(function)
+
+    def spelled(self, made: tree.Function) -> None:
+        """Add a function to the text."""
+        if self.lanes > LONGEST:
+            self.words.add_function(made, self.speller)
+        super().spelled(made)
+
+    def add(self, function: Function, name: str) -> None:
+        """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
+
+        Where `pair` can interleave two lanes, the function computes two, which hides the latency of their loads.
+        """
+        if not function.alone:
+            super().add(function, name)
+            return
+        function = replace(function, inputs=function.inputs[:-1])  # the mask is for the loop
+        two = pair(function)
+        inner = self.globals.take(f"{name}_alone" if two is None else f"{name}_two")
+        super().add(two or function, inner)
+        names = self.globals.scope()
+        active = Name(BOOL, names.take("active"))
+        inputs, outputs = (
+            [Name(port.type.scalar, names.take(port.name or "a")) for port in ports]
+            for ports in (function.inputs, function.outputs)
+        )
+        handed = self.handed(function.name)
+        parameters = [Parameter(lanes_of(e.type.base, self.lanes), e.text) for e in (*inputs, active)]
+        single = len(outputs) == 1
+        if not single:
+            parameters += [Parameter(Pointer(lanes_of(e.type.base, self.lanes)), e.text) for e in outputs]
+        parameters += [self.declares(e) for e in handed]
+        result = lanes_of(outputs[0].type.base, self.lanes) if single else None
+        calls = LaneCalls(active, inputs, outputs, handed, self.lanes, names.take)
+        block = calls.one_by_one(inner) if two is None else calls.two_by_two(inner)
+        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
+
+    def prelude(self, function: str) -> Block:
+        """Return the first statements of a function.
+
+        The entry's own function makes its packet again, because a struct of vectors would be passed through memory.
+        """
+        if function != self.module.entry.name or not self.place:
+            return ()
+        return (self._make_packet(), *self._find_place())
+
+    # The statements of a work item
+
+    def is_apart(self, entry: Function) -> bool:
+        """Return whether the entry is a function that the kernel calls."""
+        return _is_large(entry) or super().is_apart(entry)
+
+    def direct(self, entry: Function) -> Collection[int]:
+        """Return no output, because the kernel writes each for all lanes at its end."""
+        return ()
+
+    def begin_kernel(self) -> None:
+        """Add the struct of a packet to the prologue."""
+        self.prologue.packet()
+
+    def stored(self, type: Type) -> Type:
+        """Return the type of an array that holds an input or output: an array of scalars."""
+        return type.scalar
+
+    def nothing(self, body: ClBody, type: Type) -> Expr:
+        """Return a zero as the argument for an input that is not used."""
+        zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
+        return zero if isinstance(type, Lanes) else Construct(type, (zero,))
+
+    def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
+        """Return the expression that reads the packet's elements of an input."""
+        read = self.prologue.memory("read", type.base, type.size)
+        return tree.call(read, rows_of(type.base, type.size, self.lanes), array, step, self.packet)
+
+    def write_outputs(self, body: ClBody) -> None:
+        """Append the stores of the outputs, each lane's number to its element."""
+        parts = iter(body.function.outputs)
+        for output in self.outer.outputs:
+            type, array = output.type, self.arrays[output.id]
+            numbers = [self._wide(body, next(parts)) for _ in range(type.size)]
+            rows = rows_of(type.base, type.size, self.lanes)
+            value = numbers[0] if type.size == 1 else Construct(rows, tuple(numbers))
+            write = self.prologue.memory("write", type.base, type.size)
+            body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
+
+    def _wide(self, body: ClBody, variable: Variable) -> Expr:
+        """Return an output as a packet; a uniform one is broadcast."""
+        e, type = body.slots[variable.id], variable.type
+        return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))
+
+    def find_element(self, *, apart: bool) -> Block:
+        """Return the statements that compute a work item's packet, and end the work item if the packet is empty."""
+        if self.listed:
+            number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
+            start: Expr = tree.infix("*", number_of, number(self.lanes))
+            empty: Expr = tree.infix("==", Member(INT, self.packet, "left"), number(0), BOOL)
+        else:
+            start = tree.call("sh_corner", self.corner.type, self.first, self.row)
+            empty = Member(BOOL, self.packet, "empty")
+        corner = Declare(self.place[self.corner], self.corner.text, start)
+        found: Block = (corner, self._make_packet(), tree.If(empty, (Exit("return"),)))
+        return found if apart else (*found, *self._find_place())
+
+    def _make_packet(self) -> tree.Stmt:
+        return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))
+
+    def _find_place(self) -> Block:
+        """Return the statement that computes the lanes' index in the grid, or none if no operation reads it."""
+        index = self.grid[INDEX]
+        if (INDEX, "") not in self.needs[self.module.entry.name]:
+            return ()
+        return (Declare(index.type, index.text, self._grid_of_lanes(index.type)),)
+
+    def _grid_of_lanes(self, type: Type) -> Expr:
+        """Return the lanes' index along each axis; `y` of the packet counts rows through all planes."""
+        lanes = lanes_of(Base.I, self.lanes)
+        x, y = (Member(lanes, self.packet, axis) for axis in "xy")
+        if self.grid_rank == 1:
+            return tree.infix("+", x, tree.infix("*", y, self.row))
+        return Construct(type, (*self.split(y, self.grid_rank - 1), x))

@@ -1,0 +1,203 @@
+"""Operations on packets: those that differ from the operations on OpenCL C's vectors.
+
+Stage: emit. A packet is a vector with a number for each lane (`widen`), so `z_x * z_x + 4.0f` reads as it does for one
+element. Bools are masks: ints, -1 for true. `ClBody` writes the operations on uniform values.
+
+    lane_any %leaving   ->  sh_any(leaving)             table %i, points   ->  sh_gather_f3(points, clamp(i, ...))
+    cond %c, %a, %b     ->  c ? a : b                   floor %x           ->  __builtin_elementwise_floor(x)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Final
+
+from shpy.backend.emit import tree
+from shpy.backend.emit.tree import BOOL, INT, UINT, Construct, Do, Expr, Member, Name, number
+from shpy.backend.opencl.packets.prologue import IN_REGISTERS, PacketPrologue
+from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of
+from shpy.backend.opencl.text.operations import NATIVE, ClBody, ClUnit
+from shpy.ir.nodes import Let, Store, Variable
+from shpy.ir.types import Base, Type
+
+_PROLOGUE: Final = frozenset({"min", "max", "floordiv", "floormod", "half", "ldexp", "sin", "cos", "tan"})
+
+
+class _PacketUnit(ClUnit):
+    """The part of a packet kernel's state that operations use."""
+
+    prologue: PacketPrologue
+    packet: Name
+    """The packet of the work item."""
+    place: dict[Name, Type]
+    """The parameters from which the entry makes its packet; none in a tree, whose entry is called for no packet."""
+
+
+class PacketBody(ClBody):
+    """The builder of the tree of one function of packets."""
+
+    unit: _PacketUnit
+
+    # Vectors and names
+
+    def repeats(self, s: Let | Store) -> Collection[int]:
+        """Return the operands that are picked apart; an index of each lane is written once."""
+        if isinstance(s, Store):
+            return () if s.index is None or isinstance(self.types[s.index], Lanes) else (s.index,)
+        if not isinstance(s.value.type, Rows) or s.op not in ("construct", "splat", "swizzle"):
+            return ()
+        return [a for a in s.args if s.op != "construct" or isinstance(self.types[a], Rows)]
+
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return a hidden zero for a uniform type, else None: exits by a varying condition test if any lane leaves."""
+        return None if isinstance(type, Lanes | Rows) else super().unknown_zero(type)
+
+    def splat_of(self, e: Expr) -> Expr | None:
+        """Return the scalar that may take the place of a packet; None for bools, which are not masks."""
+        return None if e.type.is_bool else e.splat
+
+    def _components(self, value: int, components: Collection[int], lanes: Type) -> list[Expr]:
+        """Return components of a packet of vectors."""
+        return [tree.picked(self.exprs[value], (k,), lanes) for k in components]
+
+    def op_construct(self, let: Let) -> Expr:
+        """Return a packet of vectors from packets of their components; a vector among the operands is split first."""
+        type = let.value.type
+        if not isinstance(type, Rows):
+            return super().op_construct(let)
+        lanes = lanes_of(type.base, type.lanes)
+        parts: list[Expr] = []
+        for a in let.args:
+            whole = isinstance(self.types[a], Rows)
+            parts += self._components(a, range(self.types[a].size), lanes) if whole else [self.arg(a)]
+        return Construct(type, tuple(parts))
+
+    def op_splat(self, let: Let) -> Expr:
+        """Broadcast a uniform value to all lanes, or repeat one packet for each component."""
+        type, source = let.value.type, self.types[let.args[0]]
+        if not isinstance(type, Rows):
+            return super().op_splat(let)
+        if isinstance(source, Lanes):
+            return Construct(type, (self.exprs[let.args[0]],) * type.size)
+        lanes = lanes_of(type.base, type.lanes)
+        numbers = [self.picked(self.exprs[let.args[0]], (k,), source.scalar) for k in range(type.size)]
+        return Construct(type, tuple([Construct(lanes, (n,)) for n in numbers]))
+
+    def op_swizzle(self, let: Let) -> Expr:
+        """Return `p.x`; several components of vectors are picked one by one."""
+        type = let.value.type
+        if not isinstance(type, Rows):
+            return super().op_swizzle(let)
+        assert isinstance(let.attr, tuple)
+        return Construct(type, tuple(self._components(let.args[0], let.attr, lanes_of(type.base, type.lanes))))
+
+    # Operations
+
+    def function_of(self, op: str, types: tuple[Type, ...]) -> str:
+        """Return the name of OpenCL's function, of the compiler's, or of one of the prologue."""
+        type = types[0]
+        ours = op in _PROLOGUE if op not in ("min", "max") else type.is_float
+        ours = ours or (op == "pow" and type.base is Base.D)
+        fast = self.unit.math == "fast" and (op in NATIVE or op == "ldexp")
+        if isinstance(type, Lanes) and ours and not fast:
+            return self.unit.prologue.use(op, type)
+        return super().function_of(op, types)
+
+    def not_vector(self, e: Expr) -> Expr:
+        """Return `~mask`: every lane is 0 or -1."""
+        return tree.prefix("~", e)
+
+    def op_cond(self, let: Let) -> Expr:
+        """Return a choice by a mask, or by a uniform condition."""
+        if isinstance(let.value.type, Lanes) and not isinstance(self.types[let.args[0]], Lanes):
+            c, a, b = self.args(let)
+            return tree.choice(c, a, b)
+        return super().op_cond(let)
+
+    def op_lane_any(self, let: Let) -> Expr:
+        """Return `sh_any(mask)`."""
+        return self.ours(let.op, self.types[let.args[0]], BOOL, self.arg(let.args[0]))
+
+    def op_lane_mask(self, let: Let) -> Expr:
+        """Return the mask of the lanes that hold an element: of all lanes in a tree, where no packet is read."""
+        if not self.unit.place:
+            return Construct(let.value.type, (number(-1),))
+        return Member(let.value.type, self.unit.packet, "active")
+
+    # Tables and the grid
+
+    def read(self, array: Expr, index: Expr, type: Type) -> Expr:
+        """Return an element of a table; its vectors of three are padded to four."""
+        if type.size != 3:
+            return super().read(array, index, type)
+        return Member(type, super().read(array, index, type.sized(4)), "xyz")
+
+    def op_table(self, let: Let) -> Expr:
+        """Return one element for all lanes, or a gather of one per lane."""
+        type, name, unit = let.value.type, str(let.attr), self.unit
+        if not isinstance(type, Lanes | Rows):
+            return super().op_table(let)
+        table, size, index = unit.tables[name], unit.size_names[name], self.arg(let.args[0])
+        if table.rank == 1:
+            at = tree.call("clamp", index.type, index, number(0), tree.infix("-", size, number(1)))
+        else:
+            at = tree.call(unit.prologue.flat_lanes(table.rank), index.type, index, size)
+        gather = unit.prologue.memory("gather", table.type.base, table.type.size)
+        return tree.call(gather, type, unit.table_names[name], at)
+
+    def op_neighbour(self, let: Let) -> Expr:
+        """Return `sh_near2_f(texels, texels_size, packet, (int2)(dy, dx))`, or `sh_around2_f` with the moduli too."""
+        name, unit = str(let.attr), self.unit
+        table, rank = unit.tables[name], unit.tables[name].rank
+        args, wraps = self.args(let), len(let.args) > rank
+        near = unit.prologue.near(rank, table.type.base, table.type.size, wraps=wraps)
+        pairs = [args[:rank], *([args[rank:]] if wraps else [])]
+        by = [pair[0] if rank == 1 else Construct(INT.sized(rank), tuple(pair)) for pair in pairs]
+        return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)
+
+    def op_grid_index(self, let: Let) -> Expr:
+        """Return the kernel's variable for the shape or for the lanes' index."""
+        return self.unit.grid[let.op]
+
+    op_grid_shape = op_grid_index
+
+    # Local arrays
+
+    def declare_zero(self, variable: Variable) -> None:
+        """Declare a variable; a long array gets one more element, into which lanes store that are out of range."""
+        length = variable.length or 0
+        if isinstance(variable.type, Lanes) and length > IN_REGISTERS:
+            variable = replace(variable, length=length + 1)
+        super().declare_zero(variable)
+
+    def op_load(self, let: Let) -> Expr:
+        """Return a variable, or an element of an array, at each lane's own index."""
+        if not let.args or not isinstance(self.types[let.args[0]], Lanes):
+            return super().op_load(let)
+        assert isinstance(let.attr, int)
+        variable = self.variables[let.attr]
+        pick = self._array("pick", variable)
+        return tree.call(pick, let.value.type, self.slots[let.attr], self._index(let.args[0], variable))
+
+    def _array(self, way: str, variable: Variable) -> str:
+        """Name the function that picks from an array or stores into it."""
+        varies = isinstance(variable.type, Lanes)
+        return self.unit.prologue.array(way, variable.type.base, variable.length or 0, varies)
+
+    def _index(self, index: int, variable: Variable) -> Expr:
+        """Return each lane's index as an int; a uint is clamped to the length first, which is out of range as well."""
+        e, type = self.arg(index), self.types[index]
+        if type.base is not Base.U:
+            return e
+        return self.as_ints(tree.call("min", type, e, number(variable.length or 0, UINT)))
+
+    def store_element(self, s: Store, index: int, e: Expr) -> None:
+        """Append a store into an array at each lane's own index."""
+        if not isinstance(self.types[index], Lanes):
+            super().store_element(s, index, e)
+            return
+        variable = self.variables[s.variable]
+        at = self._index(index, variable)
+        put = self._array("put", variable)
+        self.out.append(Do(tree.call(put, BOOL, self.slots[s.variable], at, e), s.loc))

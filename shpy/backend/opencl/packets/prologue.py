@@ -1,0 +1,294 @@
+"""The prologue of a packet's kernel: operations on packets that OpenCL C lacks, or computes slowly or otherwise.
+
+Stage: emit. Texts have FLOAT, INT, UINT, DOUBLE for `float16` and so on, or T for the type of the operands and MASK for
+the type of a comparison of two T. Only functions that are used are printed. Clang has functions that PoCL compiles to
+fewer instructions than OpenCL's own (`Abilities`); a trial, made once, shows whether a device has them.
+
+>>> prologue = PacketPrologue(8, Abilities())
+>>> prologue.use("lane_any", lanes_of(Base.B, 8))
+'sh_any'
+>>> print(prologue.text())
+// True if any lane is set.
+bool sh_any(int8 mask) {
+    ulong4 a = as_ulong4(mask);
+    ulong2 b = a.lo | a.hi;
+    return (b.x | b.y) != 0;
+}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from shpy.backend.emit.spell_c import row_major
+from shpy.backend.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
+from shpy.backend.opencl.packets.widen import Lanes, lanes_of, rows_of
+from shpy.backend.opencl.text.prologue import ANY_SIZE, HALF, SCALARS, Prologue, filled, name_of
+from shpy.ir.types import Base, Type
+
+IN_REGISTERS: Final = 8
+"""The most elements of a local array whose element is chosen by comparisons; longer arrays lie in memory."""
+
+SIGNS: Final = {
+    4: "__builtin_ia32_movmskps(as_float4(mask))",
+    8: "__builtin_ia32_movmskps256(as_float8(mask))",
+    16: "__builtin_ia32_cvtd2mask512(mask)",
+}
+"""The signs of a mask as the bits of a number, by the number of lanes: x86 takes one instruction for it, or none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """The extensions of a compiler: `__builtin_reduce_or`, the functions of ELEMENTWISE, `__builtin_shufflevector`.
+
+    `signs` are the widths for which it has the functions of SIGNS; `wider` are the widths of WIDER that it has.
+    """
+
+    reduce: bool = False
+    elementwise: bool = False
+    shuffle: bool = False
+    signs: frozenset[int] = frozenset()
+    wider: frozenset[int] = frozenset()
+
+
+_TEXTS: Final = {
+    **ANY_SIZE,
+    ("abs", Base.I): """\
+// |a|, but INT_MIN for INT_MIN.
+INT {name}(INT a) {
+    return a < 0 ? as_INT(-as_UINT(a)) : a;
+}""",
+    ("floordiv", Base.I): """\
+// floor(a / b), by way of doubles, which are exact enough; 0 for b = 0, and INT_MIN for INT_MIN / -1.
+INT {name}(INT a, INT b) {
+    INT q = convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    q = b == -1 ? as_INT(-as_UINT(a)) : q;
+    return b == 0 ? (INT)(0) : q;
+}""",
+    ("floormod", Base.I): """\
+// a - b * floor(a / b), which has b's sign; 0 for b = 0. Doubles are exact enough.
+INT {name}(INT a, INT b) {
+    UINT q = as_UINT(convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b))));
+    return (b == 0) | (b == -1) ? (INT)(0) : as_INT(as_UINT(a) - as_UINT(b) * q);
+}""",
+    ("floordiv", Base.U): """\
+// a / b, by way of doubles, which are exact enough; 0 for b = 0.
+UINT {name}(UINT a, UINT b) {
+    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    return b == 0 ? (UINT)(0) : q;
+}""",
+    ("floormod", Base.U): """\
+// a % b, by way of doubles, which are exact enough; 0 for b = 0.
+UINT {name}(UINT a, UINT b) {
+    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
+    return b == 0 ? (UINT)(0) : a - b * q;
+}""",
+    ("bits_from_float", Base.F): """\
+// The bits of x; every NaN gives the same bits.
+UINT {name}(FLOAT x) {
+    return x != x ? (UINT)(0x7fc00000u) : as_UINT(x);
+}""",
+    ("half", Base.F): HALF,
+}
+"""Texts of functions by operation and base; those of F serve D too."""
+
+_TRIGONOMETRIC: Final = """\
+// Computes lanes near zero and lanes far from it apart: PoCL gives wrong results for near lanes beside a far one.
+T {name}(T x) {
+    MASK far = fabs(x) >= 125;
+    T y = {op}(far ? (T)(0) : x);
+    if (sh_any(convert_INT(far))) {
+        y = far ? {op}(far ? x : (T)(125)) : y;
+    }
+    return y;
+}"""
+_SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
+
+
+class PacketPrologue(Prologue):
+    """The functions that one packet's kernel uses, in the order of the first use.
+
+    A packet has `columns` neighbouring elements in each row. If `listed`, it holds consecutive elements of a list.
+    """
+
+    def __init__(self, lanes: int, abilities: Abilities, columns: int = QUAD, *, listed: bool = False) -> None:
+        super().__init__()
+        self.lanes = lanes
+        self.abilities = abilities
+        self.doubles = False
+        self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
+
+    def use(self, op: str, type: Type) -> str:
+        """Add the function that computes `op` for a first argument of `type`; return its name."""
+        if not isinstance(type, Lanes):
+            return super().use(op, type)
+        if op == "lane_any":
+            return self._ask("sh_any", lambda _: self._any())
+        name = name_of(op, type)
+        if op in _SIGN_LOST:
+            self.use("lane_any", lanes_of(Base.B, self.lanes))
+            return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
+        if op == "pow":
+            return self._ask(name, lambda n: _each_lane(n, op, spelled_wide(type), self.lanes))
+        text = _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
+        return self._ask(name, lambda n: self._filled(text, n, type))
+
+    def wants(self, op: str, type: Type) -> bool:
+        """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
+        return not isinstance(type, Lanes) and super().wants(op, type)
+
+    def _filled(self, text: str, name: str, type: Type) -> str:
+        self.doubles = self.doubles or "DOUBLE" in text
+        mask = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
+        floor = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"
+        return filled(text, name, spelled_wide(type), str(self.lanes), MASK=mask, FLOOR=floor)
+
+    def _any(self) -> str:
+        head = f"// True if any lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
+        if self.lanes in self.abilities.signs:
+            return f"{head}    return {SIGNS[self.lanes]} != 0;\n}}"
+        if self.abilities.reduce:
+            return f"{head}    return __builtin_reduce_or(mask) != 0;\n}}"
+        lines, width, name = [], self.lanes // 2, "a"
+        lines.append(f"    ulong{width} a = as_ulong{width}(mask);")
+        while width > 2:
+            width //= 2
+            last, name = name, chr(ord(name) + 1)
+            lines.append(f"    ulong{width} {name} = {last}.lo | {last}.hi;")
+        lines.append(f"    return ({name}.x | {name}.y) != 0;")
+        return head + "\n".join(lines) + "\n}"
+
+    # Types and memory
+
+    def struct(self, type: Type) -> str:
+        """Add the struct of a packet of vectors; return its name."""
+        return self._ask(spelled_wide(type), lambda _: struct_text(type))
+
+    def packet(self) -> None:
+        """Add the struct of a work item's packet."""
+        self._ask("sh_packet", lambda _: self._memory.packet())
+
+    def memory(self, way: str, base: Base, size: int) -> str:
+        """Add the function for a `way` of `read`, `write` or `gather`; return its name."""
+        if size > 1:
+            self.struct(rows_of(base, size, self.lanes))
+        name = f"sh_{way}_{base.value}{size if size > 1 else ''}"
+        text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
+        return self._ask(name, lambda n: text(n, base, size))
+
+    def near(self, rank: int, base: Base, size: int, *, wraps: bool) -> str:
+        """Add the function that reads a table at an offset from the packet's own place; return its name.
+
+        If it `wraps`, it takes the indices modulo an argument.
+        """
+        self.packet()
+        gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
+        wrap = self._wrap() if wraps else ""
+        name = f"sh_{'around' if wraps else 'near'}{rank}_{base.value}{size if size > 1 else ''}"
+        return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat, wrap))
+
+    def _wrap(self) -> str:
+        """Add the function that takes indices of neighbours modulo a number; return its name."""
+        modulo = self.use("floormod", rows_of(Base.I, 1, self.lanes))
+        return self._ask("sh_wrap_lanes", lambda n: _wrap(n, modulo, self.lanes))
+
+    def flat_lanes(self, rank: int) -> str:
+        """Add the function that computes flat indices in a table of two or three axes; return its name."""
+        index = rows_of(Base.I, rank, self.lanes)
+        self.struct(index)
+        return self._ask(f"sh_at{rank}_lanes", lambda n: _flat(n, spelled_wide(index), rank, self.lanes))
+
+    # Local arrays
+
+    def array(self, way: str, base: Base, length: int, varies: bool = True) -> str:
+        """Add the function that can `pick` from a local array, or `put` into it, at an index per lane; return its name.
+
+        If `varies` is false, the elements of the array are uniform.
+        """
+        name = f"sh_{way}_{base.value}{length}{'' if varies else '_uniform'}"
+        scalar = SCALARS[Base.I if base is Base.B and varies else base]
+        if way == "pick":
+            return self._ask(name, lambda n: _pick(n, scalar, length, self.lanes, varies=varies))
+        return self._ask(name, lambda n: _put(n, scalar, length, self.lanes))
+
+
+def _each(lanes: int) -> list[str]:
+    return [lane_of(k, lanes) for k in range(lanes)]
+
+
+def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
+    calls = ", ".join(f"{op}(a{h}, b{h})" for h in _each(lanes))
+    return f"""\
+// One lane after the other: PoCL's {op} of many doubles is wrong beside an infinity.
+{wide} {name}({wide} a, {wide} b) {{
+    return ({wide})({calls});
+}}"""
+
+
+def _flat(name: str, index: str, rank: int, lanes: int) -> str:
+    made = row_major([f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]], "size")
+    return f"""\
+// The places of elements, the nearest ones for indices that are out of range.
+int{lanes} {name}({index} at, int{rank} size) {{
+    return {made};
+}}"""
+
+
+def _wrap(name: str, modulo: str, lanes: int) -> str:
+    last = lane_of(lanes - 1, lanes)
+    return f"""\
+// Indices modulo n: those that lie side by side, near 0 or n, need no division.
+int{lanes} {name}(int{lanes} i, int n) {{
+    if (n > 0 && n < 1 << 29 && i.s0 >= -n && i.s0 < 2 * n && i{last} < 2 * n) {{
+        return i + ((i < 0) & n) - ((i >= n) & n);
+    }}
+    return {modulo}(i, (int{lanes})(n));
+}}"""
+
+
+def _tests(scalar: str, lanes: int) -> str:
+    """Return a statement that converts the index `i` to integers as wide as the elements of the array."""
+    return f"    long{lanes} n = convert_long{lanes}(i);\n" if scalar == "double" else f"    int{lanes} n = i;\n"
+
+
+def _choice(parts: Iterable[str]) -> str:
+    """Return the expression that chooses part number `n`; if `n` is out of range, it chooses the nearest part."""
+    *others, last = parts
+    return "".join(f"n {'==' if k else '<='} {k} ? {part} : " for k, part in enumerate(others)) + last
+
+
+def _pick(name: str, scalar: str, length: int, lanes: int, *, varies: bool) -> str:
+    """Return the function that picks an element for each lane: packets if the array `varies`, else numbers."""
+    held, minus = ("int", "-") if scalar == "bool" else (scalar, "")
+    wide = f"{held}{lanes}"
+    told = "Each lane's element at its own index" if varies else "The element at each lane's index"
+    head = f"// {told}, clamped.\n{INLINE} {wide} {name}(const {wide if varies else scalar} *a, int{lanes} i) {{\n"
+    if length <= IN_REGISTERS:
+        choice = _choice(f"a[{k}]" if varies else f"({wide})({minus}a[{k}])" for k in range(length))
+        return f"{head}{_tests(held, lanes)}    return {choice};\n}}"
+    flat = f"    const {scalar} *flat = (const {scalar} *)a;\n" if varies else ""
+    place = f" * {lanes} + {_numbers(lanes)}" if varies else ""
+    loads = ", ".join(f"{minus}{'flat' if varies else 'a'}[i{h}]" for h in _each(lanes))
+    return f"{head}{flat}    i = clamp(i, 0, {length - 1}){place};\n    return ({wide})({loads});\n}}"
+
+
+def _put(name: str, scalar: str, length: int, lanes: int) -> str:
+    head = f"{INLINE} void {name}({scalar}{lanes} *a, int{lanes} i, {scalar}{lanes} v) {{\n"
+    if length <= IN_REGISTERS:
+        stores = "".join(f"    a[{k}] = n == {k} ? v : a[{k}];\n" for k in range(length))
+        told = "// Each lane's number into the element at its own index, if there is one.\n"
+        return f"{told}{head}{_tests(scalar, lanes)}{stores}}}"
+    stores = "".join(f"    flat[i{h}] = v{h};\n" for h in _each(lanes))
+    return f"""\
+// Stores each lane's number in the element at its own index; element {length} takes those out of range.
+{head}\
+    {scalar} *flat = ({scalar} *)a;
+    i = (i < 0) | (i > {length}) ? (int{lanes})({length}) : i;
+    i = i * {lanes} + {_numbers(lanes)};
+{stores}}}"""
+
+
+def _numbers(lanes: int) -> str:
+    return f"(int{lanes})({', '.join(map(str, range(lanes)))})"

@@ -1,0 +1,35 @@
+"""Find reads of tables in loops whose index is the sum of a varying and a loop-invariant part.
+
+Stage: emit. The compiler computes the address of the invariant part once, before the loop:
+
+    records[row + side]   ->   (records + side)[row]          for a `side` that is made before the loop
+
+The sum must not wrap, as addresses have 64 bits. A chain of dependent reads, as in a walk through a tree, gets shorter.
+
+    steady_parts(survey, Known(function))[read.value.id] == (row, side)
+"""
+
+from __future__ import annotations
+
+from shpy.backend.emit.survey import Survey
+from shpy.passes.known import Known
+
+
+def steady_parts(survey: Survey, known: Known) -> dict[int, tuple[int, int]]:
+    """Return the changing and the steady part of the index of each read that has both, by the value that is read."""
+    found: dict[int, tuple[int, int]] = {}
+    for value, read in survey.lets.items():
+        loop = survey.loop_of(value)
+        if read.op != "table" or loop is None or read.value.type.size == 3:  # three lie packed, behind scalars
+            continue
+        total = survey.lets.get(read.args[0])
+        if total is None or total.op != "add" or total.value.type.size > 1 or known.may_wrap(total):
+            continue
+        # A value that is seen here is made in this loop or in one around it.
+        inside = [survey.loop_of(a) == loop for a in total.args]
+        if any(inside) and not all(inside):
+            changing, steady = total.args if inside[0] else total.args[::-1]
+            parts = [survey.lets.get(part) for part in (changing, steady)]
+            if parts[0] is not None and all(part is None or part.op != "const" for part in parts):
+                found[value] = changing, steady
+    return found
