@@ -404,7 +404,7 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
     """Return the scenes that are animated, the number of frames, and how many of them a second has."""
     path = Path(options.scene)
     if path.suffix.lower() in FORMATS:
-        file = AnimatedFile(path, options.clip)
+        file = AnimatedFile(path, options.clip, strict=options.strict)
         frames, fps = spread(file.seconds, options.frames, options.fps)
         return viewing.scenes_of_file(options, file, frames, fps), frames, fps
     if options.clip is not None:

@@ -50,6 +50,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     group.add_argument("--fov", type=_fov, metavar="DEG", help="the angle across the picture's shorter side")
     group.add_argument("--no-floor", action="store_true", help="files: no floor under what is framed")
     group.add_argument(
+        "--strict", action="store_true", help="files: a bad entry or a missing picture is an error, not a warning"
+    )
+    group.add_argument(
         "--background", type=_color, metavar="COLOR", help="what is seen where nothing is: #RRGGBB, or linear R,G,B"
     )
     group.add_argument(
@@ -81,6 +84,8 @@ def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed
     if options.no_floor and not framed:
         kind = "scene of a Python file" if Path(options.scene).suffix else "built-in scene"
         raise SceneError(f"--no-floor is for files, which are put on one; a {kind} is as it is made")
+    if options.strict and not framed:
+        raise SceneError("--strict is for mesh files, whose entries are checked as they are read: leave it out")
 
 
 def scene_of(options: argparse.Namespace) -> Scene:
@@ -88,7 +93,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     sky = _skies(options)
     if options.scene in SCENES:
         return _altered(Scene.builtin(options.scene), options, sky)
-    return _painted(find_scene(options.scene, **_framing(options, sky)), options)
+    return _painted(find_scene(options.scene, **_reading(options, sky)), options)
 
 
 def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Callable[[float], Any]:
@@ -121,6 +126,10 @@ def _framing(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> di
     """Return the keywords of `Scene.load` for the options."""
     up = _AXES["y"] if options.up is None else options.up
     return {"up": up, "camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
+
+
+def _reading(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> dict[str, Any]:
+    return _framing(options, sky) | {"strict": options.strict}
 
 
 def _painted(scene: Scene, options: argparse.Namespace) -> Scene:

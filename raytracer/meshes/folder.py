@@ -1,12 +1,15 @@
 """The folder of a mesh file: the other files that it may read, and the notice of its contents that are ignored.
 
 Stage: scene description. A mesh file may come from a stranger: it may name files in its own folder or below it, and no
-others. What a reader leaves out is counted in `Notices`, which says it in one line.
+others. What a reader ignores, and each bad entry that it leaves out, is counted in `Notices`, which says it in a line.
 
 >>> notices = Notices("chair.glb")
 >>> notices.ignore("normal maps", 3)
 >>> notices.text()
 'chair.glb: ignored: normal maps (3)'
+>>> notices.leave_out(Fault("face has two corners", "faces have two corners"), 2, "line 7")
+>>> notices.faults()
+'chair.glb: left out: 2 faces have two corners (the first in line 7)'
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Final
+from typing import Final, NamedTuple
 
 from raytracer.errors import SceneError, warn
 
@@ -28,22 +31,65 @@ _LONGEST = 60
 """Characters of a name from a file that are shown."""
 
 
-class Notices:
-    """The parts of a mesh file that are ignored, and the files that it names and that could not be read."""
+class BadEntry(SceneError):
+    """A bad entry of a file that is read with `strict`."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+
+class Fault(NamedTuple):
+    """A kind of bad entry, as a sentence for one of them and for several, without the number."""
+
+    one: str
+    many: str
+
+    def of(self, count: int) -> str:
+        """Return the sentence for so many entries."""
+        return f"{count:,} {self.one if count == 1 else self.many}"
+
+
+class Notices:
+    """The parts of a mesh file that are ignored, its bad entries, and the files that it names and that are not read.
+
+    With `strict` a bad entry raises a BadEntry, which has no file name yet, and so does a file that is not read.
+    """
+
+    def __init__(self, file: str, *, strict: bool = False) -> None:
+        self.file, self.strict = file, strict
         self.ignored: Counter[str] = Counter()
         self.missing: dict[str, str] = {}
+        self.bad: dict[Fault, tuple[int, str]] = {}
+        """The number of bad entries of each kind, and the place of the first."""
 
     def ignore(self, what: str, count: int = 1) -> None:
         """Count something that is not read."""
         if count:
             self.ignored[shown(what)] += count
 
+    def leave_out(self, fault: Fault, count: int, where: str, cause: str = "") -> None:
+        """Count bad entries that are left out.
+
+        `where` is the place of the first one, such as "line 7". `cause` says more of that one, for the error that it
+        is with `strict`: "a face names normal 8, and there are 6".
+        """
+        if not count:
+            return
+        if self.strict:
+            raise BadEntry(shown(f"{where}: {cause or fault.of(count)}", 200))
+        before, first = self.bad.get(fault, (0, where))
+        self.bad[fault] = before + count, first
+
     def miss(self, name: str, reason: str) -> None:
         """Note a file or picture that cannot be used."""
+        if self.strict:
+            raise BadEntry(f"{shown(name)}: {shown(reason, 200)}")
         self.missing.setdefault(shown(name), shown(reason, 200))
+
+    def faults(self) -> str:
+        """Return the bad entries that are left out, in one line; "" where there is no bad entry."""
+        entries = [
+            shown(f"{fault.of(count)} ({'the first ' if count > 1 else ''}in {where})", 200)
+            for fault, (count, where) in self.bad.items()
+        ]
+        return f"{self.file}: left out: {_listed(entries)}" if entries else ""
 
     def text(self) -> str:
         """Return what is ignored, in one line; "" where nothing is."""
@@ -51,7 +97,9 @@ class Notices:
         return f"{self.file}: ignored: {_listed(entries)}" if entries else ""
 
     def warn(self) -> None:
-        """Say both as an sh.ShpyWarning each."""
+        """Say each kind that there is as an sh.ShpyWarning."""
+        if self.bad:
+            warn(self.faults())
         if self.ignored:
             warn(self.text())
         if self.missing:

@@ -231,9 +231,12 @@ class Mesh:
         return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
 
     @classmethod
-    def load(cls, path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
-        """Read an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one mesh; see `loading.load_mesh`."""
-        return LOADERS["file"](path, material=material)
+    def load(cls, path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
+        """Read an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one mesh; see `loading.load_mesh`.
+
+        With `strict` a bad entry of the file is a SceneError; otherwise it is left out, and a warning counts them.
+        """
+        return LOADERS["file"](path, material=material, strict=strict)
 
     @classmethod
     def from_trimesh(cls, part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:

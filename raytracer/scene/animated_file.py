@@ -52,12 +52,13 @@ class _Frame(NamedTuple):
 class AnimatedFile:
     """A GLB or glTF file with one of its animations: that with the name `clip`, or the first for None.
 
+    With `strict` a bad entry of the file is an error, as it is for `Scene.load`.
     `seconds` is the length of the animation. A feature of the file that is ignored gives an sh.ShpyWarning. Raises
     FileNotFoundError, and SceneError for a file that cannot be read, that has no animation of this name, or whose
     animation changes anything but nodes and the weights of morph targets.
     """
 
-    def __init__(self, path: str | PathLike[str], clip: str | None = None) -> None:
+    def __init__(self, path: str | PathLike[str], clip: str | None = None, *, strict: bool = False) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise FileNotFoundError(f"there is no file {self.path}")
@@ -66,7 +67,7 @@ class AnimatedFile:
                 f"{self.path}: animations are read from {' and '.join(ANIMATED)} files, not from "
                 f"{self.path.suffix or 'this'}: {_CURE}"
             )
-        data, self._notices = bytes_of(self.path), Notices(self.path.name)
+        data, self._notices = bytes_of(self.path), Notices(self.path.name, strict=strict)
         with reading(self.path):
             document = Document(data, Folder(self.path))
             names = names_of(document)

@@ -26,7 +26,7 @@ from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.contents import READABLE, text_of
-from raytracer.meshes.folder import Folder, Notices, shown
+from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.from_trimesh import completed, join_strips, parts_of, texture_file
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
@@ -58,16 +58,17 @@ class Contents:
     """The number of materials in the file that were not read."""
 
 
-def load_mesh(path: str | PathLike[str], *, material: Material | None = None) -> Mesh:
+def load_mesh(path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
     """Read the triangles of a file, all parts in their places, as one mesh.
 
     The file's normals are kept; without any, corners are smoothed where faces meet at a small angle. Vertex colours and
     uv coordinates are kept; materials are not, as a mesh has one: `Scene.load` reads them. An sh.ShpyWarning says so,
-    unless a `material` is given. Raises FileNotFoundError, or SceneError for a format that is not known, a file that
-    cannot be read, and one without triangles.
+    unless a `material` is given. A bad entry, such as a face that names a normal that the file lacks, is left out, and
+    a warning counts them; with `strict` it is an error. Raises FileNotFoundError, or SceneError for a format that is
+    not known, a file that cannot be read, and one without triangles.
     """
     path = Path(path)
-    notices = Notices(path.name)
+    notices = Notices(path.name, strict=strict)
     contents = _load(path, notices, materials=False)
     if material is None:
         notices.ignore("materials, which Scene.load reads", contents.materials)
@@ -80,13 +81,13 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None) ->
 LOADERS["file"] = load_mesh
 
 
-def load_contents(path: str | PathLike[str]) -> Contents:
+def load_contents(path: str | PathLike[str], *, strict: bool = False) -> Contents:
     """Read the meshes of a file with names and materials, camera and lights; warn (sh.ShpyWarning) of what is left out.
 
-    Errors are those of `load_mesh`.
+    Errors and `strict` are those of `load_mesh`; with `strict` a file that the path's file names must be readable, too.
     """
     path = Path(path)
-    notices = Notices(path.name)
+    notices = Notices(path.name, strict=strict)
     contents = _load(path, notices, materials=True)
     notices.warn()
     return contents
@@ -131,6 +132,8 @@ def reading(path: Path) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"):
             yield
+    except BadEntry as error:
+        raise SceneError(f"{path}: {error}") from error
     except Exception as error:
         reason = shown(_reason(error), _LONGEST)
         raise SceneError(f"{path}: not a readable {path.suffix[1:].upper()} file ({reason})") from error

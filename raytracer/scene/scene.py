@@ -144,16 +144,20 @@ class Scene:
         floor: bool = True,
         lights: Sequence[Light] = (),
         camera: Camera | Callable[[Camera], Camera] | None = None,
+        strict: bool = False,
     ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
         A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
         everything. Other files are framed: `up`, `floor` and `camera` are those of `framed`. `lights` are added to
         those of the file, and take the place of the two. docs/raytracer-files.md lists what is read; what a file holds
-        beyond that, and pictures that are not there, are an sh.ShpyWarning each. Raises FileNotFoundError, and
-        SceneError for a file that cannot be read or holds no triangles.
+        beyond that, and pictures that are not there, are an sh.ShpyWarning each. A bad entry, such as a face that names
+        a normal that the file lacks, is left out; a warning counts them. With `strict` bad entries and pictures that
+        are not there are errors. Raises FileNotFoundError, and SceneError for a file that cannot be read or holds no
+        triangles.
         """
-        return furnished(load_contents(path), Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
+        found = load_contents(path, strict=strict)
+        return furnished(found, Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:

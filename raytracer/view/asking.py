@@ -104,6 +104,8 @@ def _seen(camera: Camera, options: argparse.Namespace, integrator: Integrator, s
         found += ["--exposure", f"{stops:g}"]
     if options.no_floor:
         found.append("--no-floor")
+    if options.strict:
+        found.append("--strict")
     if options.background is not None:
         found += ["--background", _numbers(options.background)]
     if options.environment is not None:

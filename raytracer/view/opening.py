@@ -56,7 +56,7 @@ def _function_of_time(options: argparse.Namespace, notices: list[str]) -> tuple[
         return viewing.scenes_of(options, ANIMATIONS[options.scene]), options.seconds
     if path.suffix.lower() == ".py":
         return viewing.scenes_of(options, made_by(path)), options.seconds
-    file = _animation_of(path, options.clip, notices)
+    file = _animation_of(path, options, notices)
     if file is not None:
         frames, fps = spread(file.seconds, None, None)
         return viewing.scenes_of_file(options, file, frames, fps), file.seconds
@@ -64,11 +64,12 @@ def _function_of_time(options: argparse.Namespace, notices: list[str]) -> tuple[
     return lambda time: scene, 0.0
 
 
-def _animation_of(path: Path, clip: str | None, notices: list[str]) -> AnimatedFile | None:
+def _animation_of(path: Path, options: argparse.Namespace, notices: list[str]) -> AnimatedFile | None:
     """Return the file with its animation; None for a file without animations.
 
     Without `clip`, an animation that cannot be shown gives a notice and None, and the scene is shown still.
     """
+    clip = options.clip
     if clip is None:
         if path.suffix.lower() not in ANIMATED or not path.is_file():
             return None
@@ -76,7 +77,7 @@ def _animation_of(path: Path, clip: str | None, notices: list[str]) -> AnimatedF
             if not names_of(Document(bytes_of(path), Folder(path))):
                 return None
     try:
-        return AnimatedFile(path, clip)
+        return AnimatedFile(path, clip, strict=options.strict)
     except SceneError as error:
         if clip is not None:
             raise
