@@ -20,11 +20,17 @@ settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("random", deadline=None, print_blob=True)
 settings.load_profile("fixed")
 
+pytest_plugins = ["patience"]
+
+# The settings of the user who runs the tests are not what is tested.
+for setting in ("SHPY_BACKEND", "SHPY_DUMP"):
+    os.environ.pop(setting, None)
+
 # To have a driver write out each of thousands of kernels takes longer than to compile them; test_store.py has its own.
-os.environ.setdefault("SHPY_CACHE_DIR", "")
+os.environ["SHPY_CACHE_DIR"] = ""
 
 # A slow machine is no news here; test_slow.py looks at the line.
-os.environ.setdefault("SHPY_QUIET", "1")
+os.environ["SHPY_QUIET"] = "1"
 
 # A shell's background jobs ignore SIGINT, and so would every process that a test starts and interrupts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

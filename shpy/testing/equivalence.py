@@ -79,7 +79,7 @@ def assert_equivalent(
     given, options = split_options(named, program)
     names = targets(backends if backends is not None else defaults.backends)
     if len(names) < 2:
-        raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "opencl")')
+        raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=["numpy", "interpreter"]')
     bound = Bound(ulp, atol, rtol)
     bound = replace(bound, ulp=max(bound.ulp, defaults.ulp))
     return _Comparison(Setting(program, inputs, given, shape, options), names, bound).check()

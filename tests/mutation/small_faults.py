@@ -23,6 +23,11 @@ PARTS = {
     "passes": ("shpy/passes",),
     "kernels": ("raytracer/kernels", "raytracer/integrators", "shpy/library"),
     "structures": ("raytracer/accel", "raytracer/view"),
+    "language": ("shpy/lang",),
+    "running": ("shpy/run", "shpy/streams", "shpy/chains", "shpy/collectives"),
+    "measuring": ("shpy/accuracy", "shpy/testing"),
+    "scenes": ("raytracer/meshes", "raytracer/scene"),
+    "pages": ("shpy/view",),
 }
 """Folders of each part."""
 DRAWN = ("backends", "passes", "kernels")
