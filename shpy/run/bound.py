@@ -23,7 +23,7 @@ from shpy.ir.types import Base
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Leaf, build_arrays, leaves
-from shpy.run.on_device import check_places, prepare
+from shpy.run.on_device import check_places, has_elements_of, prepare
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Place, Stream
 
@@ -133,7 +133,7 @@ def bound_of(
     if not inputs or len(inputs) != len(types) or not all(isinstance(type_, Leaf) for type_ in types):
         return None
     if place is not None:
-        streams = all(isinstance(given, Stream) for given in inputs)
+        streams = all(isinstance(given, Stream) and has_elements_of(given.shape, common) for given in inputs)
         return BoundStreams(recorded, executable, common, place) if streams else None
     if not common or 0 in common:
         return None

@@ -7,7 +7,6 @@ broadcast. Everything is checked before anything runs.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -83,6 +82,7 @@ class DeviceLeaf:
 
     def __init__(self, name: str, cls: type[Value], entry: Any) -> None:
         self.name = name
+        self.cls: Any = cls
         self.size = cls.size
         self.entry = entry
         self.shape: Shape = entry.shape
@@ -172,7 +172,6 @@ def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
             loc=here(),
             cure="leave shape= away, or give inputs that broadcast to it",
         )
-    _check_column(inputs, whole)
     return whole
 
 
@@ -186,18 +185,6 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
             raise ValueError
         whole.append(extents.pop() if extents else 1)
     return tuple(whole)
-
-
-def _check_column(inputs: Sequence[Sized], shape: Shape) -> None:
-    """Raise ShpyTypeError for an (n, 1) array for a scalar that enlarges the shape: nearly always a mistake."""
-    if all(math.prod(s.shape) < math.prod(shape) for s in inputs):
-        for s in inputs:
-            if s.size == 1 and len(s.shape) > 1 and s.shape[-1] == 1:
-                raise ShpyTypeError(
-                    f"{s.name} has the shape {s.shape}, which with the other inputs makes {shape}",
-                    loc=here(),
-                    cure=f"{s.name}[..., 0]: a stream of scalars has the shape (*S,)",
-                )
 
 
 def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.backend.base import Backend, Call, Device, Executable, Options
+from shpy.backend.base import Backend, Call, Device, Executable, Memory, Options
 from shpy.backend.device.listed import Listed
 from shpy.backend.dump import dump
 from shpy.backend.registry import backend as backend_named
@@ -36,10 +36,11 @@ from shpy.lang.values.structure import build_arrays
 from shpy.passes.forget import forget_data
 from shpy.run import host
 from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
-from shpy.run.on_device import Prepared, check_places, memory_of, prepare
+from shpy.run.expanding import axes, expanding
+from shpy.run.on_device import Prepared, check_places, has_elements_of, memory_of, prepare
 from shpy.run.result import Result
 from shpy.streams.elements import InputLeaf, dtypes_at
-from shpy.streams.stream import Place, streams_in
+from shpy.streams.stream import Place, Stream, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
@@ -195,8 +196,18 @@ class Kernel(Unchanging):
         self._check_rank(common)
         tables = host.tables(recorded.inputs, given, recorded.tables)
         self._check_sizes(tables)
-        memories = [memory_of(leaf, common, place) for leaf in inputs]
+        memories = [self._expanded(leaf, memory_of(leaf, common, place), common) for leaf in inputs]
         return prepare(recorded, self._executable, memories, tables, self._params(given), place, common, out)
+
+    def _expanded(self, leaf: host.DeviceLeaf | InputLeaf, memory: Memory, common: tuple[int, ...]) -> Memory:
+        """Return the memory of an input of the run, in which a stream of another shape is broadcast on the device."""
+        if isinstance(leaf, InputLeaf) or has_elements_of(leaf.shape, common) or not math.prod(common):
+            return memory
+        options = Options(device=self.options.device, precision=self.options.precision)
+        kernel = Kernel.on(expanding(leaf.cls), self.backend, options)
+        elements = Stream.over(leaf.cls, (math.prod(leaf.shape),), self.place, [memory])
+        expanded: Stream = kernel(Table(elements, name="data"), axes(leaf.shape, common), shape=(math.prod(common),))
+        return expanded.leaf_entries()[0].memory
 
     def _run_over_arrays(self, given: dict[str, Any], out: Any, shape: Any) -> Ran:
         """Check what a run over arrays is given, and run."""

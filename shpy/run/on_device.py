@@ -105,15 +105,14 @@ def _same(one: Memory, other: Memory) -> bool:
     return one is other or (one.extent == other.extent and one.type.size == other.type.size)
 
 
+def has_elements_of(shape: Shape, common: Shape) -> bool:
+    """Return whether a run over `common` can read a stream of this shape as it is."""
+    return shape == common or math.prod(shape) == 1
+
+
 def memory_of(leaf: InputLeaf | host.DeviceLeaf, common: Shape, place: Place) -> Memory:
-    """Return the memory of an input; an array is copied to the device."""
+    """Return the memory of an input, before a stream is expanded; an array is copied to the device."""
     if isinstance(leaf, host.DeviceLeaf):
-        if leaf.shape != common and math.prod(leaf.shape) != 1:
-            raise ShpyTypeError(
-                f"{leaf.name} is a stream of shape {leaf.shape} in a run over {common}: streams do not broadcast",
-                loc=here(),
-                cure="a stream of that shape or of one element, or a sh.Table of it, which a kernel reads by index",
-            )
         memory: Memory = leaf.entry.memory
         return memory
     flat = leaf.flat(common)

@@ -331,8 +331,8 @@ def test_errors_name_the_cure():
     assert caught.value.cure == 'sh.Stream(stream.numpy(), sh.Attrib1b, "opencl", precision="f32")'
     with refused("x is a Point3f, f3, and <Stream (2,) of Attrib2f on opencl> holds f2"):
         scale(sh.Stream(np.zeros((2, 2)), sh.Attrib2f, "opencl"), 1.0)
-    with refused("x is a stream of shape (4,) in a run over (3, 4): streams do not broadcast"):
-        scale(stream, np.zeros((3, 4)))
+    with refused("the element shapes do not broadcast: x (4,), by (4, 3)"):
+        scale(stream, np.zeros((4, 3)))
     with refused("update of a stream keeps its shape: (4,), not (5,)"):
         stream.update(points(5))
     with refused("out is an array and other data of this run are streams"):
