@@ -160,16 +160,16 @@ def test_answers_of_hard_cases_are_kept_on_disk(wrong: Any, monkeypatch: pytest.
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
     backend: Any = backend_named("glsl")
     wrong(roots=False)
-    monkeypatch.setattr(backend, "_judged", {})
+    monkeypatch.setattr(glsl._judged, "_made", {})
     assert backend._limits(0).doubles
-    backend._judged.clear()
+    glsl._judged.forget()
     monkeypatch.setattr(backend, "_compiled", None)  # not to be called again
     assert backend._limits(0).doubles
 
 
 def test_corrected_binary64_that_fails_at_hard_cases_is_not_used(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(glsl, "hard_cases", lambda name: (np.float32([1.5]), np.float32([7])))
-    monkeypatch.setattr(backend_named("glsl"), "_judged", {})
+    monkeypatch.setattr(glsl._judged, "_made", {})
     wrong(roots=False)
     with pytest.raises(sh.CompileError, match="asin needs binary64 in strict mode"):
         compiled(function("asin"), "glsl")

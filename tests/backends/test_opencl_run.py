@@ -213,7 +213,7 @@ def test_a_refused_text_names_the_line_of_the_user(monkeypatch: pytest.MonkeyPat
 
 def test_without_pyopencl_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyopencl", None)
-    device._listed.cache_clear()
+    device._listed.forget()
     with pytest.raises(sh.BackendUnavailable, match=re.escape(sh.packages.install("pyopencl"))):
         backend.devices()
 
@@ -225,10 +225,10 @@ def test_without_a_driver_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         raise pyopencl.LogicError("clGetPlatformIDs failed: PLATFORM_NOT_FOUND_KHR")
 
     monkeypatch.setattr(pyopencl, "get_platforms", none)
-    device._listed.cache_clear()
+    device._listed.forget()
     with pytest.raises(sh.BackendUnavailable, match="apt install pocl-opencl-icd"):
         backend.devices()
-    device._listed.cache_clear()
+    device._listed.forget()
 
 
 _CORES_OF_THREADS = """

@@ -14,9 +14,9 @@ import atexit
 import ctypes
 import os
 from collections.abc import Callable
-from functools import cache
 from typing import Final
 
+from shpy.backend.device.once import once
 from shpy.errors import BackendUnavailable
 
 HEARD: Final = 0.1
@@ -62,7 +62,7 @@ def at_exit(end: Callable[[], None]) -> None:
     atexit.register(lambda: end() if os.getpid() == process else None)
 
 
-@cache
+@once
 def _leave_drivers_alone() -> None:
     """Let the children of this process exit without the exit handlers of its drivers, from now on.
 

@@ -15,12 +15,14 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import count
 from typing import Final
 
 import numpy as np
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Options
 from shpy.backend.device import store
+from shpy.backend.device.once import once
 from shpy.backend.device.probe import notes_of, refuse_wrong
 from shpy.backend.glsl.device.context import open_context
 from shpy.backend.glsl.device.memory import GlslSpace
@@ -90,23 +92,10 @@ class GlslBackend:
 
     name = "glsl"
 
-    def __init__(self) -> None:
-        self._runtimes: dict[int, Runtime] = {}
-        self._judged: dict[tuple[int, Limits], Limits] = {}
-        self._count: int | None = None
-
     def devices(self) -> list[Device]:
-        """Return every device that EGL lists; BackendUnavailable if there is no device.
-
-        The first call opens devices until one fails, since EGL does not tell their number; later calls know it.
-        """
-        found = [self._described(0)]
-        while self._count is None or len(found) < self._count:
-            try:
-                found.append(self._described(len(found)))
-            except BackendUnavailable:
-                self._count = len(found)
-        return found
+        """Return every device that EGL lists; BackendUnavailable if there is no device."""
+        open_context(0)
+        return [self._described(index) for index in range(_count_devices())]
 
     def compile(self, module: Module, options: Options) -> GlslExecutable:
         """Prepare, print and build; CompileError, at the user's line, for a type that GLSL or the device lacks."""
@@ -157,18 +146,7 @@ class GlslBackend:
         limits = context.limits
         if not limits.doubles or (limits.roots and limits.reads):
             return limits
-        if (device, limits) not in self._judged:
-            options, modules = Options(device=device), {name: _module_of(name) for name in _HARD}
-            texts = [text_for(module, options, limits) for module in modules.values()]
-            key = store.key("glsl hard cases", *context.call(lambda: context.about), *texts)
-
-            def ask() -> set[str]:
-                made = {name: self._compiled(m, options, limits) for name, m in modules.items()}
-                return {name for name, executable in made.items() if _rounds(name, executable, limits)}
-
-            right = store.known_names(key, set(_HARD), ask)
-            self._judged[device, limits] = limits if right == set(_HARD) else replace(limits, doubles=False)
-        return self._judged[device, limits]
+        return _judged(self, device, limits)
 
     def _described(self, device: int) -> Device:
         limits = self._limits(device)
@@ -182,10 +160,37 @@ class GlslBackend:
         return self._runtime(device or 0).space
 
     def _runtime(self, device: int) -> Runtime:
-        context = open_context(device)
-        if device not in self._runtimes:
-            self._runtimes[device] = Runtime(context)
-        return self._runtimes[device]
+        return _runtime_of(open_context(device))
+
+
+_runtime_of = once(Runtime)
+
+
+@once
+def _count_devices() -> int:
+    """Return the number of devices. EGL does not tell it, so devices are opened until one fails."""
+    for index in count():
+        try:
+            open_context(index)
+        except BackendUnavailable:
+            break
+    return index
+
+
+@once
+def _judged(backend: GlslBackend, device: int, limits: Limits) -> Limits:
+    """Return these limits, without binary64 where strict functions give a wrong answer that is hard to round."""
+    context = open_context(device)
+    options, modules = Options(device=device), {name: _module_of(name) for name in _HARD}
+    texts = [text_for(module, options, limits) for module in modules.values()]
+    key = store.key("glsl hard cases", *context.call(lambda: context.about), *texts)
+
+    def ask() -> set[str]:
+        made = {name: backend._compiled(m, options, limits) for name, m in modules.items()}
+        return {name for name, executable in made.items() if _rounds(name, executable, limits)}
+
+    right = store.known_names(key, set(_HARD), ask)
+    return limits if right == set(_HARD) else replace(limits, doubles=False)
 
 
 def _target(limits: Limits, module: Module, options: Options) -> Target:

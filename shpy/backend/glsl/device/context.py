@@ -21,6 +21,7 @@ import numpy as np
 from shpy.backend.base import Array
 from shpy.backend.device import store
 from shpy.backend.device.answer import Answer
+from shpy.backend.device.once import once
 from shpy.backend.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
 from shpy.backend.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
@@ -292,19 +293,20 @@ class Context:
 
 
 _DRIVER = Driver("glsl")
-_OPEN: dict[int | None, Context] = {}
-_OPENING = threading.Lock()
 
 
 def open_context(index: int | None) -> Context:
     """Return the context of a device (None: the driver chooses), made on first use; BackendUnavailable without one."""
+    _DRIVER.use()  # before a lock that another thread of the parent may have held
+    return _opened(index)
+
+
+@once
+def _opened(index: int | None) -> Context:
     _DRIVER.use()
-    with _OPENING:
-        if index not in _OPEN:
-            try:
-                _OPEN[index] = Context(index)
-            except BackendUnavailable:
-                if not _OPEN:
-                    _DRIVER.release()
-                raise
-        return _OPEN[index]
+    try:
+        return Context(index)
+    except BackendUnavailable:
+        if not len(_opened):
+            _DRIVER.release()
+        raise

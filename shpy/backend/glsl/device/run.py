@@ -71,9 +71,12 @@ class Runtime:
         # Two texts may be the same where the names behind them, by which data come, are not.
         key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
         known = self._programs.get(key)
+        return known or self.context.call(lambda: self._linked(key, shader, loc, steady))
+
+    def _linked(self, key: tuple[Any, ...], shader: Shader, loc: Loc | None, steady: bool) -> Program:
+        known = self._programs.get(key)  # another thread may have linked it since
         if known is None:
-            known = self.context.call(lambda: self._link(shader, loc, steady))
-            self._programs[key] = known
+            known = self._programs[key] = self._link(shader, loc, steady)
         return known
 
     def _link(self, shader: Shader, loc: Loc | None, steady: bool) -> Program:

@@ -20,11 +20,12 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import IO, Any, Final, TypeVar
 
 from shpy.backend.device.answer import Answer
+from shpy.backend.device.once import once
 from shpy.backend.device.processes import at_exit
 
 T = TypeVar("T")
@@ -126,7 +127,7 @@ def _answer(wanted: weakref.ref[Answer[Any]], ask: Callable[[], Any]) -> None:
         answer.give(found)
 
 
-@cache
+@once
 def background() -> Background:
     """Return the background process of this process."""
     return Background()

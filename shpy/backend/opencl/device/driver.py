@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, ClassVar, Final
 from weakref import WeakSet, WeakValueDictionary
 
@@ -23,6 +23,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Device
 from shpy.backend.device import store
+from shpy.backend.device.once import once, once_of_each
 from shpy.backend.device.pace import Pace
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
@@ -62,16 +63,21 @@ _DRIVER = Driver("opencl")
 
 def _found() -> tuple[Any, ...]:
     """Return every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
+    _DRIVER.use()  # before a lock that another thread of the parent may have held
+    return _listed()
+
+
+@once
+def _listed() -> tuple[Any, ...]:
     _DRIVER.use()
     try:
-        return _listed()
+        return _devices()
     except BackendUnavailable:
         _DRIVER.release()
         raise
 
 
-@cache
-def _listed() -> tuple[Any, ...]:
+def _devices() -> tuple[Any, ...]:
     cl = pyopencl()
     platforms = []
     try:
@@ -122,7 +128,7 @@ def machine_of(index: int | None) -> Machine:
     return _opened(index)
 
 
-@cache
+@once
 def _opened(index: int) -> Machine:
     return Machine(_listed()[index])
 
@@ -341,9 +347,9 @@ class Machine:
         """Return the name under which the width of a program's packets on this device is kept."""
         return self._key(f"width of {program}", self.options("strict"))
 
-    @cached_property
+    @once_of_each
     def wrong(self) -> frozenset[str]:
-        """The operations with wrong results on this device: probed once, and stored on disk.
+        """Return the operations with wrong results on this device: probed once, and stored on disk.
 
         Where another library makes threads flush denormals, the driver's threads may flush them too; the result then
         holds for this process alone.
@@ -408,9 +414,9 @@ class Machine:
             self.queue.finish()
             self.give_back([*inputs, *outputs])
 
-    @cached_property
+    @once_of_each
     def binary64(self) -> frozenset[str]:
-        """The abilities of this device in binary64, a subset of ABILITIES: probed once, and stored on disk."""
+        """Return the abilities of this device in binary64, of ABILITIES: probed once, and stored on disk."""
         if not self.doubles:
             return frozenset()
 
@@ -421,9 +427,9 @@ class Machine:
             return asked()
         return store.known_names(self._key(PROBE, self.options("strict")), ABILITIES, asked)
 
-    @cached_property
+    @once_of_each
     def _succeeded(self) -> frozenset[str]:
-        """The names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
+        """Return the names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
         skipped = set() if reads_header(self.device.platform.name.strip()) else {DECLARES}
         trials = {name: trial for name, trial in TRIALS.items() if name not in skipped}
         key = self._key("".join(t.declarations + t.text(name) for name, t in trials.items()), self._options)

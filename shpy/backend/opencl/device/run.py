@@ -17,12 +17,13 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
+from shpy.backend.device.once import once
 from shpy.backend.device.pace import Pace
 from shpy.backend.device.probe import refuse_wrong
 from shpy.backend.opencl.device.beside import Beside, Compiled, Facts
@@ -100,7 +101,7 @@ class OpenCLBackend:
         return _space_of(machine_of(device))
 
 
-@cache
+@once
 def _space_of(machine: Machine) -> OpenCLSpace:
     return OpenCLSpace(machine, collectives)
 

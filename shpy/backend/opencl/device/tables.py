@@ -8,13 +8,13 @@ Stage: run.
 from __future__ import annotations
 
 import weakref
-from functools import cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from shpy.backend.base import Array
+from shpy.backend.device.once import once
 from shpy.backend.opencl.device.driver import Machine
 from shpy.ir.tabledata import TableData
 
@@ -22,7 +22,7 @@ _Copies = dict[Any, tuple[int, Any, bool]]
 """For each layout of the elements: the version of the data, the buffer, and whether changed parts are sent to it."""
 
 
-@cache
+@once
 def tables_of(machine: Machine) -> Tables:
     """Return the tables of a device."""
     return Tables(machine)
