@@ -109,7 +109,7 @@ assert shade._repr_png_()
     "bench": "",
     "all": "",
 }
-"""What the documents say of each extra, in Python."""
+"""Code that the documents promise to run with each extra."""
 
 COMMANDS = {
     "": [["shpy", "doctor"], ["shpy", "certify", "--help"]],
@@ -209,7 +209,7 @@ LACKING = {
     "study": (["-m", "raytracer", "study", "christen", "-o", "christen.png"], "matplotlib"),
     "raytracer cluster": (["-m", "raytracer", "render", "boxes", "--cluster", "local:2", "-o", "b.npy"], "dask[array]"),
 }
-"""What the core alone cannot do, and the package that it asks for."""
+"""Features beyond the core, each with the package that it asks for."""
 
 
 @pytest.fixture(scope="module")
