@@ -202,7 +202,7 @@ class PacketPrologue(Prologue):
 
     # Local arrays
 
-    def array(self, way: str, base: Base, length: int, varies: bool = True) -> str:
+    def array(self, way: str, base: Base, length: int, varies: bool) -> str:
         """Add the function that can `pick` from a local array, or `put` into it, at an index per lane; return its name.
 
         If `varies` is false, the elements of the array are uniform.
