@@ -94,6 +94,10 @@ def __getattr__(name: str) -> Any:
     if name in _LATER:
         found = globals()[name] = getattr(importlib.import_module(f"shpy.{_LATER[name]}"), name)
         return found
+    if name == "__version__":
+        from shpy.packages import DISTRIBUTION, installed  # here: importing shpy asks for no package
+
+        return installed(DISTRIBUTION) or "0+unknown"  # a folder of sources alone says no version
     if name.startswith("_"):
         raise AttributeError(f"module 'shpy' has no attribute {name!r}")
     raise ShpyAttributeError(f"shpy has no {name!r}", loc=_here(), cure=_module_cure(name, __all__))

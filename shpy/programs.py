@@ -201,15 +201,17 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         device, loop_limit, lanes = (int(n) if is_int(n) else n for n in (device, loop_limit, lanes))
         return Options(precision, loop_limit, device, lanes, math)
 
-    def trace(self, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
+    def trace(self, /, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
         """Run one element in the reference interpreter; return each step that has a name or stores into one.
 
         Inputs are those of a call. `at` is the index of the element along the axes of its shape, an int or a tuple of
         ints, counted from 0; it may be left out where there is one element. `shape` is needed where no input has the
-        shape of the run, as in a program that reads `grid_index`. Inputs that are themselves named `shape` or `at` are
-        given by position. Each Step has the line, the name, the value and the iterations of the loops around it.
+        shape of the run, as in a program that reads `grid_index`. An input named `at` comes before the index of that
+        name. Each Step has the line, the name, the value and the iterations of the loops around it.
         Raises ShpyTypeError, with what to write instead, for an index that does not fit the shape.
         """
+        if at is not None and "at" in list(self.recorded.inputs)[len(args) :]:
+            named, at = {**named, "at": at}, None
         return trace(self.recorded, args, named, shape, at)
 
     if TYPE_CHECKING:  # a program that is a method is a `Method`, which gives the program of an instance

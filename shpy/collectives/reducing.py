@@ -85,7 +85,11 @@ def _sum(stream: Stream, method: str, axis: int | None) -> Any:
 def _mean(stream: Stream, axis: int | None) -> Any:
     size, base = _element(stream, "mean")
     if base not in FLOATS:
-        raise ShpyTypeError(f"the mean of {stream!r} is no number of its type", loc=here(), cure="a stream of floats")
+        raise ShpyTypeError(
+            f"the mean of {stream!r} is no number of its type",
+            loc=here(),
+            cure="np.mean(stream), on the host; or a stream of floats",
+        )
     rows = _rows(stream, axis)
     count = rows.shape[len(rows.shape) // 2]
     if not count:

@@ -27,6 +27,7 @@ from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
 _MAX_RANK = 31
 """The most axes of S: numpy broadcasts 32, and the components may take one of them."""
 _COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_limit")
+_RUN_OPTIONS = ("out", "where")
 
 
 def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, NDArray[Any]]:
@@ -52,6 +53,8 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
             wrong = "is given twice" if name in given else "is no input"
             compiled = name in _COMPILE_OPTIONS and name not in types
             cure = f"{what}.compile({name}={value!r})({', '.join(names)})" if compiled else signature
+            if name in _RUN_OPTIONS:
+                cure = f"{what}.compile().run({', '.join((*names, f'{name}={name}'))})"
             raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=cure)
         given[name] = value
     given = {**{n: d for n, d in recorded.defaults.items() if n not in given}, **given}

@@ -61,7 +61,7 @@ def element_shape(name: str, cls: type[Value], shape: Shape) -> Shape:
         raise ShpyTypeError(
             f"{name} is a {cls.__name__} and takes an array (*S, {cls.size}), not {shape}",
             loc=here(),
-            cure=_trailing(name, shape, cls.size),
+            cure=_trailing(name, shape, cls.size, is_color=cls.kind == "Color"),
         )
     return shape[:-1] if cls.size > 1 else shape
 
@@ -76,11 +76,14 @@ def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Sh
     return shape
 
 
-def _trailing(name: str, shape: Shape, size: int) -> str:
+def _trailing(name: str, shape: Shape, size: int, *, is_color: bool) -> str:
     """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
     name = name if " " not in name else "array"  # "a stream" is no name of Python
     if len(shape) == 2 and shape[0] == size and shape[1] > 4:
         return f"{name}.T"
+    if is_color and len(shape) in (2, 3) and size == 3 and (shape[-1] < 3 if len(shape) == 3 else shape[-1] > 4):
+        grey = name if len(shape) == 2 else f"{name}[..., 0]"
+        return f"np.stack([{grey}] * 3, axis=-1), a picture of grey"
     if len(shape) > 1 and shape[-1] > size:
         dropped = " which drops the alpha channel" if (shape[-1], size) == (4, 3) else ""
         return f"{name}[..., :{size}]{',' * bool(dropped)}{dropped}"

@@ -327,7 +327,7 @@ MADE_INSIDE = {
             return t
         """,
         f"5: `t` is made inside `with SH_ELSE()` and used after it (line 6): {ENDS}"
-        "`t = sh.Color3f()` before the block, `t[:] = sh.Color3f(0, 0, 0)` inside it",
+        "`t = sh.Color3f()` before the SH_IF, `t[:] = sh.Color3f(0, 0, 0)` inside the block",
     ),
     "and used in the next branch": (
         """

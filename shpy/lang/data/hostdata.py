@@ -43,7 +43,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
         raise ShpyTypeError(
             f"{what} is a masked array, and a kernel runs over every element",
             loc=here(),
-            cure=f"{what}.filled(0), and the mask as an input of its own",
+            cure=f"{what if what.isidentifier() else 'array'}.filled(0), and the mask as an input of its own",
         )
     kind = array.dtype.kind
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):

@@ -105,12 +105,12 @@ class Table:
     def _spoken(self) -> str:
         return f"the Table {self.name}" if self.name else "a Table"
 
-    def _checked(self, array: Any) -> NDArray[Any]:
-        data = self._fitting(array)
+    def _checked(self, array: Any, *, part: bool = False) -> NDArray[Any]:
+        data = self._fitting(array, part=part)
         return data.copy() if np.may_share_memory(data, array) and not is_constant(data) else data
 
-    def _fitting(self, array: Any) -> NDArray[Any]:
-        """Return an array for the element type; it may share the memory of the one that is given."""
+    def _fitting(self, array: Any, *, part: bool = False) -> NDArray[Any]:
+        """Return an array for the element type, or a part; it may share the memory of the one that is given."""
         what = self._spoken
         data = as_base(array, self.type.base, what)
         n = self.type.size
@@ -127,7 +127,7 @@ class Table:
                 loc=here(),
                 cure=f"array.reshape(-1, {n})" if n > 1 else "array.reshape(-1)",
             )
-        if data.size == 0:
+        if data.size == 0 and not part:
             raise ShpyTypeError(f"{what} cannot be empty", loc=here(), cure="one element that stands for none")
         return data
 
@@ -145,10 +145,12 @@ class Table:
         if start is None:
             self._replace(self._for_update(array))
         else:
-            self._change(self._checked_part(array, start), start)
+            part = self._checked_part(array, start)
+            if len(part):
+                self._change(part, start)
 
     def _for_update(self, array: Any) -> NDArray[Any]:
-        data = self._checked(array)
+        data = self._checked(array, part=True)
         if data.shape != self._array.shape:
             raise ShpyTypeError(
                 f"update of {self._spoken} keeps the shape: {self._array.shape}, not {data.shape}",
@@ -158,7 +160,7 @@ class Table:
         return data
 
     def _checked_part(self, array: Any, start: int) -> NDArray[Any]:
-        data = self._fitting(array)  # `_change` copies it
+        data = self._fitting(array, part=True)  # `_change` copies it
         if data.shape[1:] != self._array.shape[1:]:
             raise ShpyTypeError(
                 f"a part of {self._spoken} is {('n', *self._array.shape[1:])}, not {data.shape}",

@@ -22,7 +22,7 @@ import numpy as np
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
-from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library, module_cure
+from shpy.lang.mistakes.foreign import OTHER_NAMES, SPELLED_OUT, is_in_library, module_cure
 from shpy.lang.mistakes.objects import named
 from shpy.lang.mistakes.rewrite import ends_of, rewritten, size_of
 from shpy.lang.recording.location import here, user_frame
@@ -53,12 +53,10 @@ _OF_COUNTS = {
     ("logical_not", 1): "~{0}",
     ("complex", 1): "a vector of two, {prefix}vec2({0}, 0)",
     ("complex", 2): "a vector of two, {prefix}vec2({0}, {1})",
-    ("log1p", 1): "{prefix}log(1 + {0})",
-    ("expm1", 1): "{prefix}exp({0}) - 1",
-    ("cbrt", 1): "{prefix}sign({0}) * {prefix}pow(abs({0}), 1 / 3)",
     ("square", 1): "{0} * {0}",
     ("uniform", 2): "{0} + ({1} - {0}) * {prefix}unit_float({prefix}hash(i))",
     ("randint", 2): "the bits of {prefix}hash(i), the same in every run",
+    **{(name, 1): spelled for name, spelled in SPELLED_OUT.items()},
 }
 """Cures for functions of Python and numpy, by their number of arguments."""
 _NUMERIC = ("math", "cmath", "np", "numpy")

@@ -51,6 +51,10 @@ class Fact:
     escaped: Block | None = None
     repeats: int = 0  # indices to a value that stands several times in a list, see repeats.py
 
+    def origins(self) -> tuple[Fact, ...]:
+        """Return the assignments that stand before the blocks that are closed."""
+        return tuple(o for f in self.before for o in ((f,) if f.escaped is None else f.origins()))
+
     def suspicious(self, *others: Fact) -> bool:
         """Return whether it matters that the block may not run, or runs again: not for strings, sets and the like.
 
@@ -116,7 +120,7 @@ def joined(start: State, ends: list[State], when: int) -> State:
 # Cures
 
 
-def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
+def store_instead(file: str, prefix: str, place: str, fact: Fact, block: Block) -> str:
     """Return the cure for a rebinding: the store `x[:] = …` that the user meant.
 
     If the name held no value before the block, the cure also makes one.
@@ -126,8 +130,9 @@ def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
     inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
         inside = quoted(file, fact.node)
-    numbers = [f.value for f in fact.before if f.known.kind is Kind.NUMBER and f.value is not None]
-    hosts = [f for f in fact.before if f.known.kind is Kind.HOST]
+    before = (*fact.before, *fact.origins())
+    numbers = [f.value for f in before if f.known.kind is Kind.NUMBER and f.value is not None]
+    hosts = [f for f in before if f.known.kind is Kind.HOST]
     if fact.existed and numbers:
         start = f"`{place} = {_constructor(prefix, numbers[0], fact)}({quoted(file, numbers[0])})`"
     elif isinstance(fact.node, ast.AugAssign):
@@ -138,7 +143,7 @@ def store_instead(file: str, prefix: str, place: str, fact: Fact) -> str:
         return inside
     else:
         start = f"`{place} = {fact.known.type}()`" if fact.known.type else f"make `{place}` a value"
-    return findings.stored(start, inside)
+    return findings.stored(start, inside, "the SH_IF" if block.control in ("SH_ELIF", "SH_ELSE") else "the block")
 
 
 def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:

@@ -22,9 +22,9 @@ def line_of(node: ast.AST) -> int:
     return int(getattr(node, "lineno", 0))
 
 
-def stored(start: str, inside: str) -> str:
-    """Return the cure for a name that a block rebinds: a declaration before the block, and a store inside it."""
-    return f"{start} before the block, `{inside}` inside it"
+def stored(start: str, inside: str, opened: str = "the block") -> str:
+    """Return the cure for a name that a block rebinds: a declaration before it, or before its chain, and a store."""
+    return f"{start} before {opened}, `{inside}` inside {'it' if opened == 'the block' else 'the block'}"
 
 
 def stored_each(place: str) -> str:

@@ -28,8 +28,7 @@ _SHADING = {
     "det": "determinant(m)", "select": "cond(c, a, b), a where c holds", "ifelse": "cond(c, a, b)",
     "asuint": "bits_from_float(x)", "asfloat": "float_from_bits(u)", "bitCount": "popcount(x)",
     "clz": "count_leading_zeros(x)", "fmin": "min(a, b)", "fmax": "max(a, b)", "SH_ELSEIF": "SH_ELIF(c)",
-    "as_uint": "bits_from_float(x)", "as_float": "float_from_bits(u)", "sinpi": "sin(math.pi * x)",
-    "cospi": "cos(math.pi * x)", "tanpi": "tan(math.pi * x)",
+    "as_uint": "bits_from_float(x)", "as_float": "float_from_bits(u)",
     "float": "Attrib1f(x)", "int": "Attrib1i(x)", "uint": "Attrib1u(x)", "bool": "Attrib1b(x)", "double": "Attrib1d(x)",
     "half": "Attrib1h(x)", "vec1": "Attrib1f(x)", "mat2": "Matrix2f(row0, row1), which takes rows",
     "mat3": "Matrix3f(row0, row1, row2), which takes rows", "mat4": "Matrix4f(row0, …, row3), which takes rows",
@@ -41,10 +40,23 @@ _SHADING = {
     "ones": "vec3(1) for a vector", "linspace": "Table(np.linspace(a, b, n), sh.Attrib1f)",
     "arange": "Table(np.arange(n), sh.Attrib1i)", "discard": "SH_DISCARD()",
     "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))",
-    "log1p": "log(1 + x)", "expm1": "exp(x) - 1", "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
-    "cbrt": "sign(x) * sh.pow(abs(x), 1 / 3)", "kernel": "program", "func": "program", "function": "subroutine",
+    "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
+    "kernel": "program", "func": "program", "function": "subroutine",
     "uniform": "Param(type, value)", "buffer": "Table(array, type)", "Uniform": "Param(type, value)",
 }  # fmt: skip
+SPELLED_OUT = {
+    "log1p": "{prefix}cond(abs({0}) < 0.5, 2 * {prefix}atanh({0} / (2 + {0})), {prefix}log(1 + {0}))",
+    "expm1": "{prefix}tanh({0} / 2) * ({prefix}exp({0}) + 1)",
+    "cbrt": "{prefix}sign({0}) * {prefix}pow(abs({0}), 1 / 3)",
+    "sinpi": "(1 - 2 * {prefix}mod({prefix}round({0}), 2)) * {prefix}sin(math.pi * ({0} - {prefix}round({0})))",
+    "cospi": "{prefix}sin(math.pi * (0.5 - abs({0} - 2 * {prefix}round({0} / 2))))",
+    "tanpi": "{prefix}sin(math.pi * ({0} - {prefix}round({0}))) "
+    "/ {prefix}sin(math.pi * (0.5 - abs({0} - {prefix}round({0}))))",
+}  # fmt: skip
+"""Functions of one argument that shpy lacks, by forms of it that are accurate for all arguments.
+
+Where x is near 0, exp(x) - 1 and log(1 + x) lose all digits, and sin(math.pi * x) where x is a large whole number.
+"""
 _PLAIN = {
     "pi": "math.pi", "PI": "math.pi", "tau": "math.tau", "e": "math.e", "inf": "math.inf", "nan": "math.nan",
     "fmod": "x - y * sh.trunc(x / y), or sh.mod(x, y) with the sign of y",
@@ -89,6 +101,8 @@ def module_cure(name: str, known: Iterable[str]) -> str | None:
     """Return the cure for `sh.name`; `known` are the names of shpy."""
     if name in _PLAIN:
         return _PLAIN[name]
+    if name in SPELLED_OUT:
+        return SPELLED_OUT[name].format("x", prefix="sh.")
     if name in OTHER_NAMES:
         return f"sh.{OTHER_NAMES[name]}"
     if name in _SHADING:

@@ -103,7 +103,7 @@ class Places:
     ) -> Fact:
         """Bind a place: from here on it comes from this assignment."""
         before = self.state.get(place, ())
-        existed = existed or any(f.escaped is None for f in before)
+        existed = existed or any(f.escaped is None or f.existed for f in before)
         fact = Fact(place, node, self.tick(), known, self.new_object(), before, existed, value, index=index)
         self.state[place] = (fact,)
         return fact
@@ -173,7 +173,7 @@ class Places:
         if fact.index:
             return findings.index_used(loc, fact.place, block.written, node, prefix)
         place = fact.place if fact.place.isidentifier() else quoted(file, node)
-        cure = store_instead(file, prefix, place, fact)
+        cure = store_instead(file, prefix, place, fact, block)
         made = not (fact.existed or next_iteration)
         return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
 

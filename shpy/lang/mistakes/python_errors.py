@@ -103,7 +103,12 @@ def _recursion(error: RecursionError) -> ShpyError | None:
     if count < _OFTEN:
         return None
     loc = Loc(code.co_filename, line)
-    return RecordError(f"{code.co_name} calls itself without an end: {_ENDLESS}", loc=loc, cure=_STACK)
+    return RecordError(
+        f"{code.co_name} calls itself {count} times deep, and Python's stack is full: Python calls it while the "
+        "program is recorded, and a condition on values does not end that",
+        loc=loc,
+        cure="a loop, with an sh.Array as the stack; or, where Python counts the depth, a loop of Python",
+    )
 
 
 def _call(text: str, loc: Loc) -> ShpyError | None:

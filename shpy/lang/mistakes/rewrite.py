@@ -16,6 +16,7 @@ from typing import NamedTuple, TypeAlias
 
 from shpy.ir.types import Base
 from shpy.lang.mistakes.objects import named
+from shpy.lang.mistakes.precedence import joined_comparisons
 from shpy.lang.values.abstract import AbstractValue
 from shpy.parsing import parse
 
@@ -66,7 +67,7 @@ class _Rewriter(ast.NodeTransformer):
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         """Rewrite a chain as the `&` of its links; `in` a display compares with each item, `in` a range its ends."""
         self.generic_visit(node)
-        if joined := _joined(node):
+        if joined := joined_comparisons(node):
             return joined
         links: list[ast.expr] = []
         left = node.left
@@ -162,16 +163,6 @@ class _Rewriter(ast.NodeTransformer):
 def _of_class(cls: type) -> _Form | None:
     """Return the form of the values of a class of the language."""
     return _Form(cls.base is Base.B, cls.size) if issubclass(cls, AbstractValue) else None
-
-
-def _joined(node: ast.Compare) -> ast.expr | None:
-    """Return, for `a > 0 & b < 1`, a chain around `0 & b`, the two comparisons that were meant, in parentheses."""
-    for k, middle in enumerate(node.comparators[:-1]):
-        if isinstance(middle, ast.BinOp) and isinstance(middle.op, ast.BitAnd | ast.BitOr):
-            first = ast.Compare(node.left, node.ops[: k + 1], [*node.comparators[:k], middle.left])
-            second = ast.Compare(middle.right, node.ops[k + 1 :], node.comparators[k + 1 :])
-            return ast.BinOp(first, middle.op, second)
-    return None
 
 
 def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.expr:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
+import typing
 from collections.abc import Callable
 from types import CodeType
 from typing import Any
@@ -87,12 +88,27 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
         for name, hint in hints.items():
             if isinstance(hint, str):
                 hints[name] = _resolve(hint, namespace, name, loc_of(plain))
-    return hints
+    return {name: _meant(hint) for name, hint in hints.items()}
+
+
+def _meant(hint: Any) -> Any:
+    """Return the type that `Annotated[T, …]`, `NewType("N", T)` or `type N = T` stands for."""
+    while True:
+        if typing.get_origin(hint) is typing.Annotated:
+            hint = hint.__origin__
+        elif isinstance(hint, typing.NewType):
+            hint = hint.__supertype__
+        elif type(hint).__name__ == "TypeAliasType":  # of Python 3.12
+            hint = hint.__value__
+        else:
+            return hint
 
 
 def _resolve(hint: str, namespace: dict[str, Any], name: str, loc: Loc | None) -> Any:
     try:
-        return eval(hint, namespace)
+        found = eval(hint, namespace)
+        # With `from __future__ import annotations`, an annotation in quotes is a string in a string.
+        return _resolve(found, namespace, name, loc) if isinstance(found, str) and found != hint else found
     except Exception as error:
         text, cure = str(error), "a type that the module's globals or the enclosing function know, such as sh.Attrib1f"
         if isinstance(error, ShpyError):  # the evaluated string has no line of the user's

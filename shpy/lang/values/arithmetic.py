@@ -17,6 +17,7 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.types import FLOATS, Base, Type, vec
+from shpy.lang.mistakes.precedence import parenthesized
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame, need_frame
@@ -130,7 +131,9 @@ def elementwise(op: str, args: Sequence[Any], what: str, *, floats: bool = False
             f"{what} takes bools or ints, not a number and a float"
             + ("" if power else "; it binds tighter than < and =="),
             loc=here(),
-            cure="x ** 2 for a power, sh.Attrib1i(x) ^ 2 for bits" if power else f"parentheses, (x > 0) {what} (y < 1)",
+            cure="x ** 2 for a power, sh.Attrib1i(x) ^ 2 for bits"
+            if power
+            else parenthesized(here()) or f"parentheses, (x > 0) {what} (y < 1)",
         )
     if floats and base in (Base.I, Base.U):
         base = Base.F
@@ -153,7 +156,7 @@ def emit(emitter: Emitter, op: str, handles: tuple[tuple[Handle, Type], ...], ki
 def _cure(op: str, handles: tuple[tuple[Handle, Type], ...]) -> str:
     bases = {t.base for _, t in handles}
     if op in ("and", "or", "xor", "not") and bases <= {Base.F, Base.D, Base.H}:
-        return (
+        return (op in ("and", "or") and parenthesized(here())) or (
             "sh.dot(a, b) for a product of vectors, a > 0 for a condition, (a > 0) & (b > 0) for two, "
             "sh.Attrib1i(a) for bits"
         )
