@@ -1,6 +1,6 @@
 """The colours and normals of the samples of layered depth cubes, for deferred shading as in the paper.
 
-Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.2. Each
+Stage: kernel. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), section 1.2. Each
 sample is shaded once by the program that shades hits, from the front of its triangle. Its colour takes three times 10
 bits, clamped to [0, 1], its normal two times 16, on the octahedron (Meyer et al. 2010). The samples of an object that
 changes are shaded anew.

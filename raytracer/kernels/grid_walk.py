@@ -6,9 +6,9 @@ each other once a ray and not once a cell. The crossings with a cell's far sides
 cell: nothing is added up, so nothing drifts. Each step goes on by one cell along at least one axis and never back, so
 there are no more steps than the grid has cells along its three sides.
 
-As printed, the intersector writes `hit = 1 < INF` for `l < INF`; a hit is
-taken here when no cell follows that is entered before it or with it. A triangle outside of the grid may be met at the
-same distance as one inside: the walk goes on to the part `REACH` behind its nearest hit, as that through the hierarchy.
+The listing keeps a hit within the current cell; a hit is taken here when no cell follows that is entered before it or
+with it. A triangle outside of the grid may be met at the same distance as one inside: the walk goes on to the part
+`REACH` behind its nearest hit, as that through the hierarchy.
 """
 
 from __future__ import annotations

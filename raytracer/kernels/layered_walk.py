@@ -1,6 +1,6 @@
 """The walk through a layered depth cube: its samples, block by block and texel by texel.
 
-Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.4. The images
+Stage: kernel. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), section 1.4. The images
 are walked one after the other, each hit shortening the rest of the way; first that along the ray's largest component,
 where the way through the texels is shortest. Both levels are a DDA in two dimensions (Amanatides and Woo 1987), whose
 crossings are computed anew from the integer cell, so that nothing drifts. A block or texel is looked into where the

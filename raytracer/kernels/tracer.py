@@ -2,9 +2,9 @@
 
 Stage: kernel. The unified `tracer` of Moreno-Fortuny and McCool. A state says what the ray is for: tracing (an eye or
 reflection ray), or the `shadows`-th shadow ray. Reflection needs no recursion: `rn` carries the product of the
-reflection coefficients (Christen 2005, equation 5.1). Three things differ from the code as it was printed: `tracing`
-holds at the start; a ray that leaves the scene sets the reflection coefficient to 0, since there the background is all
-there is; and `reflect` takes the ray's own direction, as GLSL's does.
+reflection coefficients (Christen 2005, equation 5.1). docs/unified.md lists the differences from the code as it was
+printed: `tracing` holds at the start; a ray that leaves the scene sets the reflection coefficient to 0, since there the
+background is the whole colour; `reflect` takes the ray's own direction, as GLSL's does; and five more.
 
 What the scene does not need is not recorded: no light, no shadow rays; nothing that mirrors, no reflections; flat
 meshes, no interpolated normals; one material, no lookup.

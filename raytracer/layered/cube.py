@@ -1,6 +1,6 @@
 """LayeredCube: a mesh or scene as three layered depth images, each with a coarse level of depth ranges.
 
-Stage: accelerate. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV). A texel keeps all
+Stage: accelerate. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007). A texel keeps all
 its samples in one list, so memory grows with the samples and not with the number of layers.
 
     cube = LayeredCube.of(mesh, resolution=512, hit="triangle", backend="opencl")

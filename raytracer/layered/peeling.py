@@ -1,9 +1,13 @@
-"""The order of a layered depth cube's samples by depth peeling on OpenGL, as the paper has it.
+"""The order of a layered depth cube's samples by depth peeling on OpenGL.
 
-Stage: accelerate. Source: Everitt, Interactive order-independent transparency (2001); Layered depth cubes for GPU ray
-tracing of secondary effects (2007, VMV), section 1.2. Each pass draws the spans of all triangles; a fragment that is
-not behind the last layer is discarded, the nearest of the others stays. Depth buffers have 24 bits, which would round:
-instead a float target keeps the least depth, by blending, and a second pass the least number of the triangles there.
+Stage: accelerate. Source: Everitt, Interactive order-independent transparency (2001), as in Bürger, Hertel, Krüger and
+Westermann, GPU Rendering of Secondary Effects (VMV 2007), section 1.2. Each pass draws the spans of all triangles; a
+fragment that is not behind the last layer is discarded, the nearest of the others stays.
+
+Four things differ from the paper. It draws triangles, here kernels have found their spans. It fills three images in one
+pass by a geometry shader, here one image follows the other. It needs as many passes as there are layers, here there are
+two for each layer: depth buffers have 24 bits, which would round, so a float target keeps the least depth, by blending,
+and a second pass the least number of the triangles there. It counts the layers beforehand, here an empty layer ends.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Programs that rasterise triangles into the three layered depth images of a cube: rows, spans, samples, coarse ranges.
 
-Stage: kernel. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), section 1.2. A triangle
+Stage: kernel. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), section 1.2. A triangle
 goes only into the image across the largest component of its normal, so its depth changes by at most one side of a texel
 along either side. Image 0, 1, 2 looks along x, y, z; its columns run along the next axis, its rows along the one after.
 

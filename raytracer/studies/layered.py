@@ -1,6 +1,6 @@
 """The measurements of the paper on layered depth cubes, and how wrong their hits are: `raytracer study layered`.
 
-Stage: measure. Source: Layered depth cubes for GPU ray tracing of secondary effects (2007, VMV), Table 1: time to build
+Stage: measure. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), Table 1: time to build
 and to trace for models of 8 to 300 thousand triangles and a deforming one, at 512 x 512 and 1024 x 1024 texels. Then
 errors over resolution, hit test and tolerance. Everything is beside the BVH and the grid of this package.
 
