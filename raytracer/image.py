@@ -233,13 +233,12 @@ def _write_npy(image: Image, name: str) -> None:
     record = np.empty(image.depth.shape, dtype=[(key, kind, shape) for key, (kind, shape) in LAYERS.items()])
     for key, layer in image.layers.items():
         record[key] = layer
-    state = np.array((image.samples, image.origin), dtype=_STATE)
+    state = np.array(
+        (image.samples, image.origin), [("samples", np.int64), ("origin", f"U{max(1, len(image.origin))}")]
+    )
     with open(name, "wb") as file:
         np.save(file, record)
         np.save(file, state)
-
-
-_STATE = [("samples", np.int64), ("origin", "U16")]
 
 
 def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature, unwrap
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import shpy as sh
 from raytracer.errors import SceneError, place_of, users_line
@@ -129,13 +129,14 @@ UNSHADED = ("transmission", "ior", "emission")
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """The fields of a material's `surface`, by name.
+    """A program of the user's, recorded by itself: `program` is the sh.Program.
 
-    `reads`: fields of its hit that it reads. `gives`: fields of the Surface that it returns.
+    `reads`: fields of its hit that a `surface` reads. `gives`: fields of the Surface that it returns.
     """
 
     reads: frozenset[str]
     gives: frozenset[str]
+    program: Any
 
 
 def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
@@ -234,18 +235,31 @@ def _run(program: Any, sources: Sources, what: str) -> Any:
         raise SceneError(f"{place_of(program)}: {error.message}, as {what} has it") from None
 
 
+_HitFields = NamedTuple("_HitFields", list(fields_of(Hit).items()))  # type: ignore[misc]
+
+
 def examine_surface(program: Callable[..., Any]) -> Examined:
     """Record a material's `surface` by itself; raises SceneError or ShpyError for mistakes in it."""
-    hit = Hit(_zeros(Hit))
-    found: list[Surface] = []
+    hits: list[Hit] = []
 
     @sh.program
-    def surface() -> sh.Attrib1f:
-        found.append(ask_surface(program, hit))
-        return sh.Attrib1f(0)
+    def surface(fields: _HitFields) -> Any:
+        hits.append(Hit({name: partial(getattr, fields, name) for name in fields_of(Hit)}))
+        return ask_surface(program, hits[-1]).given or sh.Attrib1f(0)
 
     _check_ends(program, surface)
-    return Examined(frozenset(hit.read), frozenset(found[-1].given))
+    return Examined(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
+
+
+def examine_environment(program: Callable[..., Any]) -> Examined:
+    """Record the program of an EnvironmentLight by itself; raises SceneError or ShpyError for mistakes in it."""
+
+    @sh.program
+    def environment(direction: sh.Vector3f) -> sh.Color3f:
+        found: sh.Color3f = ask_environment(program, direction)
+        return found
+
+    return Examined(frozenset(), frozenset(), environment)
 
 
 def examine_shade(program: Callable[..., Any]) -> None:

@@ -9,21 +9,16 @@ may be continued, bit for bit as if it had never stopped.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Integrator, Path
-from raytracer.kernels.path import PathTracer
-from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout
-from raytracer.scene.scene import Scene
+from raytracer.integrators.origin import check_origin
 
 SAMPLES_AT_ONCE = 16
 """Samples of a pixel in a pass, at most."""
@@ -36,39 +31,6 @@ DEVICE_BAND = 1 << 16
 
 Layers = dict[str, Any]
 Progress = Callable[[int, int], None]
-
-
-def origin_of(scene: Scene, layout: Layout, tracer: PathTracer, camera: Camera, seed: int) -> str:
-    """Return a digest of scene, camera, seed and bounces, which with its size decide a picture.
-
-    Two different programs of a material or light have the same digest.
-    """
-    environment = scene.environment
-    if layout.forest is not None:
-        layout = layout.exact(scene)
-    places: dict[Texture, int] = {}
-    used = [
-        {name: places.setdefault(texture, len(places)) for name, texture in material.textures.items()}
-        for material in layout.materials
-    ]
-    pictures = list(places)
-    if environment is not None and environment.picture is not None:
-        pictures.append(environment.picture)
-    arrays = [
-        layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.material_of,
-        layout.glass, layout.lights, tracer.surfaces.glow, *(texture.image for texture in pictures),
-    ]  # fmt: skip
-    numbers = (camera, seed, int(tracer.bounces.value), scene.background, environment and environment.color)
-    digest = hashlib.sha256(repr(numbers).encode())
-    if places:
-        digest.update(repr(used).encode())
-    if pictures:
-        digest.update(repr([(texture.filter, texture.wrap) for texture in pictures]).encode())
-    if layout.secondary is not None:
-        digest.update(repr(layout.secondary.options).encode())
-    for array in arrays:
-        digest.update(b"-" if array is None else np.ascontiguousarray(array).data)
-    return digest.hexdigest()[:16]
 
 
 def passes(
@@ -129,8 +91,7 @@ def resumed(
     name = "the picture to resume" if isinstance(resume, Image) else str(resume)
     if (width, height) != size:
         raise SceneError(f"{name} has {width} x {height} pixels, not {size[0]} x {size[1]}")
-    if image.origin != origin:
-        raise SceneError(f"{name} was not path traced from this scene, camera, seed and bounces: begin a new one")
+    check_origin(name, image.origin, origin)
     if image.samples > samples:
         raise SceneError(f"{name} has {image.samples:,} samples already, more than {samples:,}")
     return {name: layer.copy() for name, layer in image.layers.items()}, image.samples

@@ -29,7 +29,8 @@ from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_c
 from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
-from raytracer.integrators.progressive import check_resume, origin_of, passes, resumed
+from raytracer.integrators.origin import origin_of
+from raytracer.integrators.progressive import check_resume, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.integrators.turns import Turn, in_turn
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
@@ -318,11 +319,11 @@ class Renderer:
     @in_turn
     def origin(self, camera: Camera | None = None) -> str:
         """Return the `Image.origin` of path traced pictures from a camera, None for the scene's; "" for others."""
-        if self.layout is None or not isinstance(self.integrator, Path):
+        if not isinstance(self.integrator, Path):
             return ""
-        assert isinstance(self._tracer, PathTracer)
+        tracer: Any = None if self.layout is None else self._tracer
         camera = known(self.scene.camera if camera is None else camera)
-        return origin_of(self.scene, self.layout, self._tracer, camera, self.integrator.seed)
+        return origin_of(self.scene, self.layout, tracer, camera, self.integrator, self.backend)
 
     def passes(
         self,
@@ -360,17 +361,14 @@ class Renderer:
         samples = self._samples(samples)
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
-        started, layers, first, origin = time.perf_counter(), unset(width, height), 0, ""
+        started, layers, first, origin = time.perf_counter(), unset(width, height), 0, self.origin(camera)
         aim = functools.partial(self._aim_paths, camera, width, height)
         clear(layers, self.scene.background)
-        if self.layout is None:
-            first = samples
-        else:
-            origin = self.origin(camera)
+        if self.layout is not None:
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
-            if resume is not None:
-                layers, first = resumed(resume, (width, height), origin, samples)
-        if first == samples:
+        if resume is not None:
+            layers, first = resumed(resume, (width, height), origin, samples)
+        if first == samples or self.layout is None:
             yield Image(**layers, stats=self.stats(layers, started), samples=samples, origin=origin)
             return
         for found, done in self._passes(aim, layers, first, samples, progress):

@@ -33,9 +33,10 @@ Program = Callable[..., Any]
 class Appearance:
     """The materials of a scene that are more than numbers.
 
-    `gives` are the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the
-    distinct programs that take the place of Phong's model, and `several` whether which one it is differs. `glowing`
-    says of each material whether a program decides its emission.
+    `surfaces` are the distinct programs that describe them, `examined` the same ones as they were recorded. `gives` are
+    the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the distinct programs
+    that take the place of Phong's model, and `several` whether which one it is differs. `glowing` says of each material
+    whether a program decides its emission.
     Raises SceneError and ShpyError for mistakes in a program, and for a mesh whose uv coordinates are missed.
     """
 
@@ -45,7 +46,7 @@ class Appearance:
         self.shades = _distinct([material.shade for material in materials])
         self.several = len({material.shade for material in materials}) > 1
         self.count = len(materials)
-        found = [examine_surface(program) for program in self.surfaces]
+        self.examined = found = [examine_surface(program) for program in self.surfaces]
         for program in self.shades:
             examine_shade(program)
         self.textured = [name for name in PICTURED if any(name in material.textures for material in materials)]

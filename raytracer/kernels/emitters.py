@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import Rows
-from raytracer.appearance.programs import ask_environment
+from raytracer.appearance.programs import ask_environment, examine_environment
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.surfaces import Interaction, LightList, SurfaceTables, barylerp, glow_rows
@@ -176,10 +176,14 @@ class Emitters:
 
 
 class Environment:
-    """The light around a scene; `mean` is its mean radiance, over the channels too."""
+    """The light around a scene; `mean` is its mean radiance, over the channels too.
+
+    `examined` is its program as it was recorded, None where it has none.
+    """
 
     def __init__(self, light: EnvironmentLight) -> None:
         self.light = light
+        self.examined = None if light.program is None else examine_environment(light.program)
         self.cells: Chances | None = None
         self.mean = 1.0
         if light.color is not None:

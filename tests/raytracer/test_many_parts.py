@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from effort import calls
 
-from raytracer import Material, Mesh, Scene, SceneError, Texture
-from raytracer.integrators import progressive
+from raytracer import Material, Mesh, Path, Scene, SceneError, Texture
+from raytracer.integrators import origin as origins
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
 from raytracer.meshes.obj import read_obj
@@ -86,7 +86,7 @@ def test_parts_of_an_obj_file_do_not_each_read_all_numbers():
 
 def test_the_digest_of_a_picture_reads_a_texture_once(monkeypatch):
     taken = []
-    real = progressive.hashlib.sha256
+    real = origins.hashlib.sha256
 
     class Digest:
         def __init__(self, first=b""):
@@ -99,14 +99,14 @@ def test_the_digest_of_a_picture_reads_a_texture_once(monkeypatch):
         def hexdigest(self):
             return self.real.hexdigest()
 
-    monkeypatch.setattr(progressive.hashlib, "sha256", Digest)
+    monkeypatch.setattr(origins.hashlib, "sha256", Digest)
     one, other = (Texture(np.full((64, 64, 3), value, np.float32)) for value in (0.25, 0.75))
 
     def origin(*looks):
         scene = scene_of(looks)
         layout = Layout.of(scene)
         taken.clear()
-        return progressive.origin_of(scene, layout, PathTracer(layout, scene, 1, "numpy"), scene.camera, 0)
+        return origins.origin_of(scene, layout, PathTracer(layout, scene, 1, "numpy"), scene.camera, Path(), "numpy")
 
     origin(*(Material(one, shininess=float(k)) for k in range(50)))
     assert sum(taken) < 3 * one.image.nbytes

@@ -7,7 +7,8 @@ import pytest
 
 import shpy as sh
 from raytracer import Camera, Material, Mesh, Scene, Texture
-from raytracer.integrators.progressive import origin_of
+from raytracer.integrators.integrator import Path
+from raytracer.integrators.origin import origin_of
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.textures import Atlas
 from raytracer.scene.layout import Layout
@@ -78,5 +79,5 @@ def test_the_origin_of_a_picture_is_a_digest_without_a_copy(floats):
     scene = Scene([mesh], camera=Camera((3, 3, 3), (0, 0, 0)))
     layout = Layout.of(scene)
     tracer = PathTracer(layout, scene, 1, "numpy")
-    _, most = allocated(lambda: origin_of(scene, layout, tracer, scene.camera, 0))
+    _, most = allocated(lambda: origin_of(scene, layout, tracer, scene.camera, Path(), "numpy"))
     assert most < TEXELS

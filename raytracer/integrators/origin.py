@@ -1,0 +1,160 @@
+"""The origin of a path traced picture: digests of all that decides its pixels, by which another picture is refused.
+
+Stage: render. An origin is one line of text with a word for each part, so that a refusal can name the parts that
+differ. Nothing is in it that changes no bit of a picture: names, accelerators, the number of samples, `Scene.ambient`,
+and in strict and portable mode the backend.
+
+    parts_of("2 seed=0 camera=1f3a...")      # {"seed": "0", "camera": "1f3a..."}
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+
+from raytracer.appearance.materials import Material
+from raytracer.appearance.programs import Examined
+from raytracer.appearance.textures import Texture
+from raytracer.errors import SceneError
+from raytracer.integrators.integrator import Path
+from raytracer.kernels.appearance import Appearance
+from raytracer.kernels.path import PathTracer
+from raytracer.scene.camera import Camera
+from raytracer.scene.layout import Layout, light_rows
+from raytracer.scene.scene import Scene
+
+GENERATION: Final = "2"
+"""The number of the path tracer: raise it with a change that gives any scene other pixels."""
+_SAME_BITS: Final = ("strict", "portable")
+"""The modes of arithmetic in which all backends give the same bits."""
+_NO_BITS: Final = ("samples", "accel", "grid", "secondary")
+"""The options of an integrator that are no words of an origin: `secondary` is there as that of the layout."""
+_DIGEST: Final = re.compile("[0-9a-f]{16}")
+# What the text of a recorded program says of the user's file, of the first values of Params, and of names in Python.
+_LOCATIONS: Final = re.compile(r"^file .*\n| @\d+:\d+", re.MULTILINE)
+_VALUES: Final = re.compile(r"^(param .*?) = .*$", re.MULTILINE)
+_NAMES: Final = re.compile(r"([%$])(?:\w+|\"(?:[^\"\\]|\\.)*\")\.(\d+)")
+
+
+def origin_of(
+    scene: Scene, layout: Layout | None, tracer: PathTracer | None, camera: Camera, integrator: Path, backend: str
+) -> str:
+    """Return the origin of the pictures of a scene; without a layout and a tracer, of one without triangles."""
+    options = {field.name: str(getattr(integrator, field.name)) for field in dataclasses.fields(integrator)}
+    parts = {name: value for name, value in options.items() if name not in _NO_BITS}
+    if integrator.math not in _SAME_BITS:
+        parts["backend"] = backend
+    parts["background"] = _digest(repr(scene.background))
+    if layout is None or tracer is None:
+        parts["triangles"] = _digest(None)
+    else:
+        parts |= _of_scene(scene, layout, tracer) | {"camera": _digest(repr(camera))}
+    return " ".join([GENERATION, *(f"{name}={value}" for name, value in parts.items())])
+
+
+def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str]:
+    """Return the parts that meshes, materials and lights are."""
+    if layout.forest is not None:
+        layout = layout.exact(scene)
+    appearance, environment = tracer.surfaces.appearance, tracer.emitters.around
+    digests: dict[Texture, str] = {}
+    materials = [_described(material, digests, appearance) for material in layout.materials]
+    lights = light_rows(scene.placed_lights, np.zeros(3), 1.0, np.dtype(np.float64))
+    around: list[Any] = []
+    if environment is not None:
+        picture = environment.light.picture
+        around = [repr(environment.light.color), picture and _picture(picture)]
+        around += [] if environment.examined is None else _recorded(environment.examined)
+    return {
+        "triangles": _digest(layout.origin, repr(layout.scale), layout.triangles, layout.object_of),
+        "normals": _digest(layout.normals),
+        "vertex-colors": _digest(*(mesh.colors for mesh in scene.meshes if len(mesh))),
+        "uv-coordinates": _digest(layout.uvs),
+        "materials": _digest(repr(materials), layout.material_of),
+        "surface-programs": _digest(*(part for found in appearance.examined for part in _recorded(found))),
+        "lights": _digest(lights),
+        "environment": _digest(*around),
+        "secondary-accelerator": _digest(layout.secondary and repr(layout.secondary.options)),
+    }
+
+
+def _described(material: Material, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:
+    """Return the fields of a material: of a texture its digest, of a program its place among the scene's."""
+    found: list[Any] = []
+    for field in dataclasses.fields(material):
+        value = getattr(material, field.name)
+        if isinstance(value, Texture):
+            if value not in digests:
+                digests[value] = _picture(value)
+            found.append(digests[value])
+        elif callable(value):
+            found.append(appearance.surfaces.index(value))
+        else:
+            found.append(None if value is None else np.asarray(value, np.float64).tolist())
+    return found
+
+
+def _picture(texture: Texture) -> str:
+    return _digest(texture.image, texture.filter, texture.wrap)
+
+
+def _recorded(examined: Examined) -> Iterable[Any]:
+    """Yield what decides the results of a recorded program: its text, and the data that it reads at present."""
+    recorded = examined.program.recorded
+    text = str(examined.program.ir)
+    for pattern, kept in ((_LOCATIONS, ""), (_VALUES, r"\1"), (_NAMES, r"\1\2")):
+        text = pattern.sub(kept, text)
+    yield text
+    for param in recorded.params.values():
+        yield np.asarray(param)
+    for table in recorded.tables.values():
+        yield table.data(np.float32).array
+
+
+def _digest(*parts: Any) -> str:
+    """Return a digest of texts and arrays, which are not copied; None is a part of its own."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, str):
+            part = np.frombuffer(part.encode(), np.uint8)
+        if part is None:
+            digest.update(b"-")
+            continue
+        digest.update(f"{part.dtype.str}{part.shape}".encode())
+        digest.update(np.ascontiguousarray(part).data)
+    return digest.hexdigest()[:16]
+
+
+def check_origin(name: str, found: str, wanted: str) -> None:
+    """Raise SceneError, which calls the picture `name`, if its origin `found` is not the one that is wanted."""
+    if found == wanted:
+        return
+    if not found:
+        raise SceneError(f"{name} was not path traced by raytracer, so it has no samples to add to: begin a new one")
+    if found.split(" ")[0] != GENERATION:
+        raise SceneError(f"{name} was path traced by another version of raytracer: begin a new one with this version")
+    before, here = parts_of(found), parts_of(wanted)
+    changed = [part for part in {**here, **before} if before.get(part) != here.get(part)]
+    listed = ", ".join(_difference(part, before.get(part), here.get(part)) for part in changed)
+    raise SceneError(
+        f"{name} was not path traced from this scene, camera, seed and options; they differ in: {listed}. "
+        "Begin a new one"
+    )
+
+
+def parts_of(origin: str) -> dict[str, str]:
+    """Return the parts of an origin by name."""
+    words = (word.partition("=") for word in origin.split(" ")[1:])
+    return {name: value for name, _, value in words}
+
+
+def _difference(part: str, before: str | None, here: str | None) -> str:
+    """Return the name of a part as users read it, with the values of an option."""
+    name = part.replace("-", " ")
+    digested = any(value is not None and _DIGEST.fullmatch(value) for value in (before, here))
+    return name if digested else f"{name} ({before or 'not noted'} in the picture, {here or 'not noted'} here)"
