@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
+from raytracer.appearance.deep_pictures import deep_pixels
 from raytracer.appearance.radiance import READERS
 from raytracer.arrays import array_of
 from raytracer.errors import SceneError
@@ -99,10 +100,8 @@ def _read(path: Path, alpha: bool) -> tuple[NDArray[Any], bool]:
         if read is not None:
             return np.ones((1, 1), np.float32) if alpha else read(path, LARGEST), False
         with opened(path) as picture:
-            if not alpha:
-                return pixels_of(picture), picture.mode != "F"
-            grey = alpha_of(picture)
-            return np.ones((1, 1), np.float32) if grey is None else pixels_of(grey), False
+            pixels = pixels_of(picture, alpha=alpha)
+            return np.ones((1, 1), np.float32) if pixels is None else pixels, not alpha and picture.mode != "F"
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
@@ -144,13 +143,36 @@ def _scans(file: Any) -> int:
     return count
 
 
-def pixels_of(picture: Any) -> NDArray[Any]:
-    """Return the pixels of a Pillow picture without alpha: uint8, or float32 in [0, 1] where it has 16 bits."""
-    if picture.mode.startswith("I"):
-        return np.asarray(picture, dtype=np.float32) / np.float32(65535)
-    if picture.mode == "F":
-        return np.asarray(picture, dtype=np.float32)
-    return np.asarray(picture.convert("L" if picture.mode in ("1", "L", "LA") else "RGB"))
+def pixels_of(picture: Any, *, alpha: bool = False, fit: Callable[[], int] = lambda: 1) -> NDArray[Any] | None:
+    """Return the colours of a Pillow picture, (H, W) or (H, W, 1 or 3), or its alpha, (H, W); None if it has none.
+
+    They are uint8, or float32 in [0, 1] where it has 16 bits a channel. `fit` gives the factor by which each side is
+    made shorter; it is called where there are pixels.
+    """
+    deep = deep_pixels(picture)
+    if deep is not None:
+        clear = deep.shape[2] % 2 == 0
+        if alpha:
+            return _reduced(deep[..., -1:], fit())[..., 0] if clear else None
+        return _reduced(deep[..., :-1] if clear else deep, fit())
+    if alpha:
+        picture = alpha_of(picture)
+        if picture is None:
+            return None
+    factor = fit()
+    if picture.mode != "F":
+        picture = picture.convert("L" if picture.mode in ("1", "L", "LA") else "RGB")
+    return np.asarray(picture if factor == 1 else picture.reduce(factor))
+
+
+def _reduced(numbers: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """Return the means of numbers (H, W, C) over squares, as `reduce` of Pillow gives them."""
+    if factor == 1:
+        return numbers
+    from PIL import Image as pillow
+
+    channels = [pillow.fromarray(np.ascontiguousarray(part)) for part in np.moveaxis(numbers, 2, 0)]
+    return np.stack([np.asarray(part.reduce(factor)) for part in channels], axis=2)
 
 
 def alpha_of(picture: Any) -> Any:

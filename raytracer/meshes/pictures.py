@@ -19,8 +19,9 @@ from typing import Any, BinaryIO, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.appearance.deep_pictures import is_deep
 from raytracer.appearance.materials import CUTOFF, Triple
-from raytracer.appearance.textures import Filter, Texture, Wrap, alpha_of, linear, opened, pixels_of
+from raytracer.appearance.textures import Filter, Texture, Wrap, linear, opened, pixels_of
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices, shown
 
@@ -28,6 +29,8 @@ MOST: Final = 1 << 26
 """Pixels of all pictures of a file."""
 MOST_DECODED: Final = 4 * MOST
 """Pixels of all pictures before they are made smaller: a small file may hold large pictures of one colour."""
+_DEEP: Final = 4
+"""Pixels as which one of 16 bits in several channels counts: it takes that much more memory to decode."""
 Pixels = NDArray[Any]
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
@@ -184,21 +187,11 @@ class Pictures:
         try:
             found = source()
             with nullcontext(found) if hasattr(found, "convert") else opened(found) as picture:
-                self._decoded += picture.size[0] * picture.size[1]
+                self._decoded += picture.size[0] * picture.size[1] * (_DEEP if is_deep(picture) else 1)
                 if self._decoded > MOST_DECODED:
                     raise SceneError(f"all pictures have more than {MOST_DECODED:,} pixels")
-                if not alpha:
-                    return self._fitted(picture)
-                grey = alpha_of(picture)
-                return None if grey is None else self._fitted(grey)
+                return pixels_of(picture, alpha=alpha, fit=lambda: self._read_budget.factor(*picture.size))
         # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
         except Exception as error:
             self.notices.miss(name, shown(str(error) or type(error).__name__, 100))
             return None
-
-    def _fitted(self, picture: Any) -> Pixels:
-        """Return the pixels of a picture of Pillow's, as many as the budget has."""
-        factor = self._read_budget.factor(*picture.size)
-        if factor > 1:
-            picture = (picture if picture.mode in ("L", "RGB") else picture.convert("RGB")).reduce(factor)
-        return pixels_of(picture)
