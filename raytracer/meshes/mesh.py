@@ -131,9 +131,7 @@ class Mesh:
         parts = (normals[start : start + _ROWS] for start in range(0, len(normals), _ROWS))  # which a cache holds
         if all(_has_unit_length(part).all() for part in parts):
             return normals
-        right = _has_unit_length(normals)[..., None]
-        kept = np.where(right, normals, unit(normals))
-        return np.where(normals.any(axis=-1, keepdims=True), kept, self.face_normals[:, None])
+        return np.where(normals.any(axis=-1, keepdims=True), of_unit_length(normals), self.face_normals[:, None])
 
     def __repr__(self) -> str:
         parts = [part for part in ("normals", "colors", "uv") if getattr(self, part) is not None]
@@ -303,6 +301,11 @@ def _places(vertices: Floats) -> Ints:
     number = np.zeros(len(order), np.int64)
     number[order[1:]] = np.cumsum((ordered[1:] != ordered[:-1]).any(axis=1))
     return number
+
+
+def of_unit_length(vectors: Floats) -> Floats:
+    """Divide vectors by their lengths; those of length 1, but for rounding to binary32, stay as they are."""
+    return np.where(_has_unit_length(vectors)[..., None], vectors, unit(vectors))
 
 
 def _has_unit_length(vectors: Floats) -> NDArray[np.bool_]:

@@ -31,7 +31,8 @@ from raytracer.meshes.from_trimesh import completed, join_strips, parts_of, text
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
-from raytracer.meshes.obj import Words, picture_words, read_mtl, read_obj
+from raytracer.meshes.mtl import Words, picture_words, read_mtl
+from raytracer.meshes.obj import read_obj
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of
@@ -112,7 +113,8 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
         contents = replace(contents, meshes=smoothed([mesh for mesh in contents.meshes if len(mesh)]))
     if not contents.meshes:
-        raise SceneError(f"{path}: the file holds no triangles")
+        cause = notices.faults().partition(": ")[2]
+        raise SceneError(f"{path}: the file holds no triangles{cause and f'; {cause}'}")
     notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
 
@@ -172,17 +174,15 @@ def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Content
 
 
 def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    found = read_obj(text_of(data))
-    for what, count in found.skipped.items():
-        notices.ignore(what, count)
-    library = Library(found.libraries, Folder(path), notices) if materials else None
+    found, libraries = read_obj(data, path.stem, notices)
+    library = Library(libraries, Folder(path), notices) if materials else None
     meshes: list[Mesh] = []
     names: dict[str, int] = {}
-    for part, mesh in found.meshes(path.stem):
+    for part, mesh in found:
         number = names[mesh.name] = names.get(mesh.name, -1) + 1
         look = (library and library.material(part.material, mesh)) or (CLAY if mesh.colors is None else PLAIN)
         meshes.append(replace(mesh, material=look, name=f"{mesh.name}_{number}" if number else mesh.name))
-    described = {part.material for part in found.faces} - {None}
+    described = {part.material for part, _ in found} - {None}
     return Contents(meshes, materials=0 if materials else len(described))
 
 
@@ -195,7 +195,7 @@ class Library:
         self.words: dict[str, Words] = {}
         for name in [name for names in files for name in self._names(names)]:
             try:
-                self.words |= read_mtl(text_of(folder.read(name)))
+                self.words |= read_mtl(folder.read(name))
             except (OSError, SceneError) as error:
                 notices.miss(name, str(error))
         self._made: dict[tuple[str, bool], Material | None] = {}

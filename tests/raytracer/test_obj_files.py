@@ -11,7 +11,7 @@ import shpy as sh
 from raytracer import Material, Mesh, Scene, SceneError, Texture
 from raytracer.cli import main
 from raytracer.meshes.appearance import CLAY
-from raytracer.meshes.obj import picture_words, read_mtl
+from raytracer.meshes.mtl import picture_words, read_mtl
 
 CHAIR = """\
 mtllib chair parts.mtl
@@ -160,7 +160,7 @@ def test_a_border_of_materials_stays_smooth(tmp_path):
             "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/2 3/1\n",
             "line 5: a face names texture vertex 2, and there are 1",
         ),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0\nf 1 2 3\n", "line 4: a normal has three coordinates, not 2"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0\nf 1 2 3\n", "line 4: a normal is not three finite numbers: 'vn 0 0'"),
         ("v 0 0 0\nv 1 0 0\nf -3 -2 -1\n", "line 3: a face names vertex -3, and there are 2"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/0 2/1 3/1\n", "line 4: a face names texture vertex 0; numbers begin at 1"),
     ],
@@ -169,7 +169,7 @@ def test_wrong_lines_are_named(tmp_path, text, words):
     path = tmp_path / "wrong.obj"
     path.write_text(text)
     with pytest.raises(SceneError, match=words):
-        Scene.load(path)
+        Scene.load(path, strict=True)
 
 
 def test_materials_that_make_no_sense_leave_the_shape(chair):
@@ -189,7 +189,7 @@ def test_names_of_materials_without_a_library(tmp_path):
 
 
 def test_words_of_libraries():
-    found = read_mtl("newmtl a b\nKd 1 1 1 # white\n\tmap_Kd x.png\nnewmtl c\n")
+    found = read_mtl(b"newmtl a b\nKd 1 1 1 # white\n\tmap_Kd x.png\nnewmtl c\n")
     assert found == {"a b": {"kd": ["1", "1", "1"], "map_kd": ["x.png"]}, "c": {}}
     assert picture_words(["-s", "2", "2", "-clamp", "on", "a", "b.png"]) == (
         "a b.png",
@@ -236,3 +236,110 @@ def test_statements_that_are_not_known_are_counted(tmp_path):
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\ns off\nface 1 2 3\nF 1 2 3\nface 1 2 3\nf 1 2 3\n")
     with pytest.warns(sh.ShpyWarning, match=r"ignored: unknown statements face \(2\), unknown statements F \(1\)$"):
         assert len(Scene.load(path).meshes[0].corners) == 1
+
+
+def ring(count, statement):
+    """The faces of a prism of `count` sides, which share their vertices, after a statement."""
+    angle = 2 * np.pi * np.arange(count) / count
+    lines = [f"v {np.cos(a):.9f} {y} {np.sin(a):.9f}" for y in (0, 1) for a in angle]
+    sides = [(k, count + k, count + (k + 1) % count, (k + 1) % count) for k in range(count)]
+    return "\n".join([*lines, statement, *("f " + " ".join(str(c + 1) for c in side) for side in sides), ""])
+
+
+@pytest.mark.parametrize("count", [6, 24])
+@pytest.mark.parametrize(
+    ("statement", "smooth"), [("s 1", True), ("s 7", True), ("s off", False), ("s 0", False), ("", None)]
+)
+def test_smoothing_groups(tmp_path, count, statement, smooth):
+    """A ring of 6 sides is smooth where its group says so, one of 24 flat; without groups the angles decide."""
+    path = tmp_path / "ring.obj"
+    path.write_text(ring(count, statement))
+    mesh = Mesh.load(path)
+    outward = mesh.corners * (1, 0, 1)
+    flat = np.repeat(mesh.face_normals[:, None], 3, axis=1)
+    wanted = outward if smooth or (smooth is None and count == 24) else flat
+    if statement:
+        np.testing.assert_allclose(mesh.normals, wanted, atol=1e-6)
+    else:  # triangles are weighed by their areas, of which a corner of a quadrilateral has one or two
+        assert np.einsum("ijk,ijk->ij", mesh.normals, wanted).min() > 0.995
+
+
+def test_smoothing_ends_between_groups_and_where_they_are_off(tmp_path):
+    path = tmp_path / "roof.obj"
+    path.write_text(
+        "v 0 0 0\nv 0 0 1\nv 1 -1 0\nv -1 -1 0\nv -1 -1 1\nvn 0 1 0\n"
+        "f 1 2 3\ns 1\nf 1 4 2\nf 2 4 5\ns 2\nf 1 2 3\ns off\nf 1 2 3\ns 1\nf 1//1 2 3\n"
+    )
+    mesh = Mesh.load(path)
+    flat = mesh.face_normals
+    np.testing.assert_allclose(mesh.normals[[0, 3, 4]], np.repeat(flat[[0, 3, 4], None], 3, axis=1), atol=1e-12)
+    np.testing.assert_allclose(mesh.normals[5, 0], (0, 1, 0))  # a normal of the file counts more than a group
+    shared = np.pi / 2 * flat[1] + np.arctan(np.sqrt(2)) * flat[5]
+    np.testing.assert_allclose(mesh.normals[5, 1], shared / np.linalg.norm(shared), atol=1e-12)
+
+
+SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize("key", [b"g", b"o", b"usemtl"])
+@pytest.mark.parametrize("name", ["表".encode("shift-jis"), b"one\x85two", "a\u2028b".encode(), b"name\\"])
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_names_in_other_encodings_end_with_their_line(tmp_path, key, name, end):
+    path = tmp_path / "name.obj"
+    path.write_bytes((SQUARE + key + b" " + name + b"\nf 1 2 3\nf 1 3 4\nusemtl x\nf 1 2 4\n").replace(b"\n", end))
+    with pytest.warns(sh.ShpyWarning, match="names of materials"):
+        meshes = Scene.load(path, floor=False).meshes
+    assert [len(mesh) for mesh in meshes] == [2, 1]
+
+
+def test_two_materials_whose_names_begin_alike(tmp_path):
+    """The byte 85 is a letter of Latin-1's and of Shift-JIS's, and a line's end for Python's strings alone."""
+    path = tmp_path / "name.obj"
+    (tmp_path / "name.mtl").write_bytes(b"newmtl a\x85b\nKd 1 0 0\nnewmtl a\x85c\nKd 0 1 0\n")
+    path.write_bytes(b"mtllib name.mtl\n" + SQUARE + b"usemtl a\x85b\nf 1 2 3\nusemtl a\x85c\nf 1 3 4\n")
+    assert [mesh.material.color for mesh in Scene.load(path, floor=False).meshes] == [(1, 0, 0), (0, 1, 0)]
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "count"),
+    [
+        ("f 1//7 2//1 3//1\n", "1 face names a normal that the file lacks (in line 6)", 1),
+        ("f 1/7 2/1 3/1\nf 1/9 2 3/1\n", "2 faces name a texture vertex that the file lacks (the first in line 6)", 2),
+        ("f 1 2 3\nf 1 2 4\n", "1 face names a vertex that the file lacks (in line 7)", 1),
+        ("f 1 2 3\nf 1 0 3\nf -4 1 2\n", "2 faces name a vertex that the file lacks (the first in line 7)", 1),
+        ("vn nan nan nan\nf 1//2 2//1 3//1\n", "1 normal is not three finite numbers (in line 6)", 1),
+        ("vn -1.#IND00 0 0\nf 1//2 2//1 3//1\n", "1 normal is not three finite numbers (in line 6)", 1),
+        ("vt 1.#QNAN 0\nf 1/2 2/1 3/1\n", "1 texture vertex is not finite numbers (in line 6)", 1),
+        ("v 0 1 0 nan 0 0\nf 1 2 4\n", "1 colour of a vertex is not finite (in line 6)", 1),
+        ("f 1 2\nf 1 2 3\n", "1 face has fewer than three corners (in line 6)", 1),
+        ("f 1 2 x\nf 1/x 2 3\nf 1 2 3\n", "2 faces have a word that is not an index (the first in line 6)", 1),
+        ("v nan 0 0\nf 1 2 3\n", "1 vertex is not three finite numbers (in line 6)", 1),
+        (
+            "v 1 2\nf 1 2 3\nf 1 2 4\n",
+            "1 vertex is not three finite numbers (in line 6), 1 face has a corner at such a vertex (in line 8)",
+            1,
+        ),
+    ],
+)
+def test_a_bad_entry_costs_that_entry(tmp_path, text, said, count):
+    path = tmp_path / "bad.obj"
+    path.write_text(TRIANGLE + text)
+    with pytest.warns(sh.ShpyWarning) as caught:
+        mesh = Mesh.load(path)
+    assert [str(w.message) for w in caught] == [f"bad.obj: left out: {said}"]
+    assert len(mesh) == count
+    np.testing.assert_allclose(np.abs(mesh.face_normals[:, 2]).max(), 1)
+    if mesh.normals is not None and "vn" in text:
+        np.testing.assert_array_equal(mesh.normals, np.broadcast_to([0, 0, 1], (1, 3, 3)))
+    with pytest.raises(SceneError, match=r"bad\.obj: line \d: "):
+        Mesh.load(path, strict=True)
+
+
+def test_a_file_whose_entries_are_all_bad_says_so(tmp_path):
+    path = tmp_path / "bad.obj"
+    path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(SceneError, match="holds no triangles; left out: 1 vertex is not three finite numbers"):
+        Mesh.load(path)
