@@ -7,7 +7,7 @@ import re
 import sys
 import sysconfig
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
@@ -29,13 +29,21 @@ def shorten(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Loc:
-    """A line of the user's code."""
+    """A line of the user's code.
+
+    `text` is the source text that the line was recorded from (`lang/recording/text.py`), None where it is not known. It
+    takes no part in comparisons, and does not go to other processes.
+    """
 
     file: str
     line: int
+    text: Any = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"
+
+    def __reduce__(self) -> tuple[type[Loc], tuple[str, int]]:
+        return Loc, (self.file, self.line)
 
 
 class ShpyError(Exception):

@@ -10,7 +10,6 @@ statement and the value of its first denormal.
 
 from __future__ import annotations
 
-import linecache
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Regi
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.traverse import map_regions, rewrite, walk
 from shpy.ir.types import Base, vec
+from shpy.lang.recording.text import written
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.exits import make_exits_explicit
@@ -46,7 +46,7 @@ class Denormal:
     name: str
 
     def __str__(self) -> str:
-        source = linecache.getline(self.loc.file, self.loc.line).strip() if self.loc else ""
+        source = written(self.loc)
         place = f" at {self.loc}" if self.loc else ""
         return f"{self.name} = {self.value:g}{place}{f': {source}' if source else ''}"
 

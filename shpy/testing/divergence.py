@@ -12,7 +12,6 @@ Times: about log2(events) + 12 runs of the program on each of the two backends, 
 
 from __future__ import annotations
 
-import linecache
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -24,6 +23,7 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here
+from shpy.lang.recording.text import written
 from shpy.programs import Program
 from shpy.testing.arrays import EXACT, Bound, is_denormal
 from shpy.testing.denormals import Denormal, find_denormals
@@ -92,8 +92,8 @@ class Divergence:
 
     @property
     def source(self) -> str:
-        """The user's line, as its file has it; empty where there is no file."""
-        return linecache.getline(self.loc.file, self.loc.line).strip() if self.loc else ""
+        """The user's line, as it was recorded; empty where its text is not known."""
+        return written(self.loc)
 
     def __str__(self) -> str:
         return "\n".join(self._lines())

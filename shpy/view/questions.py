@@ -10,13 +10,13 @@ that is found (`searches`).
 
 from __future__ import annotations
 
-import linecache
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 
 from shpy.errors import ShpyError
+from shpy.lang.recording.text import written
 from shpy.screen import Moment, pixels
 from shpy.units import steps
 from shpy.view.kernels import Form
@@ -85,7 +85,7 @@ def trace(session: Asked, at: list[int]) -> dict[str, Any]:
         {
             "file": step.loc.file if step.loc else None,
             "line": step.loc.line if step.loc else None,
-            "source": linecache.getline(step.loc.file, step.loc.line).strip() if step.loc else "",
+            "source": written(step.loc),
             "name": step.name,
             "value": np.atleast_1d(step.value),
             "iterations": list(step.iterations),

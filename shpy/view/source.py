@@ -8,7 +8,6 @@ Stage: view. A file is run as by `python file.py`, but without the code under `i
 
 from __future__ import annotations
 
-import linecache
 import os
 import runpy
 import traceback
@@ -18,8 +17,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from shpy.chains.chain import Chain, sequence
-from shpy.errors import CompileError, ShpyError
+from shpy.errors import CompileError, Loc, ShpyError
 from shpy.files import import_from
+from shpy.lang.recording.text import latest, text_of
 from shpy.programs import Program
 from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
@@ -116,28 +116,29 @@ def explain(error: BaseException, path: Path) -> dict[str, Any]:
         "type": type(error).__name__,
         "message": message or type(error).__name__,
         "cure": cure,
-        "file": place[0] if place else None,
-        "line": place[1] if place else None,
-        "source": lines_around(*place) if place else [],
+        "file": place.file if place else None,
+        "line": place.line if place else None,
+        "source": lines_around(place) if place else [],
     }
 
 
-def _place(error: BaseException, path: Path) -> tuple[str, int] | None:
+def _place(error: BaseException, path: Path) -> Loc | None:
     """Return the file and line of an error: its own, or the innermost line of the user's files in its traceback."""
     if isinstance(error, ShpyError) and error.loc is not None:
-        return error.loc.file, error.loc.line
+        return error.loc
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
-        return error.filename, error.lineno
-    frames = traceback.extract_tb(error.__traceback__)
+        return Loc(error.filename, error.lineno, latest(error.filename))
+    frames = list(traceback.walk_tb(error.__traceback__))
     known = {os.path.realpath(p) for p in (path, *files_read())}
     # The file name in a traceback may be relative, or that of a link.
-    passed = ((os.path.realpath(f.filename), f.lineno) for f in reversed(frames))
-    return next(((file, line) for file, line in passed if file in known and line), None)
+    passed = ((os.path.realpath(f.f_code.co_filename), line, text_of(f.f_code)) for f, line in reversed(frames))
+    return next((Loc(file, line, text) for file, line, text in passed if file in known and line), None)
 
 
-def lines_around(file: str, line: int, count: int = 2) -> list[tuple[int, str]]:
-    """Return the numbers and texts of the lines around a line."""
-    linecache.checkcache(file)
-    first = max(1, line - count)
-    found = [(n, linecache.getline(file, n).rstrip("\n")) for n in range(first, line + count + 1)]
-    return found[: max((k + 1 for k, (n, text) in enumerate(found) if text or n <= line), default=0)]
+def lines_around(place: Loc, count: int = 2) -> list[tuple[int, str]]:
+    """Return the numbers and texts of the lines around a line, as they were when Python compiled it."""
+    if place.text is None:
+        return []
+    first = max(1, place.line - count)
+    found = [(n, place.text.line(n).rstrip("\n")) for n in range(first, place.line + count + 1)]
+    return found[: max((k + 1 for k, (n, text) in enumerate(found) if text or n <= place.line), default=0)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import linecache
 import sys
 from typing import Any, NoReturn
 
@@ -11,6 +10,8 @@ from source_text import made
 
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.explain import explain
+from shpy.lang.recording.location import loc_in
+from shpy.lang.recording.text import Text
 
 
 class Asked(Exception):
@@ -29,7 +30,7 @@ class Symbol:
 
     def _ask(self, kind: str) -> NoReturn:
         frame = sys._getframe(2)
-        loc = Loc(frame.f_code.co_filename, frame.f_lineno)
+        loc = loc_in(frame.f_code, frame.f_lineno)
         raise Asked(explain(loc, kind, frame), explain(loc, kind))
 
     def __bool__(self) -> bool:
@@ -177,14 +178,13 @@ def test_why_python_wants_a_number(line: str) -> None:
 
 def test_hints_spell_names_as_the_file_does() -> None:
     text = "import shpy as lang\nfrom shpy import SH_FOR\n\nif 0 < x < 1: pass\nint(x)\nrange(x)\n"
-    file = made(f"{text}def f(): ...\n".replace("0 < x < 1", "False").replace("(x)", "")).__code__.co_filename
-    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    assert explain(Loc(file, 4), "bool") == (
+    whole = Text("file.py", text.splitlines(keepends=True))
+    assert explain(Loc("file.py", 4, whole), "bool") == (
         "Python joins the chain `0 < x < 1` with `and`, while recording",
         "with lang.SH_IF((0 < x) & (x < 1)):",
     )
-    assert explain(Loc(file, 5), "int") == (computed("int(x)"), "lang.Attrib1i(x)")
-    assert explain(Loc(file, 6), "index") == (
+    assert explain(Loc("file.py", 5, whole), "int") == (computed("int(x)"), "lang.Attrib1i(x)")
+    assert explain(Loc("file.py", 6, whole), "index") == (
         "`range(x)` counts while recording, and its bound is known only when the program runs",
         "with SH_FOR(x) as i:",
     )
@@ -194,6 +194,6 @@ def test_no_hint_without_text_or_reason() -> None:
     assert explain(None, "bool") is None
     assert explain(None, "int") is None
     assert explain(Loc("no such file", 3), "bool") is None
-    file = made("def f(x):\n    y = x\n    return y\n").__code__.co_filename
-    assert explain(Loc(file, 2), "bool") is None
-    assert explain(Loc(file, 2), "int") is None
+    code = made("def f(x):\n    y = x\n    return y\n").__code__
+    assert explain(loc_in(code, 2), "bool") is None
+    assert explain(loc_in(code, 2), "int") is None

@@ -6,15 +6,18 @@ import linecache
 
 from source_text import made
 
+from shpy.ir.nodes import Loc
+from shpy.lang.recording.location import loc_in
 from shpy.lang.recording.names import for_name, name_for
+from shpy.lang.recording.text import text_of
 
 
 def named(text: str) -> tuple[list[str | None], list[str | None]]:
     """Return the names of each line's assignment and `with`."""
     function = made(text)
-    file = function.__code__.co_filename
-    lines = range(1, len(linecache.getlines(file)) + 1)
-    return [name_for(file, line) for line in lines], [for_name(file, line) for line in lines]
+    count = len(linecache.getlines(function.__code__.co_filename))
+    locs = [loc_in(function.__code__, line) for line in range(1, count + 1)]
+    return [name_for(loc) for loc in locs], [for_name(loc) for loc in locs]
 
 
 def test_the_name_that_a_line_assigns() -> None:
@@ -57,10 +60,13 @@ def test_the_name_that_a_with_binds() -> None:
 
 
 def test_no_name_without_text() -> None:
-    assert name_for("no such file", 1) is None
-    assert for_name("<string>", 1) is None
-    file = made("def f():\n    x = 1\n").__code__.co_filename
-    assert name_for(file, 2) == "x"
-    assert name_for(file, 99) is None
-    linecache.cache[file] = (1, None, ["def f(:\n"], file)
-    assert name_for(file, 2) is None
+    assert name_for(None) is None
+    assert for_name(Loc("<string>", 1)) is None
+    code = made("def f():\n    x = 1\n").__code__
+    assert name_for(loc_in(code, 2)) == "x"
+    assert name_for(loc_in(code, 99)) is None
+    linecache.cache[code.co_filename] = (1, None, ["def f(:\n"], code.co_filename)
+    other = code.replace(co_firstlineno=2)  # neither text has it
+    assert text_of(other) is None
+    assert name_for(loc_in(other, 2)) is None
+    assert name_for(loc_in(code, 2)) == "x"

@@ -1,8 +1,9 @@
 """Find names that a block rebinds without the text of the function, from its frame and its bytecode.
 
 Stage: record, while blocks open and close. If there is text, `check_source` finds the mistake before anything runs. In
-a REPL, under `exec` and `python -c` there is no text. There the local names of the user's frames are compared at the
-exit of each block with those at its entry, and the bytecode shows which of them are read afterwards.
+a REPL, under `exec` and `python -c` there is no text, and where a file was edited since, its text is not the
+function's. There the local names of the user's frames are compared at the exit of each block with those at its entry,
+and the bytecode shows which of them are read afterwards.
 
     with SH_IF(x > 1):
         x = x - 1           # x is another object now, and `return x` reads it: RecordError
@@ -27,7 +28,7 @@ import numpy as np
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes import findings
 from shpy.lang.recording.location import called_frames, loc_in
-from shpy.lang.recording.tree import definition
+from shpy.lang.recording.tree import definition_of
 from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.structure import is_value, leaves_of
 from shpy.lang.values.value import Value
@@ -64,7 +65,7 @@ class Entry:
 
 def entered() -> list[Entry]:
     """Return the frames of the user's functions that have no text, innermost first, as a block opens."""
-    frames = [f for f in called_frames() if not _has_text(f.f_code, f.f_code.co_filename)]
+    frames = [f for f in called_frames() if not _has_text(f.f_code)]
     return [Entry(f, f.f_lasti, {p: x for p, x in _places(f) if _matters(x)}) for f in frames]
 
 
@@ -94,7 +95,7 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
                 elif test is not None and place.name in getattr(getattr(test, "__code__", None), "co_freevars", ()):
                     use, when = (0, test.__code__.co_firstlineno), "in its next iteration"
             if use is not None:
-                where = loc_in(code.co_filename, _line_of_store(code, entry.offset, leaving, place))
+                where = loc_in(code, _line_of_store(code, entry.offset, leaving, place))
                 cure = _declaration(place, old, new)
                 raise findings.rebound(where, str(place), written, f"{when} (line {use[1]})", cure)
 
@@ -118,10 +119,9 @@ def _declaration(place: Place, old: Any, new: Any) -> str:
 # Contents of a frame
 
 
-@lru_cache(maxsize=1024)
-def _has_text(code: CodeType, file: str) -> bool:
-    """Return whether the check of the source has seen the function; code alone does not tell one file from another."""
-    return definition(code) is not None
+def _has_text(code: CodeType) -> bool:
+    """Return whether the check of the source has seen the function."""
+    return definition_of(code) is not None
 
 
 def _places(frame: FrameType) -> Iterator[tuple[Place, Any]]:

@@ -9,8 +9,9 @@ or not the block will run, and `y = x` gives one value two names. Both are visib
             x = x - 1           # RecordError: … write instead: x[:] = x - 1
         return x
 
-Without text (a REPL, `exec`) this check is skipped: `bytecode` then compares names while the function runs. Only
-certain mistakes are reported, nothing that is legitimate in some program; the recorder finds the rest by scope.
+Without a text that belongs to the code (a REPL, `exec`, a file edited since) this check is skipped: `bytecode` then
+compares names while the function runs. Only certain mistakes are reported, nothing that is legitimate in some program;
+the recorder finds the rest by scope.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from types import CodeType, FunctionType
 from shpy.errors import RecordError, warn
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.flow import Flow
-from shpy.lang.recording.location import enter_text
+from shpy.lang.recording.location import enter_text, loc_in
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
-from shpy.lang.recording.tree import definition
+from shpy.lang.recording.text import has_changed
+from shpy.lang.recording.tree import definition_of
 
 
 def check_source(function: object, *, is_value: Callable[[object], bool]) -> None:
@@ -45,9 +47,12 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
             continue
         seen.add(plain.__code__)
         enter_text(plain.__code__.co_filename, plain.__globals__)
-        node = definition(plain.__code__)
-        if node is not None:
-            waiting.extend(_called(Flow(node, scope_of(plain, node, given, is_value), is_program=is_program), plain))
+        definition = definition_of(plain.__code__)
+        if definition is not None:
+            scope = scope_of(plain, *definition, given, is_value)
+            waiting.extend(_called(Flow(definition[0], scope, is_program=is_program, function=plain), plain))
+        elif has_changed(plain.__code__):
+            _tell_of_change(plain.__code__)
         if is_program:
             _check_kind(plain.__code__)
 
@@ -67,7 +72,16 @@ def _called(flow: Flow, function: FunctionType) -> list[object]:
 
 
 def _first_line(code: CodeType) -> Loc:
-    return Loc(code.co_filename, code.co_firstlineno)
+    return loc_in(code, code.co_firstlineno)
+
+
+def _tell_of_change(code: CodeType) -> None:
+    """Give a notice for a function whose file has another text now, and say what is not checked."""
+    warn(
+        f"{_first_line(code)}: Python runs another {code.co_name} than the file's text has there: the text was changed "
+        "after it was loaded, or as it was loaded. Names that a block binds anew are found in the bytecode; mistakes "
+        "that only a text shows, such as two names of one value, are not looked for. Load the file again"
+    )
 
 
 def _check_kind(code: CodeType) -> None:

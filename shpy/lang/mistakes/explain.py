@@ -26,7 +26,8 @@ from shpy.lang.mistakes.foreign import OTHER_NAMES, SPELLED_OUT, is_in_library, 
 from shpy.lang.mistakes.objects import named
 from shpy.lang.mistakes.rewrite import ends_of, rewritten, size_of
 from shpy.lang.recording.location import here, user_frame
-from shpy.lang.recording.tree import parsed, quoted
+from shpy.lang.recording.text import Text
+from shpy.lang.recording.tree import quoted
 from shpy.lang.values.abstract import AbstractValue
 
 Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
@@ -110,15 +111,15 @@ def refuse(value: AbstractValue, asked: str) -> NoReturn:
 
 
 def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint | None:
-    """Return why Python needed a bool or a number on this line; `frame` is the user's, if known.
+    """Return why Python needed a bool or a number on this line; `frame` is the user's, if known. None without a text.
 
     `asked` is the kind of the request: bool, int, float, index, array, round or math.
     """
-    if loc is None:
+    if loc is None or loc.text is None:
         return None
     try:
         roots, frame = _statements(loc), frame or user_frame()
-        spelling = _Spelling.of(loc.file, frame if frame and frame.f_code.co_filename == loc.file else None)
+        spelling = _Spelling.of(loc.text, frame if frame and frame.f_code.co_filename == loc.file else None)
         if asked == "bool":
             tests = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
             site = _chosen(tests, loc, frame) or _in_a_call(roots, loc, frame)
@@ -140,32 +141,31 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
 class _Spelling:
     """The way in which a file writes shpy's names; `frame` knows the types of its own names."""
 
-    file: str
+    text: Text
     prefix: str
     imported: frozenset[str]
     frame: FrameType | None
 
     @classmethod
-    def of(cls, file: str, frame: FrameType | None = None) -> _Spelling:
+    def of(cls, text: Text, frame: FrameType | None = None) -> _Spelling:
         """Find how the file imports shpy: the prefix of its names, and the names imported directly."""
         prefix, imported = "sh.", set[str]()
-        tree = parsed(file)
-        for node in tree.body if tree is not None else []:
+        for node in text.tree.body if text.tree is not None else []:
             if isinstance(node, ast.Import):
                 for alias in node.names:
                     if alias.name == "shpy":
                         prefix = f"{alias.asname or alias.name}."
             elif isinstance(node, ast.ImportFrom) and node.module == "shpy":
                 imported |= {alias.name for alias in node.names}
-        return cls(file, prefix, frozenset(imported), frame)
+        return cls(text, prefix, frozenset(imported), frame)
 
     def test(self, node: ast.expr) -> str:
         """Return an expression as a bool of the language."""
         return rewritten(node, self.prefix, self.frame, test=True)
 
     def quoted(self, node: ast.AST) -> str:
-        """Return the code as it stands in the file."""
-        return quoted(self.file, node)
+        """Return the code as it stands in the text."""
+        return quoted(self.text, node)
 
     def control(self, name: str) -> str:
         """Return `SH_IF`, or `sh.SH_IF` where the file does not import the name."""
@@ -178,7 +178,7 @@ class _Spelling:
 
 def _statements(loc: Loc) -> list[ast.stmt]:
     """Return the statements on the line; of a compound one, the line must be in its head."""
-    tree = parsed(loc.file)
+    tree = loc.text.tree if loc.text is not None else None
     found: list[ast.stmt] = []
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, ast.stmt) and node.lineno <= loc.line:
@@ -418,9 +418,9 @@ def _items(arguments: list[ast.expr]) -> str:
     return ", ".join(ast.unparse(a) for a in arguments)
 
 
-def conversion_of(node: ast.expr, file: str) -> Hint:
+def conversion_of(node: ast.expr, text: Text) -> Hint:
     """Return the sentence and the cure for an expression that needs a number of Python."""
-    return _conversion_hint(node, _Spelling.of(file))
+    return _conversion_hint(node, _Spelling.of(text))
 
 
 def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> Hint:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 
 from shpy.errors import RecordError
-from shpy.ir.nodes import Loc
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.explain import conversion_of
 from shpy.lang.mistakes.kinds import Kind
@@ -99,7 +98,7 @@ class Expressions:
             for none, value in (sides, sides[::-1]):
                 against_none = isinstance(none, ast.Constant) and none.value is None
                 if against_none and self.places.judge.kind(value).kind is Kind.VALUE:
-                    raise findings.none_compared(self.scope.file, node, value)
+                    raise findings.none_compared(self.scope.text, node, value)
 
     def _call(self, node: ast.Call) -> None:
         self.visit(node.func)
@@ -116,7 +115,7 @@ class Expressions:
             self.places.hand_over([a.id for a in node.args if isinstance(a, ast.Name)])
         if type(called).__name__ == "ufunc" and any(self.places.judge.kind(a).kind is Kind.VALUE for a in node.args):
             # numpy answers before the value is asked, so only the text can name the cure
-            message, cure = conversion_of(node, self.scope.file)
-            raise RecordError(message, loc=Loc(self.scope.file, node.lineno), cure=cure)
+            message, cure = conversion_of(node, self.scope.text)
+            raise RecordError(message, loc=findings.at(self.scope.text, node), cure=cure)
         if callable(called) and not isinstance(called, type):
             self.called.append(called)

@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 from shpy.lang.mistakes import findings
 from shpy.lang.mistakes.kinds import Kind, Known
+from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
 
 NO_OBJECT = 0
@@ -120,21 +121,21 @@ def joined(start: State, ends: list[State], when: int) -> State:
 # Cures
 
 
-def store_instead(file: str, prefix: str, place: str, fact: Fact, block: Block) -> str:
+def store_instead(text: Text, prefix: str, place: str, fact: Fact, block: Block) -> str:
     """Return the cure for a rebinding: the store `x[:] = …` that the user meant.
 
     If the name held no value before the block, the cure also makes one.
     """
     if fact.known.kind is Kind.HOST and any(f.known.holds for f in (fact, *fact.before)):
         return findings.stored_each(place)
-    inside = f"{place}[:] = {quoted(file, fact.value)}" if fact.value is not None else f"{place}[:] = …"
+    inside = f"{place}[:] = {quoted(text, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
-        inside = quoted(file, fact.node)
+        inside = quoted(text, fact.node)
     before = (*fact.before, *fact.origins())
     numbers = [f.value for f in before if f.known.kind is Kind.NUMBER and f.value is not None]
     hosts = [f for f in before if f.known.kind is Kind.HOST]
     if fact.existed and numbers:
-        start = f"`{place} = {_constructor(prefix, numbers[0], fact)}({quoted(file, numbers[0])})`"
+        start = f"`{place} = {_constructor(prefix, numbers[0], fact)}({quoted(text, numbers[0])})`"
     elif isinstance(fact.node, ast.AugAssign):
         local = place.rpartition(".")[2]  # what is stored into an object would outlive the recording
         start = f"`{local} = {prefix}Attrib1f({place})`"
@@ -161,13 +162,13 @@ def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
     return f"{prefix}Attrib1f" if fractional else f"{prefix}Attrib1i"
 
 
-def copy_instead(file: str, fact: Fact) -> str:
+def copy_instead(text: Text, fact: Fact) -> str:
     """Return the assignments that give each name of an alias a value of its own."""
     statement = fact.alias
     if isinstance(statement, ast.Assign) and len(statement.targets) > 1:
         *others, last = (ast.unparse(t) for t in statement.targets)
         copies = [f"{other} = {last}.copy()" for other in others]
-        return "; ".join([f"{last} = {quoted(file, statement.value)}", *copies])
+        return "; ".join([f"{last} = {quoted(text, statement.value)}", *copies])
     assert fact.value is not None
     value = ast.unparse(fact.value)
     copy = f"{fact.known.type}({value})" if fact.known.type else f"{value}.copy()"

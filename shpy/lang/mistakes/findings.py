@@ -9,12 +9,13 @@ import ast
 
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
+from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
 
 
-def at(file: str, node: ast.AST) -> Loc:
+def at(text: Text, node: ast.AST) -> Loc:
     """Return the line of a node."""
-    return Loc(file, line_of(node))
+    return Loc(text.file, line_of(node), text)
 
 
 def line_of(node: ast.AST) -> int:
@@ -54,29 +55,29 @@ def index_used(loc: Loc, place: str, written: str, use: ast.AST, prefix: str) ->
 
 
 def aliased(
-    file: str, statement: ast.stmt | ast.NamedExpr, change: ast.stmt, reader: str, when: str, cure: str
+    text: Text, statement: ast.stmt | ast.NamedExpr, change: ast.stmt, reader: str, when: str, cure: str
 ) -> RecordError:
     """Return the error for two names of one value: a store through one changes what the other reads."""
     return RecordError(
-        f"`{quoted(file, statement)}` gives one value two names: `{quoted(file, change)}` (line {line_of(change)}) "
+        f"`{quoted(text, statement)}` gives one value two names: `{quoted(text, change)}` (line {line_of(change)}) "
         f"changes both, and `{reader}` is read {when}",
-        loc=at(file, statement),
+        loc=at(text, statement),
         cure=cure,
     )
 
 
-def repeated(file: str, made: ast.AST, change: ast.stmt, name: str, cure: str) -> RecordError:
+def repeated(text: Text, made: ast.AST, change: ast.stmt, name: str, cure: str) -> RecordError:
     """Return the error for a store into an item of a list that holds one value several times."""
     return RecordError(
-        f"`{quoted(file, made)}` holds one value several times: `{quoted(file, change)}` (line {line_of(change)}) "
+        f"`{quoted(text, made)}` holds one value several times: `{quoted(text, change)}` (line {line_of(change)}) "
         "changes all of them",
-        loc=at(file, made),
+        loc=at(text, made),
         cure=f"{name} = {cure}",
     )
 
 
 def crossed(
-    file: str, statement: ast.Assign, name: str, later: ast.expr, swap: tuple[str, str] | None, prefix: str
+    text: Text, statement: ast.Assign, name: str, later: ast.expr, swap: tuple[str, str] | None, prefix: str
 ) -> RecordError:
     """Return the error for `x[:], y[:] = y, x`, which stores one side before it is read for the other."""
     cure = (
@@ -85,8 +86,8 @@ def crossed(
         else f"copy first: `old = {name}.copy()`, and `old` for `{name}` on the right"
     )
     return RecordError(
-        f"`{quoted(file, statement)}` stores into `{name}` before `{quoted(file, later)}` is stored from it",
-        loc=at(file, statement),
+        f"`{quoted(text, statement)}` stores into `{name}` before `{quoted(text, later)}` is stored from it",
+        loc=at(text, statement),
         cure=cure,
     )
 
@@ -100,35 +101,35 @@ def leaves(loc: Loc | None, word: str, written: str, cure: str) -> RecordError:
     )
 
 
-def without_with(file: str, node: ast.expr, control: str) -> RecordError:
+def without_with(text: Text, node: ast.expr, control: str) -> RecordError:
     """Return the error for a block that is called, not entered."""
     return RecordError(
-        f"`{quoted(file, node)}` alone does nothing: {control} opens a block",
-        loc=at(file, node),
-        cure=f"with {quoted(file, node)}:",
+        f"`{quoted(text, node)}` alone does nothing: {control} opens a block",
+        loc=at(text, node),
+        cure=f"with {quoted(text, node)}:",
     )
 
 
-def without_call(file: str, node: ast.expr, block: bool) -> RecordError:
+def without_call(text: Text, node: ast.expr, block: bool) -> RecordError:
     """Return the error for `SH_BREAK`, or `with SH_DO:`, without parentheses."""
-    name = quoted(file, node)
-    return RecordError(f"`{name}` is not called", loc=at(file, node), cure=f"with {name}():" if block else f"{name}()")
+    name = quoted(text, node)
+    return RecordError(f"`{name}` is not called", loc=at(text, node), cure=f"with {name}():" if block else f"{name}()")
 
 
-def until_not_last(file: str, node: ast.stmt, following: ast.stmt) -> RecordError:
+def until_not_last(text: Text, node: ast.stmt, following: ast.stmt) -> RecordError:
     """Return the error for a test that is not the last statement of its loop."""
     return RecordError(
-        f"`{quoted(file, node)}` is not the last statement of its SH_DO: line {line_of(following)} follows it",
-        loc=at(file, node),
+        f"`{quoted(text, node)}` is not the last statement of its SH_DO: line {line_of(following)} follows it",
+        loc=at(text, node),
         cure="move it to the end of the block; `SH_BREAK(c)` leaves a loop in the middle",
     )
 
 
-def none_compared(file: str, node: ast.Compare, value: ast.expr) -> RecordError:
+def none_compared(text: Text, node: ast.Compare, value: ast.expr) -> RecordError:
     """Return the error for `x == None`, or `None == x`, on a value."""
     verb = "is" if isinstance(node.ops[0], ast.Eq) else "is not"
     return RecordError(
-        f"`{quoted(file, node)}` compares a value with None, component by component",
-        loc=at(file, node),
+        f"`{quoted(text, node)}` compares a value with None, component by component",
+        loc=at(text, node),
         cure=f"{ast.unparse(value)} {verb} None",
     )

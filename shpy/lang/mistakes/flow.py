@@ -16,6 +16,7 @@ import ast
 import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from types import FunctionType
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
@@ -34,7 +35,9 @@ _EXITS = frozenset({"SH_BREAK", "SH_CONTINUE", "SH_RETURN", "SH_DISCARD", "SH_UN
 class Flow:
     """The walk through one function's statements."""
 
-    def __init__(self, node: FunctionNode, scope: Scope, *, is_program: bool = False) -> None:
+    def __init__(
+        self, node: FunctionNode, scope: Scope, *, is_program: bool = False, function: FunctionType | None = None
+    ) -> None:
         self.scope = scope
         self.places = Places(scope)
         self.expressions = Expressions(scope, self.places)
@@ -43,6 +46,7 @@ class Flow:
         self.definitions: list[FunctionNode] = []
         self.node = node
         self.is_program = is_program
+        self.annotations = dict(function.__annotations__) if function is not None else {}
         self.loop_exits: list[list[State]] = []
 
     def check(self) -> None:
@@ -65,9 +69,20 @@ class Flow:
             if argument.arg in self.scope.given:
                 known = self.judge.thing(self.scope.given[argument.arg])
             else:
-                annotated = self.scope.annotation(argument.annotation)
+                annotated = self._annotation(argument)
                 known = self.judge.made_by(*annotated) if annotated is not None else UNKNOWN
             self.places.bind_name(argument.arg, argument, known)
+
+    def _annotation(self, argument: ast.arg) -> tuple[object, str] | None:
+        """Return an argument's type and how it is written; the function's own where the text has another one.
+
+        The code of a function does not hold its annotations, so those in an edited file may differ.
+        """
+        annotated = self.scope.annotation(argument.annotation)
+        held = self.annotations.get(argument.arg, annotated and annotated[0])
+        if isinstance(held, str) or annotated is None or held is annotated[0]:
+            return annotated
+        return held, f"{self.scope.prefix}{getattr(held, '__name__', held)}"
 
     def _body(self, statements: Sequence[ast.stmt]) -> None:
         for statement in statements:
@@ -234,7 +249,7 @@ class Flow:
                 swap: tuple[str, str] | None = None
                 if len(targets) == 2 and isinstance(other, ast.Name) and other.id == self._stored_name(targets[1]):
                     swap = (name, other.id)
-                raise findings.crossed(self.scope.file, node, name, targets[later], swap, self.scope.prefix)
+                raise findings.crossed(self.scope.text, node, name, targets[later], swap, self.scope.prefix)
 
     def _stored_name(self, target: ast.expr) -> str | None:
         """Return the `x` of `x[:] = …`, or of any store into a plain name's value."""
@@ -260,7 +275,7 @@ class Flow:
             self._with(node, rest)
             return
         if not isinstance(call, ast.Call):
-            raise findings.without_call(self.scope.file, call, block=True)
+            raise findings.without_call(self.scope.text, call, block=True)
         if control == "SH_DO" and not rest:
             self._check_until(node.body)
         self._block(node, item, call, control, rest)
@@ -268,7 +283,7 @@ class Flow:
     def _block(
         self, node: ast.With | ast.AsyncWith, item: ast.withitem, call: ast.Call, control: str, rest: list[ast.withitem]
     ) -> None:
-        written = f"{quoted(self.scope.file, call.func)}({'…' if call.args or call.keywords else ''})"
+        written = f"{quoted(self.scope.text, call.func)}({'…' if call.args or call.keywords else ''})"
         block = Block(control, written, node.lineno)
         with self.places.branch(control):
             if control != "SH_WHILE":
@@ -325,7 +340,7 @@ class Flow:
                     getattr(following, "value", None), ast.Call
                 ):
                     continue
-                raise findings.until_not_last(self.scope.file, statement, following)
+                raise findings.until_not_last(self.scope.text, statement, following)
 
     def _branches(self, bodies: list[list[ast.stmt]]) -> None:
         start, when = self.places.state, self.places.tick()
@@ -411,18 +426,18 @@ class Flow:
 
     def _left(self, node: ast.AST, block: Block, cure: str) -> RecordError:
         word = {ast.Return: "return", ast.Break: "break", ast.Continue: "continue"}.get(type(node), "yield")
-        return findings.leaves(findings.at(self.scope.file, node), word, block.written, cure)
+        return findings.leaves(findings.at(self.scope.text, node), word, block.written, cure)
 
     def _alone(self, node: ast.Expr) -> None:
         value = node.value
         if isinstance(value, ast.Call):
             control = self.scope.control(value.func)
             if control in _OPENERS:
-                raise findings.without_with(self.scope.file, value, control)
+                raise findings.without_with(self.scope.text, value, control)
         elif isinstance(value, ast.Name | ast.Attribute):
             control = self.scope.control(value)
             if control in _EXITS or control in _OPENERS:
-                raise findings.without_call(self.scope.file, value, block=control in _OPENERS)
+                raise findings.without_call(self.scope.text, value, block=control in _OPENERS)
         elif isinstance(value, ast.Yield | ast.YieldFrom) and self.is_program:
             self._check_returned(value, value.value)
         self.expressions.visit(value)

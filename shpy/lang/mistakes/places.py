@@ -134,7 +134,7 @@ class Places:
         if fact is None or not fact.repeats or fact.value is None:
             return
         if steps > fact.repeats or (steps == fact.repeats and not rebinds):
-            raise findings.repeated(self.scope.file, fact.node, node, fact.place, apart(fact.value))
+            raise findings.repeated(self.scope.text, fact.node, node, fact.place, apart(fact.value))
         fact.repeats = 0
 
     def hand_over(self, names: list[str]) -> None:
@@ -168,12 +168,12 @@ class Places:
 
     def rebound(self, fact: Fact, block: Block, node: ast.AST, *, next_iteration: bool) -> RecordError:
         """Return the error for a place that a block rebinds."""
-        file, prefix = self.scope.file, self.scope.prefix
-        loc = findings.at(file, fact.node)
+        text, prefix = self.scope.text, self.scope.prefix
+        loc = findings.at(text, fact.node)
         if fact.index:
             return findings.index_used(loc, fact.place, block.written, node, prefix)
-        place = fact.place if fact.place.isidentifier() else quoted(file, node)
-        cure = store_instead(file, prefix, place, fact, block)
+        place = fact.place if fact.place.isidentifier() else quoted(text, node)
+        cure = store_instead(text, prefix, place, fact, block)
         made = not (fact.existed or next_iteration)
         return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
 
@@ -188,9 +188,9 @@ class Places:
             if aliases:
                 alias = max(aliases, key=lambda f: f.when)
                 assert alias.alias is not None
-                file, when = self.scope.file, _used(node, next_iteration).replace(" its ", " the ")
-                cure = copy_instead(file, alias)
-                raise findings.aliased(file, alias.alias, change.node, fact.place, when, cure)
+                text, when = self.scope.text, _used(node, next_iteration).replace(" its ", " the ")
+                cure = copy_instead(text, alias)
+                raise findings.aliased(text, alias.alias, change.node, fact.place, when, cure)
 
     def check_fields(self, node: ast.expr) -> None:
         """Raise the error if a field of the struct read here, as a whole, was changed through a name of its own."""
@@ -224,9 +224,9 @@ class Places:
     def _check_changes(self, thing: int, node: ast.expr, since: int = 0, next_iteration: bool = False) -> None:
         for change in self._seen(thing, since):
             if change.fact.object == thing and change.fact.alias is not None:
-                file, cure = self.scope.file, copy_instead(self.scope.file, change.fact)
+                text, cure = self.scope.text, copy_instead(self.scope.text, change.fact)
                 when = _used(node, next_iteration).replace(" its ", " the ")
-                raise findings.aliased(file, change.fact.alias, change.node, ast.unparse(node), when, cure)
+                raise findings.aliased(text, change.fact.alias, change.node, ast.unparse(node), when, cure)
 
 
 def _used(node: ast.AST, next_iteration: bool) -> str:

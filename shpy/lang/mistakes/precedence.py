@@ -12,14 +12,13 @@ from functools import reduce
 from itertools import pairwise
 
 from shpy.errors import Loc
-from shpy.lang.recording.tree import parsed
 
 
 def parenthesized(loc: Loc | None) -> str | None:
     """Return the text of the first chain of comparisons around an `&` or `|` on a line, with its parentheses."""
-    if loc is None or (tree := parsed(loc.file)) is None:
+    if loc is None or loc.text is None or loc.text.tree is None:
         return None
-    for node in ast.walk(tree):
+    for node in ast.walk(loc.text.tree):
         if isinstance(node, ast.Compare) and node.lineno <= loc.line <= (node.end_lineno or node.lineno):
             joined = joined_comparisons(node)
             if joined is not None:

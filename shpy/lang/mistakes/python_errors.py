@@ -12,7 +12,6 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
-import linecache
 import re
 import traceback
 from collections import Counter
@@ -26,9 +25,9 @@ from shpy.lang.data.array import Array
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture
 from shpy.lang.mistakes.objects import named
-from shpy.lang.recording.location import is_users
+from shpy.lang.recording.location import is_users, loc_in
 from shpy.lang.recording.scope import from_shpy
-from shpy.lang.recording.tree import parsed
+from shpy.lang.recording.text import text_of, written
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.structure import Struct
 from shpy.lang.values.value import Value
@@ -73,11 +72,11 @@ def explain_python_error(
         return _recursion(error)
     if isinstance(error.__cause__, ShpyError):  # numpy gives its own error for those of an array's element
         return error.__cause__
-    places = traceback.extract_tb(error.__traceback__)
-    place = next((p for p in reversed(places) if is_users(p.filename)), None)
+    places = list(traceback.walk_tb(error.__traceback__))
+    place = next((p for p in reversed(places) if is_users(p[0].f_code.co_filename)), None)
     if place is None:
         return None
-    loc, text = Loc(place.filename, place.lineno or 0), str(error)
+    loc, text = loc_in(place[0].f_code, place[1]), str(error)
     if isinstance(error, NameError):
         itself = error.name == recorded  # the name is bound when the recording is done
         return RecordError(f"{recorded} calls itself: {_ENDLESS}", loc=loc, cure=_STACK) if itself else None
@@ -102,7 +101,7 @@ def _recursion(error: RecursionError) -> ShpyError | None:
     (code, line), count = calls.most_common(1)[0]
     if count < _OFTEN:
         return None
-    loc = Loc(code.co_filename, line)
+    loc = loc_in(code, line)
     return RecordError(
         f"{code.co_name} calls itself {count} times deep, and Python's stack is full: Python calls it while the "
         "program is recorded, and a condition on values does not end that",
@@ -125,7 +124,7 @@ def _call(text: str, loc: Loc) -> ShpyError | None:
     if name in _classes(Value):
         cure = "v[i] for a component; a * (b + c) for a product"
         return ShpyTypeError(f"this {name} is a value, which nothing can call", loc=loc, cure=cure)
-    size = re.search(r"(\w+)\.(size|shape)\(\)", linecache.getline(loc.file, loc.line))
+    size = re.search(r"(\w+)\.(size|shape)\(\)", written(loc))
     if size is not None:
         wanted = f"{size[1]}.{size[2]}"
         return ShpyTypeError(
@@ -171,7 +170,8 @@ def _running(trace: TracebackType | None) -> ast.expr | None:
         trace = trace.tb_next
     code = trace.tb_frame.f_code
     line, end, column, end_column = next(islice(code.co_positions(), trace.tb_lasti // 2, None))
-    tree = parsed(code.co_filename)
+    text = text_of(code)
+    tree = text.tree if text is not None else None
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, ast.expr) and (node.lineno, node.end_lineno) == (line, end):
             if (node.col_offset, node.end_col_offset) == (column, end_column):
@@ -243,7 +243,7 @@ def _shown(name: str) -> str:
 
 def _name(attribute: str | None, loc: Loc) -> str:
     """Return the user's name for the object whose attribute is missing, as far as the line tells."""
-    found = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", linecache.getline(loc.file, loc.line))
+    found = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", written(loc))
     return found[1] if found else "a"
 
 

@@ -178,7 +178,7 @@ class Counted(LoopBlock):
         known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
         if known[2] == 0:
             raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
-        name = for_name(self.loc.file, self.loc.line) if self.loc else None
+        name = for_name(self.loc)
         self.name = name or "i"
         self.first = arithmetic.read(self.frame, bounds[0], _INT)
         self.last = arithmetic.read(self.frame, bounds[1], _INT)

@@ -57,7 +57,7 @@ class Returns:
         if called and not self._wrappers:
             self._wrapped_at = len(self.frame.scopes[0].statements)
             self._wrappers = {
-                loc_in(code.co_filename, line) for code in called for _, _, line in code.co_lines() if line is not None
+                loc_in(code, line) for code in called for _, _, line in code.co_lines() if line is not None
             }
 
     def _check_wrappers(self) -> None:

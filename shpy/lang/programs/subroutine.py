@@ -25,7 +25,7 @@ from shpy.lang.programs.returns import Returns
 from shpy.lang.recording.location import at, here, in_library, is_library
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
-from shpy.lang.recording.tree import in_one_statement, parsed
+from shpy.lang.recording.tree import in_one_statement
 from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
@@ -314,7 +314,7 @@ def _is_temporary(given: Any, leaf: Value) -> bool:
     earlier statement read is one that the user keeps.
     """
     loc = here()
-    named = isinstance(given, Value) and loc is not None and parsed(loc.file) is not None
+    named = isinstance(given, Value) and loc is not None and loc.text is not None
     return named or in_one_statement(leaf._loc, loc)
 
 

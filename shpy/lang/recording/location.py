@@ -12,14 +12,15 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache, lru_cache
-from types import FrameType
+from functools import cache
+from types import CodeType, FrameType
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from shpy.errors import ShpyError, is_standard
 from shpy.ir.nodes import Loc
+from shpy.lang.recording.text import origin
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -134,11 +135,15 @@ def called_frames() -> list[FrameType]:
     return found
 
 
-@lru_cache(maxsize=1024)
-def loc_in(file: str, line: int) -> Loc:
-    """Return a line of a file of Python as a location."""
-    ours = file.startswith(_LIBRARIES)
-    return Loc("shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if ours else file, line)
+def loc_in(code: CodeType, line: int) -> Loc:
+    """Return a line of a code object as a location, with the text that the code was compiled from."""
+    known = origin(code)
+    loc = known.locs.get(line)
+    if loc is None:
+        file = code.co_filename
+        shown = "shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if file.startswith(_LIBRARIES) else file
+        loc = known.locs[line] = Loc(shown, line, known.text)
+    return loc
 
 
 @contextmanager
@@ -157,7 +162,7 @@ def here() -> Loc | None:
     if elsewhere:
         return elsewhere[-1]
     frame = user_frame()
-    return None if frame is None else loc_in(frame.f_code.co_filename, frame.f_lineno)
+    return None if frame is None else loc_in(frame.f_code, frame.f_lineno)
 
 
 def caller() -> Loc | None:
@@ -166,7 +171,7 @@ def caller() -> Loc | None:
     if elsewhere:
         return elsewhere[-1]
     frame = user_frame(_TRACER)
-    return None if frame is None else loc_in(frame.f_code.co_filename, frame.f_lineno)
+    return None if frame is None else loc_in(frame.f_code, frame.f_lineno)
 
 
 def located(function: Callable[P, T]) -> Callable[P, T]:

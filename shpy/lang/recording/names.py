@@ -3,21 +3,25 @@
 Stage: record. Takes the line that is running; gives the name that its result is about to get, so that the IR and the
 emitted text read like the user's program.
 
-    12: z = sh.Attrib2f(0, 0)           # name_for(file, 12) == "z"
-    13: z[:] = z + c                    # name_for(file, 13) is None: a store, not a name
-    14: with SH_FOR(0, 8) as i:         # for_name(file, 14) == "i"
+    12: z = sh.Attrib2f(0, 0)           # name_for(loc) == "z"
+    13: z[:] = z + c                    # name_for(loc) is None: a store, not a name
+    14: with SH_FOR(0, 8) as i:         # for_name(loc) == "i"
     15: a, b = x + 1, sh.sqrt(x)        # unpacked_name(frame) == "b" while the root is taken
 """
 
 from __future__ import annotations
 
 import ast
+import dis
+import re
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import islice
-from types import FrameType
+from types import CodeType, FrameType
 
-from shpy.lang.recording.location import here
-from shpy.lang.recording.tree import parsed
+from shpy.ir.nodes import Loc
+from shpy.lang.recording.location import here, user_frame
+from shpy.lang.recording.text import Text, text_of
 
 
 @dataclass(slots=True)
@@ -62,34 +66,60 @@ def _enter(names: dict[int, str | None], node: ast.stmt | ast.expr, name: str | 
         names[line] = name if names.get(line, name) == name else None
 
 
-_files: dict[str, Naming] = {}
+@lru_cache(maxsize=256)
+def _naming(text: Text) -> Naming | None:
+    return Naming(text.tree) if text.tree is not None else None
 
 
-def _naming(file: str) -> Naming | None:
-    tree = parsed(file)
-    if tree is None:
-        return None
-    known = _files.get(file)
-    if known is None or known.tree is not tree:
-        known = _files[file] = Naming(tree)
-    return known
+def _naming_at(loc: Loc | None) -> Naming | None:
+    return _naming(loc.text) if loc is not None and loc.text is not None else None
 
 
-def name_for(file: str, line: int) -> str | None:
-    """Return the variable that the assignment on this line (of this file) binds, or None."""
-    naming = _naming(file)
-    return naming.assigned.get(line) if naming is not None else None
+def name_for(loc: Loc | None) -> str | None:
+    """Return the variable that the assignment on this line binds, or None."""
+    naming = _naming_at(loc)
+    return naming.assigned.get(loc.line) if loc is not None and naming is not None else None
 
 
 def assigned_name() -> str | None:
-    """Return the variable that the user's running line binds, or None."""
+    """Return the variable that the user's running line binds, or None.
+
+    Where no text belongs to the code, its bytecode tells: what the running expression is stored in.
+    """
     loc = here()
-    return name_for(loc.file, loc.line) if loc is not None else None
+    if loc is None or loc.text is not None:
+        return name_for(loc)
+    frame = user_frame()
+    return stored_name(frame) if frame is not None and frame.f_lineno == loc.line else None
+
+
+def stored_name(frame: FrameType) -> str | None:
+    """Return the variable that the bytecode binds to the result of what a frame is computing, or None."""
+    for instruction in _instructions(frame.f_code):
+        if instruction.offset <= frame.f_lasti:
+            continue
+        if instruction.opname in ("STORE_NAME", "STORE_FAST", "STORE_GLOBAL", "STORE_DEREF"):
+            return str(instruction.argval)
+        if _ENDS.match(instruction.opname):
+            return None
+    return None
+
+
+_ENDS = re.compile(
+    r"STORE_|UNPACK_|SWAP|POP_TOP|RETURN_|YIELD_|RAISE_|BEFORE_WITH|LOAD_SPECIAL|GET_ITER|FOR_ITER|.*JUMP"
+)
+"""Instructions at which the running expression is no longer the one that an assignment stores."""
+
+
+@lru_cache(maxsize=64)
+def _instructions(code: CodeType) -> tuple[dis.Instruction, ...]:
+    return tuple(dis.get_instructions(code))
 
 
 def unpacked_name(frame: FrameType | None) -> str | None:
     """Return the name that an assignment such as `a, b = x + 1, y` gives the expression that `frame` is evaluating."""
-    naming = _naming(frame.f_code.co_filename) if frame is not None else None
+    text = text_of(frame.f_code) if frame is not None else None
+    naming = _naming(text) if text is not None else None
     if frame is None or naming is None or frame.f_lineno not in naming.unpacked:
         return None
     positions = next(islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), None)
@@ -102,7 +132,7 @@ def unpacked_name(frame: FrameType | None) -> str | None:
     return None
 
 
-def for_name(file: str, line: int) -> str | None:
+def for_name(loc: Loc | None) -> str | None:
     """Return the name that `with SH_FOR(…) as name` on this line binds, or None."""
-    naming = _naming(file)
-    return naming.bound.get(line) if naming is not None else None
+    naming = _naming_at(loc)
+    return naming.bound.get(loc.line) if loc is not None and naming is not None else None

@@ -154,7 +154,7 @@ class Frame:
         self.variables.append(variable)
         self.homes[variable.id] = self.scope
         if name is None and loc is not None:
-            name = name_for(loc.file, loc.line) or unpacked_name(user_frame())
+            name = name_for(loc) or unpacked_name(user_frame())
             if name is not None:
                 # Only the last object made on a line is what the line's name is bound to.
                 before = self._named_at.get((loc.file, loc.line, name))
@@ -170,7 +170,7 @@ class Frame:
         Messages spell them as the user does: `ray.o` by the `spelling` "{}.{}".
         """
         loc = here()
-        name = name_for(loc.file, loc.line) if loc is not None else None
+        name = name_for(loc)
         for part, variable in parts.items():
             alone = None if part.isdigit() else part or None  # the number of a row is no name
             self.names[variable] = f"{name}_{part}" if name and part else name or alone

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
+from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import FunctionNode
 from shpy.parsing import parse
 
@@ -37,7 +38,7 @@ class Scope:
     partial), `local` the names that the function itself binds.
     """
 
-    file: str
+    text: Text
     names: Mapping[str, object]
     is_value: Callable[[object], bool]
     local: frozenset[str] = frozenset()
@@ -48,7 +49,7 @@ class Scope:
         names = {k: v for k, v in self.names.items() if k not in self.local} | dict(self.given)
         inner = bound_names(node)
         hidden = {name: UNRESOLVED for name in self.local if name not in self.given}
-        return Scope(self.file, names | hidden, self.is_value, inner)
+        return Scope(self.text, names | hidden, self.is_value, inner)
 
     def resolve(self, node: ast.expr) -> object:
         """Return the object that a name or a dotted name means."""
@@ -100,9 +101,13 @@ class Scope:
 
 
 def scope_of(
-    function: FunctionType, node: FunctionNode, given: Mapping[str, object], is_value: Callable[[object], bool]
+    function: FunctionType,
+    node: FunctionNode,
+    text: Text,
+    given: Mapping[str, object],
+    is_value: Callable[[object], bool],
 ) -> Scope:
-    """Return the scope of a function that exists."""
+    """Return the scope of a function that exists; `node` is its `def` in its text."""
     names = dict(function.__globals__)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -113,7 +118,7 @@ def scope_of(
         type_ = function.__annotations__.get(argument.arg, "")
         if isinstance(argument.annotation, ast.Name) and not isinstance(type_, str):
             names[argument.annotation.id] = type_  # a local class is in the closure only if the body names it
-    return Scope(function.__code__.co_filename, names, is_value, bound_names(node), given)
+    return Scope(text, names, is_value, bound_names(node), given)
 
 
 def unwrapped(function: object) -> tuple[FunctionType, dict[str, object]] | None:

@@ -16,7 +16,7 @@ from typing import Any
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import loc_in, user_frame
-from shpy.lang.recording.tree import definition
+from shpy.lang.recording.tree import definition_of
 
 
 def plain_function(function: Any) -> Any:
@@ -55,7 +55,7 @@ def _call_method(thing: Any) -> Any:
 def loc_of(function: Any) -> Loc | None:
     """Return the line where the function is defined."""
     code = getattr(plain_function(function), "__code__", None)
-    return loc_in(code.co_filename, code.co_firstlineno) if code is not None else None
+    return loc_in(code, code.co_firstlineno) if code is not None else None
 
 
 def return_loc(function: Any) -> Loc | None:
@@ -63,11 +63,11 @@ def return_loc(function: Any) -> Loc | None:
     loc = loc_of(function)
     if loc is None:
         return None
-    node = definition(plain_function(function).__code__)
-    if node is None:
+    found = definition_of(plain_function(function).__code__)
+    if found is None:
         return loc
-    last = node.body[-1]
-    return Loc(loc.file, last.lineno) if isinstance(last, ast.Return) else loc
+    last = found[0].body[-1]
+    return Loc(loc.file, last.lineno, found[1]) if isinstance(last, ast.Return) else loc
 
 
 def hints_of(function: Callable[..., Any]) -> dict[str, Any]:

@@ -1,54 +1,34 @@
-"""Parsed source files: one parse a file, found through linecache, so that notebooks work too.
+"""The syntax trees of the user's functions and statements.
 
-Stage: record. Takes a file's name as code objects give it; gives its syntax tree, or None where there is no text
-(a REPL, `exec`) or it does not parse.
+Stage: record. Takes code objects, and lines; gives the nodes of the texts that they were compiled from, or None where
+no text belongs to them (a REPL, `exec`, a file that was edited since).
 
-    parsed("demo.py")               # ast.Module
-    definition(function.__code__)   # the ast.FunctionDef that made it
+    definition_of(function.__code__)   # the ast.FunctionDef that made it, and its Text
 """
 
 from __future__ import annotations
 
 import ast
 import functools
-import linecache
 from types import CodeType
 from typing import TypeAlias
 
 from shpy.ir.nodes import Loc
-from shpy.parsing import parse
+from shpy.lang.recording.text import Text, text_of
 
 FunctionNode: TypeAlias = ast.FunctionDef | ast.AsyncFunctionDef
 
 _LONGEST = 72
 
-_files: dict[str, tuple[list[str], ast.Module | None]] = {}
 
-
-def parsed(file: str) -> ast.Module | None:
-    """Return the file's tree. linecache returns the same list of lines until the file changes, which keys the cache."""
-    lines = linecache.getlines(file)
-    known = _files.get(file)
-    if known is not None and known[0] is lines:
-        return known[1]
-    tree: ast.Module | None = None
-    if lines:
-        try:
-            tree = parse("".join(lines))
-        except (SyntaxError, ValueError, RecursionError, MemoryError):  # `bytecode` checks frames instead
-            tree = None
-    _files[file] = (lines, tree)
-    return tree
-
-
-def definition(code: CodeType) -> FunctionNode | None:
-    """Return the `def` that the code was compiled from; None for lambdas, and where the text has changed since."""
-    tree = parsed(code.co_filename)
-    if tree is None:
+def definition_of(code: CodeType) -> tuple[FunctionNode, Text] | None:
+    """Return the `def` that made the code, and its text; None for lambdas, and where no text belongs to the code."""
+    text = text_of(code)
+    if text is None or text.tree is None:
         return None
-    for node in _functions(tree).get((code.co_name, code.co_firstlineno), ()):
+    for node in _functions(text.tree).get((code.co_name, code.co_firstlineno), ()):
         if _arguments(node) == code.co_varnames[: len(_arguments(node))]:
-            return node
+            return node, text
     return None
 
 
@@ -68,7 +48,7 @@ def in_one_statement(a: Loc | None, b: Loc | None) -> bool:
     if a is None or b is None or a == b:
         return a == b
     low, high = sorted((a.line, b.line))
-    tree = parsed(a.file) if a.file == b.file else None
+    tree = a.text.tree if a.text is not None and a.text is b.text else None
     return tree is not None and any(
         node.lineno <= low and high <= (node.end_lineno or 0)
         for node in ast.walk(tree)
@@ -76,14 +56,14 @@ def in_one_statement(a: Loc | None, b: Loc | None) -> bool:
     )
 
 
-def quoted(file: str, node: ast.AST) -> str:
-    """Return the node as the user wrote it, on one line, shortened if it is long."""
-    text = ""
+def quoted(text: Text, node: ast.AST) -> str:
+    """Return a node of the text as the user wrote it, on one line, shortened if it is long."""
+    found = ""
     if isinstance(node, ast.expr | ast.stmt) and node.lineno == node.end_lineno:
-        line = linecache.getline(file, node.lineno).encode()  # columns count bytes
-        text = line[node.col_offset : node.end_col_offset].decode(errors="replace")
-    text = text or " ".join(ast.unparse(node).split())
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+        line = text.line(node.lineno).encode()  # columns count bytes
+        found = line[node.col_offset : node.end_col_offset].decode(errors="replace")
+    found = found or " ".join(ast.unparse(node).split())
+    return found if len(found) <= _LONGEST else f"{found[: _LONGEST - 1]}…"
 
 
 def _arguments(node: FunctionNode) -> tuple[str, ...]:
