@@ -75,6 +75,9 @@ class Camera:
     the scene's units, that the shorter side shows. A "panorama" shows all directions, 360 degrees wide and 180 high,
     the target in its middle (an equirectangular projection).
 
+    A camera with an `aspect` other than 1, width by height, has a frame of this shape, as cameras of files do: `fov`
+    and `span` are those across the frame's shorter side. A picture of any shape shows the whole frame in its middle.
+
     A perspective camera has a thin lens where `aperture`, the lens's diameter in the scene's units, is not 0. Points at
     the distance `focus` along the line of sight are sharp; None focuses on the target. Each sample of a pixel passes
     through another point of the lens, which depends only on the pixel and the sample (Cook, Porter and Carpenter 1984).
@@ -91,11 +94,12 @@ class Camera:
     aperture: float = 0.0
     focus: float | None = None
     intrinsics: Intrinsics | None = None
+    aspect: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("position", "target", "up"):
             object.__setattr__(self, name, finite_triple(f"a camera's {name}", getattr(self, name)))
-        for name in ("fov", "span", "aperture", "focus"):
+        for name in ("fov", "span", "aperture", "focus", "aspect"):
             object.__setattr__(self, name, self._number(name))
         if not 0 < self.fov < 180:
             raise SceneError(f"a camera's fov lies between 0 and 180 degrees, not {self.fov}")
@@ -114,6 +118,8 @@ class Camera:
             raise SceneError(f"a camera's span is a length above 0, not {self.span}")
         if not 0 <= self.aperture < math.inf:
             raise SceneError(f"a camera's aperture is a length, 0 for a pinhole, not {self.aperture}")
+        if not 0 < self.aspect < math.inf:
+            raise SceneError(f"a camera's aspect is the width of its frame by the height, above 0, not {self.aspect}")
         if self.focus is not None and not 0 < self.focus < math.inf:
             raise SceneError(f"a camera's focus is a distance above 0, not {self.focus}")
         if self.aperture and self.projection != "perspective":
@@ -147,10 +153,14 @@ class Camera:
         if self.intrinsics is not None:
             return self.intrinsics.view(np.asarray(self.position, dtype=np.float64), width, height)
         right, above, forward = self.axes
-        pixel = 2 * math.tan(math.radians(self.fov) / 2) / min(width, height)
+        pixel = self._pixel(2 * math.tan(math.radians(self.fov) / 2), width, height)
         across, down = right * pixel, -above * pixel
         corner = forward - across * (width / 2) - down * (height / 2)
         return View(np.asarray(self.position, dtype=np.float64), corner, across, down)
+
+    def _pixel(self, shorter: float, width: int, height: int) -> float:
+        """Return the side of a pixel where the whole frame is shown, whose shorter side is `shorter` long."""
+        return max(shorter * max(self.aspect, 1.0) / width, shorter * max(1 / self.aspect, 1.0) / height)
 
     def uniforms(
         self, width: int, height: int, origin: Vector, scale: float, dtype: np.dtype[Any] = _DOUBLE
@@ -176,7 +186,7 @@ class Camera:
         if self.projection == "panorama":
             return {"eye": place, "right": right, "above": above, "forward": forward, "size": (width, height)}
         if self.projection == "orthographic":
-            pixel = self.span * scale / min(width, height)
+            pixel = self._pixel(self.span * scale, width, height)
             across, down = right * pixel, -above * pixel
             corner = place - across * (width / 2) - down * (height / 2)
             return {"eye": corner, "corner": forward, "across": across, "down": down}

@@ -319,10 +319,14 @@ def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 
 def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
-    """Make a perspective camera (section 3.10.3): it looks along its own -z."""
+    """Make a perspective camera (section 3.10.3): it looks along its own -z, and any picture shows its frame whole.
+
+    Where the file gives no aspect ratio the frame is a square.
+    """
     angle, aspect = float(lens["yfov"]), float(lens.get("aspectRatio", 1))
     if aspect < 1:
         angle = 2 * math.atan(aspect * math.tan(angle / 2))
     place, ahead = matrix[:3, 3], -unit(matrix[:3, 2])
     distance = float(np.linalg.norm(middle - place)) or 1.0
-    return Camera(triple(place), triple(place + distance * ahead), triple(matrix[:3, 1]), math.degrees(angle))
+    target, up = triple(place + distance * ahead), triple(matrix[:3, 1])
+    return Camera(triple(place), target, up, math.degrees(angle), aspect=aspect)

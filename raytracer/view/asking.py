@@ -74,6 +74,7 @@ def camera_texts(
     words |= {"projection": camera.projection} if camera.projection != "perspective" else {}
     words |= {"span": camera.span} if camera.projection == "orthographic" else {}
     words |= {"fov": camera.fov} if camera.projection == "perspective" else {}
+    words |= {"aspect": camera.aspect} if camera.aspect != 1 else {}
     words |= {"aperture": camera.aperture, "focus": camera.focus} if camera.aperture else {}
     code = f"Camera({', '.join(f'{name}={_code(value)}' for name, value in words.items())})"
     return {"code": code, "command": shlex.join(command)}

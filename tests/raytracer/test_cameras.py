@@ -103,6 +103,28 @@ def test_samples_go_through_other_points_of_the_lens():
     assert edge < 0.7
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("aspect", [0.25, 0.5, 1.0, 1.5, 4.0])
+@pytest.mark.parametrize("size", [(64, 64), (96, 64), (64, 96), (256, 32), (32, 256)])
+def test_a_picture_shows_the_whole_frame(projection, aspect, size):
+    """The corners of the frame lie within the picture, and on its edges along one axis."""
+    camera = Camera((0, 0, 5), fov=50, span=3, projection=projection, aspect=aspect)
+    width, height = size
+    given = camera.uniforms(width, height, np.zeros(3), 1.0)
+    half = 1.5 if projection == "orthographic" else np.tan(np.radians(25))
+    frame = half * np.array([max(aspect, 1), max(1 / aspect, 1)])
+    shown = np.array([np.linalg.norm(given["across"]) * width, np.linalg.norm(given["down"]) * height]) / 2
+    assert (shown >= frame * (1 - 1e-12)).all()
+    assert np.isclose(shown, frame).any()
+    assert np.linalg.norm(given["across"]) == pytest.approx(np.linalg.norm(given["down"]))
+
+
+@pytest.mark.parametrize("aspect", [0, -1, float("nan"), float("inf"), "wide"])
+def test_aspects_that_are_none(aspect):
+    with pytest.raises(SceneError, match="a camera's aspect is "):
+        Camera((0, 0, 5), aspect=aspect)
+
+
 def test_a_calibrated_camera_projects_as_its_matrix_does():
     K = np.array([[50.0, 1.5, 20.0], [0, 45.0, 11.0], [0, 0, 1]])
     angle = np.radians(25)

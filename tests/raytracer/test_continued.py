@@ -177,6 +177,7 @@ CHANGES = {
     "Camera.span": change("Scene", "camera", Camera((0.2, 1.5, 5), (0, 0.6, 0), projection="orthographic", span=3)),
     "Camera.aperture": change("Camera", "aperture", 0.2),
     "Camera.focus": change("Camera", "focus", 3.0),
+    "Camera.aspect": change("Camera", "aspect", 1.5),
     "Camera.intrinsics": calibrated(),
     "Camera.from_intrinsics.K": calibrated(K=np.diag([5.0, 5.1, 1])),
     "Camera.from_intrinsics.pose": calibrated(pose=np.eye(4)[[0, 1, 2, 3]] + np.eye(4, k=3)),

@@ -93,6 +93,19 @@ def test_the_camera_and_lights_of_a_file_take_the_place_of_the_floor(tmp_path):
     np.testing.assert_allclose(sun.color, np.array([1, 0.5, 0.5]) / (1 + there))
 
 
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 16 / 9])
+@pytest.mark.parametrize("size", [(16, 16), (24, 16), (16, 24)])
+def test_the_frame_of_a_files_camera_is_whole_in_any_picture(tmp_path, aspect, size):
+    file = File()
+    file.node(mesh=file.mesh(file.square()))
+    lens = {"yfov": 1.0, "aspectRatio": aspect, "znear": 0.1}
+    file.node(camera=file.add("cameras", {"type": "perspective", "perspective": lens}), translation=[0, 0, 9])
+    view = loaded(file.save(tmp_path / "frame.glb")).camera.view(*size)
+    shown = np.array([size[0] * np.linalg.norm(view.across), size[1] * np.linalg.norm(view.down)])
+    frame = 2 * np.tan(0.5) * np.array([aspect, 1])
+    np.testing.assert_allclose((shown / frame).min(), 1)
+
+
 def test_upright_and_turned_cameras(tmp_path):
     """The shorter side of the file's picture has the angle; the node's axes say where it looks."""
     file = File()
