@@ -1,6 +1,7 @@
 """Conway's game of life: a chain of two kernels that stays on the device for 400 generations.
 
 python examples/life.py [numpy|opencl|glsl]
+shpy view examples/life.py
 """
 
 import sys
@@ -38,9 +39,12 @@ def fade(age: sh.Attrib1f, cells: sh.Attrib1i):
     return {"age": sh.cond(cells == 1, 1, 0.97 * age)}
 
 
+life = sh.sequence(generation, fade)
+
+
 def game(board, generations, backend=None):
     """Return the streams `cells` and `age` after some generations of a board (H, W) of zeros and ones."""
-    chain = sh.repeat(sh.sequence(generation, fade), generations)
+    chain = sh.repeat(life, generations)
     return chain.run(cells=board, age=np.zeros(board.shape), backend=backend).streams
 
 
@@ -51,6 +55,19 @@ def r_pentomino(size):
     for row, column in ((-1, 0), (-1, 1), (0, -1), (0, 0), (1, 0)):
         board[middle + row, middle + column] = 1
     return board
+
+
+def start(height, width):
+    """Return the streams that `shpy view` begins with: a square board, which it shows whole."""
+    board = r_pentomino(min(height, width))
+    return {"cells": board, "age": np.zeros(board.shape)}
+
+
+@sh.program
+def show(age: sh.Attrib1f, cells: sh.Attrib1i) -> sh.Color3f:
+    """Return the colour in which `shpy view` shows a cell."""
+    alive = cells == 1
+    return sh.Color3f(sh.cond(alive, 1, 0.7 * age * age * age), sh.cond(alive, 1, 0.4 * age), 0.05 + 0.6 * age)
 
 
 if __name__ == "__main__":

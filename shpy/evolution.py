@@ -1,6 +1,6 @@
 """Chains that run on from frame to frame, and the pictures of their streams.
 
-Stage: picture. Animations (`animation`) and widgets (`notebook`) draw chains by it.
+Stage: picture. Animations (`animation`), widgets (`notebook`) and the live page (`view`) draw chains by it.
 
     spots = Evolution(sh.repeat(react, 20), colors, {"u": u, "v": v}, backend="opencl")
     spots.step(Moment(spots.size))
@@ -9,16 +9,22 @@ Stage: picture. Animations (`animation`) and widgets (`notebook`) draw chains by
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from shpy.chains.chain import Chain
+from shpy.chains.member import element_layout, is_gathered
 from shpy.errors import ShpyTypeError
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.programs import Program
-from shpy.screen import Moment, check_pictures, first_output, values_of
+from shpy.run.host import common_shape, inputs as host_inputs
+from shpy.screen import Moment, check_pictures, filled, first_output, values_of
+from shpy.streams.elements import Shape
 from shpy.streams.stream import Stream
 
 
@@ -38,12 +44,12 @@ class Evolution:
 
         `size` is (width, height); without it that of the first stream that has two axes, else (512, 512).
         """
-        names = {*chain.inputs, *chain.outputs, *(show.inputs if show else ())}
+        names = {*names_of(chain), *(show.inputs if show else ())}
         unknown = [name for name in streams if name not in names]
         if unknown:
             raise ShpyTypeError(f"{unknown[0]} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(names)}")
         self._chain, self._show, self._backend = chain, show, backend
-        self.size = size or _extent(streams)
+        self.size = size or extent(chain, streams)
         self._first = dict(streams)
         self._streams = dict(streams)
 
@@ -53,20 +59,77 @@ class Evolution:
 
     def step(self, moment: Moment) -> None:
         """Run the chain once."""
-        given = values_of({**self._chain.inputs, **self._chain.outputs}, moment, self._streams)
-        self._streams |= self._chain.run(backend=self._backend, **given).streams
+        self._streams |= stepped(self._chain, moment, self._streams, self._backend)
 
     def picture(self, moment: Moment) -> Any:
         """Return the output of `show` for the present streams; without it the last stream that the chain writes."""
         if self._show is None:
-            return np.asarray(self._streams[list(self._chain.outputs)[-1]])
+            return np.asarray(self._streams[last_stream(self._chain)])
         given = values_of(self._show.inputs, moment, self._streams)
         check_pictures(self._show, moment.size, given)
         return np.asarray(first_output(self._show(**given, shape=moment.shape)))
 
 
-def _extent(values: Mapping[str, Any]) -> tuple[int, int]:
-    """Return (width, height) of the streams that a chain begins with: of the first one that has two axes."""
-    shapes = [value.shape if isinstance(value, Stream) else np.shape(value)[:2] for value in values.values()]
-    height, width = next((shape for shape in shapes if len(shape) == 2), (512, 512))
+def names_of(chain: Chain) -> tuple[str, ...]:
+    """Return the names of the streams, Tables and numbers that a chain reads or writes."""
+    found = (name for kernel in chain.kernels for name in (*kernel.inputs, *(name for name, _ in kernel.outputs)))
+    return tuple(dict.fromkeys(found))
+
+
+def last_stream(chain: Chain) -> str:
+    """Return the name of the stream that a chain writes last, which is shown where no program makes colours."""
+    return chain.kernels[-1].outputs[-1][0]
+
+
+def given_to(chain: Chain, moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run of a chain takes at a moment: the streams that it has, and the inputs of a filled name.
+
+    A stream that the chain writes before it reads it is given, too: its shape tells that of the kernel.
+    """
+    held = {name: streams[name] for name in names_of(chain) if name in streams}
+    written = {*held, *chain.outputs} - chain.inputs.keys()
+    types = {name: getattr(t, "cls", t) for kernel in chain.kernels for name, t in kernel.inputs.items()}
+    return held | filled(types, moment, given={*held, *written})
+
+
+def stepped(chain: Chain, moment: Moment, streams: Mapping[str, Any], backend: str | None) -> dict[str, Any]:
+    """Run a chain once; return the streams that it wrote.
+
+    A kernel whose streams do not tell how many elements there are runs over the pixels of the picture.
+    """
+    given = given_to(chain, moment, streams)
+    shape = moment.shape if _lacks_shape(chain, shapes_of(chain, given)) else None
+    return chain.run(backend=backend, shape=shape, **given).streams
+
+
+def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:
+    """Return whether a kernel writes a new stream, and reads by element single numbers alone, or nothing."""
+    for kernel, _ in chain.steps:
+        written = [name for name, _ in kernel.outputs]
+        named = [*(name for name, type_ in kernel.inputs.items() if not is_gathered(type_)), *written]
+        many = next((shapes[name] for name in named if math.prod(shapes.get(name, ())) != 1), None)
+        if many is not None:
+            shapes |= dict.fromkeys(written, many)
+        elif not all(name in shapes for name in written):
+            return True
+    return False
+
+
+def shapes_of(chain: Chain, streams: Mapping[str, Any]) -> dict[str, Shape]:
+    """Return the shape of the elements of each stream that a chain has; raise ShpyTypeError for no such stream."""
+    named = (pair for kernel in chain.kernels for pair in (*kernel.inputs.items(), *kernel.outputs))
+    layouts = {name: element_layout(type_) for name, type_ in named}
+    found = {}
+    for name, value in streams.items():
+        if isinstance(value, Stream):
+            found[name] = value.shape
+        elif name in layouts and not isinstance(value, Table | Texture2D):
+            found[name] = common_shape(host_inputs({name: layouts[name]}, {name: value}, "f32"), None)
+    return found
+
+
+def extent(chain: Chain, streams: Mapping[str, Any], otherwise: tuple[int, int] = (512, 512)) -> tuple[int, int]:
+    """Return (width, height) of the first stream of a chain that has two axes of elements."""
+    shapes = shapes_of(chain, streams).values()
+    height, width = next((shape for shape in shapes if len(shape) == 2), otherwise[::-1])
     return width, height

@@ -159,3 +159,37 @@ def test_mistakes_are_named(tmp_path, shown, output, changes, error, what):
     with pytest.raises(error, match=what):
         sh.animate(shown, tmp_path / output, **({"frames": 2, "backend": "numpy"} | changes))
     assert not os.listdir(tmp_path)
+
+
+@sh.program
+def onward(u: sh.Table[sh.Attrib1f, 2]):
+    return {"w": u[sh.grid_index(2)] + 0.25}
+
+
+@sh.program
+def return_(w: sh.Table[sh.Attrib1f, 2], time: sh.Attrib1f = 9.0):
+    return {"u": w[sh.grid_index(2)] * sh.cond(time < 9, 1, 0)}
+
+
+@pytest.mark.parametrize("given", [{"size": (5, 4)}, {"size": (5, 4), "w": np.zeros((4, 5))}, {}])
+def test_a_stream_that_a_chain_writes_before_it_reads_it_may_be_left_out_or_given(tmp_path, given):
+    chain = sh.sequence(onward, return_)
+    sh.animate(chain, tmp_path / "frames", frames=3, fps=4, u=np.zeros((4, 5)), backend="numpy", **given)
+    assert [frame[0, 0, 0] for frame in read(tmp_path / "frames")] == [64, 128, 191]
+    assert read(tmp_path / "frames")[0].shape == (4, 5, 3)
+
+
+@sh.program
+def fall(at: sh.Point2f, board: sh.Table[sh.Attrib1f, 2]):
+    return {"at": sh.Point2f(at.x, at.y + board[0, 0])}
+
+
+@sh.program
+def above(board: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
+    return board[sh.grid_index(2)]
+
+
+def test_components_of_vectors_are_no_axes_of_a_picture(tmp_path):
+    streams = {"at": np.zeros((7, 2)), "board": np.ones((3, 6))}
+    sh.animate(sh.repeat(fall, 1), tmp_path / "frames", frames=1, show=above, backend="numpy", **streams)
+    assert read(tmp_path / "frames")[0].shape == (3, 6, 3)

@@ -20,6 +20,7 @@ folder `PAGE` of the page's files, and for its sessions `explain`, `noted`, `fil
 """
 
 from shpy.view.command import add_serving as add_serving
+from shpy.view.drawing import draw as draw
 from shpy.view.kernels import available as available, preferred as preferred, warm as warm
 from shpy.view.reading import files_read as files_read, noted as noted
 from shpy.view.server import PAGE as PAGE, View as View, serve as serve

@@ -1,9 +1,10 @@
-"""The command `shpy view`.
+"""The commands `shpy view` and `shpy draw`.
 
-Stage: above all others. Takes the words of the command line, serves until Ctrl-C.
+Stage: above all others. Takes the words of the command line, serves until Ctrl-C, or writes a picture.
 
     shpy view examples/planet.py
     shpy view shader.py:clouds --size 800x600 --backend glsl --port 8001
+    shpy draw shader.py -o picture.png --time 1.5
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from shpy.backend.registry import NAMES
 from shpy.command import whole
 from shpy.errors import ShpyError
 from shpy.passes.modes import MODES
+from shpy.view.drawing import add_draw, write
 from shpy.view.messages import SIDE
 from shpy.view.server import LOOPBACK, View, serve
 
 
 def add_view(commands: Any) -> None:
-    """Add `view` to the commands of `shpy`."""
+    """Add `view` and `draw` to the commands of `shpy`."""
     command = commands.add_parser(
         "view",
         help="a live page in the browser: recorded again on save, sliders, the trace of a pixel",
@@ -32,9 +34,24 @@ def add_view(commands: Any) -> None:
     )
     command.add_argument("file", help="path/to/shader.py, or shader.py:program (default: its last program of pixels)")
     add_serving(command)
+    _add_choice(command)
+    command.set_defaults(run=view)
+    add_draw(commands, size, _add_choice).set_defaults(run=_draw)
+
+
+def _add_choice(command: argparse.ArgumentParser) -> None:
+    """Add the options that choose a kernel."""
     command.add_argument("--backend", choices=NAMES, help="(default: the fastest that there is here)")
     command.add_argument("--math", choices=tuple(MODES), default="strict", help="(default: strict)")
-    command.set_defaults(run=view)
+
+
+def _draw(options: argparse.Namespace) -> int:
+    """Write a picture; return 0, or 2 if there is no such file or nothing can be drawn."""
+    try:
+        return write(options, *_file(options.file))
+    except ShpyError as error:
+        print(f"shpy draw: {error}", file=sys.stderr)
+        return 2
 
 
 def add_serving(command: argparse.ArgumentParser) -> None:
@@ -61,7 +78,7 @@ def view(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; return 0, or 2 if there is no such file or the server cannot start."""
     try:
         path, program = _file(options.file)
-        request = {"path": str(path), "name": path.name, "program": program}
+        request = {"path": str(path), "given": str(path), "name": path.name, "program": program}
         state = {"size": list(options.size), "backend": options.backend, "math": options.math, "playing": True}
         said = partial(print, f"shpy view {path.name}:", flush=True)
         serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, said=said)

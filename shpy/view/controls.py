@@ -11,7 +11,8 @@ components, and for numbers `range` and `step`. If a Param has no range, the sli
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +30,8 @@ class Controls:
 
     def __init__(self, params: Mapping[str, Any]) -> None:
         self._params = {n: p for n, p in params.items() if isinstance(p, Param) and isinstance(p, Value)}
-        self._first = self.values()
+        self.first = self.values()
+        """The values that the file gives."""
 
     def values(self) -> dict[str, list[Any]]:
         """Return the current values by name, each a list of components."""
@@ -37,7 +39,7 @@ class Controls:
 
     def describe(self) -> list[dict[str, Any]]:
         """Return the current controls."""
-        return [{**_described(name, param), "first": self._first[name]} for name, param in self._params.items()]
+        return [{**_described(name, param), "first": self.first[name]} for name, param in self._params.items()]
 
     def assign(self, values: Mapping[str, Any]) -> list[str]:
         """Set Params by name, None to their first value; return a message for each Param that refuses its value.
@@ -51,10 +53,20 @@ class Controls:
             if param is None:
                 continue
             try:
-                param.value = _typed(param, self._first[name] if value is None else value)
+                param.value = _typed(param, self.first[name] if value is None else value)
             except (ShpyError, TypeError, ValueError, OverflowError) as error:
                 refused.append(getattr(error, "message", str(error)))
         return refused
+
+    @contextmanager
+    def at(self, values: Mapping[str, Any]) -> Iterator[None]:
+        """Give Params other values inside the block."""
+        before = self.values()
+        self.assign(values)
+        try:
+            yield
+        finally:
+            self.assign(before)
 
 
 def _described(name: str, param: Any) -> dict[str, Any]:

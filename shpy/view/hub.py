@@ -26,6 +26,10 @@ _PING: Final = 0.5
 """Seconds between two pings of a worker."""
 _SLOW: Final = 1.5
 """Seconds without an answer to a ping after which pages show that a worker is busy."""
+_LONG: Final = 1.0
+"""Seconds after which pages show the work for the picture that is awaited."""
+_OTHER: Final = {"backend", "math", "size", "scene"}
+"""The changes of the state after which another picture is awaited."""
 
 
 class Page(Protocol):
@@ -64,6 +68,8 @@ class Hub:
         self._failed: Worker | None = None
         self._pinged = time.monotonic()
         self._said_busy = False
+        self._awaited: float | None = None
+        """The time since which a picture is awaited: one clock for all that has to be done for it."""
         self._seen = (0, 0)
 
     # Files
@@ -94,6 +100,7 @@ class Hub:
         stamp = _stamp(Path(self.request["path"]))
         age = time.time() - stamp[0] / 1e9 if stamp else 0.0
         self._cancel(None)  # the new version needs the processor
+        self._awaited = time.monotonic()
         self._broadcast(wire.pack({"kind": "recording", "age": max(0.0, min(age, 10.0))}))
         worker = await self._pool.take()
         self._drop_recording()  # the file may have changed again meanwhile
@@ -136,14 +143,22 @@ class Hub:
         if worker is not None and worker.asked is None:
             worker.asked = now
             worker.send({"do": "ping"})
-        if silent <= _SLOW and self._said_busy:
-            self._said_busy = False
-            self._broadcast(wire.pack({"kind": "busy", "seconds": 0}))
+        self._say_work(worker, silent, now)
         if silent > _SLOW:
+            self._go_on(self._drawing)
+
+    def _say_work(self, worker: Worker | None, silent: float, now: float) -> None:
+        """Tell the pages what the worker does and for how long the picture has been awaited."""
+        doing = worker.doing if worker is not None else None
+        passed = now - self._awaited if self._awaited is not None else silent
+        if silent > _SLOW or (doing and passed > _LONG):
             self._said_busy = True
             stage = "recording" if worker is self._recording and self._described is None else "running"
-            self._broadcast(wire.pack({"kind": "busy", "stage": stage, "seconds": round(silent)}))
-            self._go_on(self._drawing)
+            told = {"stage": stage, "doing": doing, "seconds": round(passed), "silent": silent > _SLOW}
+            self._broadcast(wire.pack({"kind": "busy", **told}))
+        elif self._said_busy:
+            self._said_busy = False
+            self._broadcast(wire.pack({"kind": "busy", "seconds": 0}))
 
     def _heard(self, worker: Worker, message: bytes | None) -> None:
         """Handle a message of a worker; None means that its process has ended."""
@@ -156,6 +171,8 @@ class Hub:
         match header["kind"]:
             case "pong":
                 worker.asked = None
+            case "doing":
+                worker.doing = header["text"]
             case "recorded":
                 self._watch_files(header["files"])
                 self._described = message
@@ -173,7 +190,7 @@ class Hub:
     def _take_error(self, worker: Worker, header: wire.Header, message: bytes) -> None:
         """Show an error; drop a worker that could not record, or has no first picture while another one draws."""
         self._watch_files(header.get("files", ()))
-        self._error, self._failed = message, worker
+        self._error, self._failed, self._awaited = message, worker, None
         self._broadcast(message)
         if worker is self._recording:
             if self._described is not None and self._drawing is None:
@@ -190,6 +207,8 @@ class Hub:
         if self._error is not None and (fresh or worker is self._failed):
             self._error = None
             self._broadcast(wire.pack({"kind": "well"}))
+        if worker is self._drawing and header.get("waiting") is None:
+            self._awaited = None
         self.state.update(time=header["time"], frame=header["frame"])
         self._frame = message
         for page in self.pages.values():
@@ -214,7 +233,7 @@ class Hub:
         self._fail(f"the process that runs the file ended {how}", "another backend; save the file to try again")
 
     def _fail(self, message: str, cure: str) -> None:
-        self._failed = None
+        self._failed = self._awaited = None
         self._error = wire.pack({"kind": "error", "stage": "stopped", "type": "", "message": message, "cure": cure})
         self._broadcast(self._error)
 
@@ -260,11 +279,22 @@ class Hub:
                 self.state.update(time=0.0, frame=0)
                 self._forward(message)
             case "ask":
-                self._forward({**message, "page": page.number})
+                self._ask({**message, "page": page.number})
             case "cancel":
                 self._cancel(page.number)
             case _:
                 self._forward(message)
+
+    def _ask(self, question: dict[str, Any]) -> None:
+        """Let the worker answer whose frame the question is about; without one, the workers that there are."""
+        named = question.get("worker")
+        found = [one for one in (self._drawing, self._recording) if one is not None and named in (None, one.number)]
+        for worker in found:
+            worker.send(question)
+        page = self.pages.get(question["page"])
+        if not found and page is not None:
+            told = {"about": question["about"], "page": question["page"], "at": question.get("at")}
+            page.send(wire.pack({"kind": "answer", **told, "problem": "the file was recorded again; ask once more"}))
 
     def _acknowledge(self, page: Page, worker: int, number: int) -> None:
         page.acknowledge()
@@ -278,6 +308,8 @@ class Hub:
         params = {**self.state["params"], **changes.get("params", {})}
         params = {name: value for name, value in params.items() if value is not None}
         self.state.update({**changes, "params": params})
+        if self._awaited is None and _OTHER & changes.keys():
+            self._awaited = time.monotonic()
         self._forward({"do": "set", "changes": changes})
         told = wire.pack({"kind": "state", "changes": changes})
         for other in self.pages.values():

@@ -63,9 +63,11 @@ def _flag(value: Any) -> bool:
     return isinstance(value, bool)
 
 
+_count = _whole(0, 1 << 40)
 _CHANGES: Final[dict[str, Callable[[Any], bool]]] = {
     "playing": _flag,
     "encode": _flag,
+    "mark": _flag,
     "time": _number,
     "frame": _whole(0, 1 << 30),
     "steps": _whole(1, 1000),
@@ -83,7 +85,7 @@ def _changes(value: Any) -> bool:
 
 
 _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
-    "acknowledge": {"worker": _whole(0, 1 << 40), "number": _whole(0, 1 << 40)},
+    "acknowledge": {"worker": _count, "number": _count},
     "set": {"changes": _changes},
     "pick": {"program": _text},
     "record": {},
@@ -91,8 +93,9 @@ _MESSAGES: Final[dict[str, dict[str, Callable[[Any], bool]]]] = {
     "reset": {},
     "step": {},
     "cancel": {},
-    "ask": {"about": _text, "at": _pair(0), "with": _changes},
+    "ask": {"about": _text, "at": _pair(0), "with": _changes, "worker": _count, "number": _count},
 }
+_OPTIONAL: Final = ("at", "with", "worker", "number")
 
 
 def checked(text: str | bytes) -> dict[str, Any]:
@@ -107,7 +110,7 @@ def checked(text: str | bytes) -> dict[str, Any]:
     for name, value in message.items():
         if name != "do" and not (name in known and known[name](value)):
             raise Refused(f"{message['do']}: {name}")
-    missing = [name for name in known if name not in message and name not in ("at", "with")]
+    missing = [name for name in known if name not in message and name not in _OPTIONAL]
     if missing:
         raise Refused(f"{message['do']} without {missing[0]}")
     return message

@@ -17,9 +17,15 @@ import numpy as np
 
 from shpy.errors import ShpyError
 from shpy.lang.recording.text import written
-from shpy.screen import Moment, pixels
+from shpy.packages import install
+from shpy.pictures import png
+from shpy.screen import pixels
+from shpy.tracing import Step
 from shpy.units import steps
+from shpy.view import oddities
+from shpy.view.controls import Controls
 from shpy.view.kernels import Form
+from shpy.view.recipes import recipe
 from shpy.view.searches import Searches
 from shpy.view.subject import Still, Subject
 
@@ -27,6 +33,7 @@ _LIBRARY: Final = Path(__file__).parents[1]
 """The folder of shpy, whose own steps, as of noise, are counted and not sent."""
 _STEPS: Final = 400
 """The most steps of a trace that are sent: the first and the last ones."""
+_SHOW: Final = "one step of the view, or a program show, which is traced in any case"
 _ALONE: Final = "a program of pixels; or shpy.testing.first_divergence for a step of the chain"
 
 
@@ -34,73 +41,149 @@ class Asked(Protocol):
     """The part of a session's interface that questions use."""
 
     subject: Subject
-    output: Any
-    moment: Moment
-    size: tuple[int, int]
+    controls: Controls
+    sent: dict[int, Any]
     form: Form
     encode: bool
     searches: Searches
 
-    def wanted_moment(self) -> Moment:
-        """Return the moment of the full picture."""
-
 
 def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     """Return the answer and its bytes. Errors of a run pass through."""
+    frame = shown(session, question)
+    if frame is None:
+        return {"problem": "that frame has gone; pause the view first", "at": question.get("at")}, b""
     match question:
         case {"about": "value", "at": at}:
-            return value(session, at), b""
+            return value(frame, at), b""
         case {"about": "trace", "at": at}:
-            return trace(session, at), b""
+            return trace(session, frame, at), b""
+        case {"about": "odd"}:
+            at = oddities.first(frame.output)
+            if at is None:
+                return {"problem": "all pixels of this frame are finite"}, b""
+            return trace(session, frame, _whole(at, frame)), b""
+        case {"about": "picture"}:
+            return picture(session, frame)
+        case {"about": "recipe"}:
+            return recipe(session, frame), b""
+        case {"about": "text"}:
+            found = session.subject.sources(frame.form)
+            return {"form": str(frame.form), "texts": [{"name": name, "text": text} for name, text in found]}, b""
         case {"about": "compare", "with": {"backend": backend, "math": math}}:
-            return compare(session, Form(backend, math), question["page"])
+            return compare(session, frame, Form(backend, math), question["page"])
         case _:
             return {"problem": f"there is no answer about {question['about']}"}, b""
 
 
-def value(session: Asked, at: list[int]) -> dict[str, Any]:
-    """Return the numbers of a pixel in the last frame."""
-    if session.output is None:
-        return {"at": at, "value": None}
-    row, column = _scaled(at, session.size, session.moment.size)
-    found = np.atleast_1d(np.asarray(session.output)[row, column])
-    return {"at": at, "value": found, "coarse": session.moment.size != session.size}
+def shown(session: Asked, question: dict[str, Any]) -> Any:
+    """Return the frame that the page shows, by its number; without a number the last one; None if it has gone."""
+    number = question.get("number", max(session.sent, default=0))
+    return session.sent.get(number)
 
 
-def _scaled(at: list[int], size: tuple[int, int], there: tuple[int, int]) -> tuple[int, int]:
-    """Return the row and column of a pixel in a picture of another size."""
-    row, column = (min(max(int(n), 0), most - 1) for n, most in zip(at, (size[1], size[0]), strict=True))
-    return row * there[1] // size[1], column * there[0] // size[0]
+def value(frame: Any, at: list[int]) -> dict[str, Any]:
+    """Return the numbers of a pixel in a frame."""
+    row, column = _scaled(at, frame)
+    found = np.atleast_1d(np.asarray(frame.output)[row, column])
+    return {"at": at, "value": found, "coarse": frame.moment.size != frame.whole.size, "frame": frame.moment.frame}
 
 
-def trace(session: Asked, at: list[int]) -> dict[str, Any]:
-    """Return the steps of a pixel, each with its line, name, value and iterations, and the text of the lines."""
-    moment = session.wanted_moment()
-    row, column = _scaled(at, session.size, session.size)
-    program, found = session.subject.trace(moment, (row, column))
-    shown = [step for step in found if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
-    inside, left_out = len(found) - len(shown), max(0, len(shown) - _STEPS)
-    kept = shown if not left_out else [*shown[: _STEPS // 2], *shown[-_STEPS // 2 :]]
-    sent = [
-        {
-            "file": step.loc.file if step.loc else None,
-            "line": step.loc.line if step.loc else None,
-            "source": written(step.loc),
-            "name": step.name,
-            "value": np.atleast_1d(step.value),
-            "iterations": list(step.iterations),
-        }
-        for step in kept
-    ]
-    return {"at": [row, column], "program": program.name, "steps": sent, "left_out": left_out, "inside": inside}
+def _scaled(at: list[int], frame: Any) -> tuple[int, int]:
+    """Return the row and column in a frame of a pixel of the full picture."""
+    (width, height), there = frame.whole.size, frame.moment.size
+    row, column = (min(max(int(n), 0), most - 1) for n, most in zip(at, (height, width), strict=True))
+    return row * there[1] // height, column * there[0] // width
 
 
-def compare(session: Asked, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
+def _whole(place: tuple[int, int], frame: Any) -> list[int]:
+    """Return the row and column in the full picture of a pixel of a frame, in its middle."""
+    (width, height), there = frame.whole.size, frame.moment.size
+    return [(2 * place[0] + 1) * height // (2 * there[1]), (2 * place[1] + 1) * width // (2 * there[0])]
+
+
+def picture(session: Asked, frame: Any) -> tuple[dict[str, Any], bytes]:
+    """Return the PNG file of a frame, with no marks; of a coarse frame that of the full picture."""
+    output = frame.output
+    if frame.moment.size != frame.whole.size:
+        with session.controls.at(frame.params):
+            output = session.subject.exactly(frame.whole, frame.form)
+    file = png(pixels(output, encode=session.encode))
+    if file is None:
+        raise ShpyError("a PNG file needs Pillow", cure=install("pillow"))
+    return {"frame": frame.moment.frame}, file
+
+
+def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:
+    """Return the steps of a pixel of a frame, each with its line, name, value and iterations, and the lines' texts.
+
+    They are those of the chain's last kernel, and of the program that made the colours. Params have the values that
+    they had.
+    """
+    place, subject = _scaled(at, frame), session.subject
+    with session.controls.at(frame.stepped):
+        stepped = subject.stepped(frame.held, place)
+    with session.controls.at(frame.params):
+        drawn = subject.drawn(frame.held, frame.moment, place)
+    parts = [part for part in (stepped, drawn) if part is not None]
+    if not parts:
+        raise ShpyError(
+            "no kernel has written this picture yet, or one in a loop, whose rounds are not kept", cure=_SHOW
+        )
+    found = [step for _, steps in parts for step in steps]
+    own = [step for step in found if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
+    odd = next((k for k, step in enumerate(own) if not _is_finite(step.value)), None)
+    kept, cut = _kept(len(own), odd)
+    return {
+        "at": at,
+        "program": ", ".join(program.name for program, _ in parts),
+        "frame": frame.moment.frame,
+        "time": frame.moment.time,
+        "coarse": frame.moment.size != frame.whole.size,
+        "steps": [_spoken(own[k]) for k in kept],
+        "cut": cut,
+        "left_out": len(own) - len(kept),
+        "inside": len(found) - len(own),
+        "odd": kept.index(odd) if odd is not None else None,
+    }
+
+
+def _kept(count: int, odd: int | None) -> tuple[list[int], int]:
+    """Return the numbers of the steps that are sent, the first and last ones, and where others are left out.
+
+    With an odd step, those around it are sent.
+    """
+    half = _STEPS // 2
+    if count <= _STEPS:
+        return list(range(count)), count
+    begin = max(0, min(odd - half, count - _STEPS)) if odd is not None and half <= odd < count - half else None
+    if begin is not None:
+        return list(range(begin, begin + _STEPS)), 0
+    return [*range(half), *range(count - half, count)], half
+
+
+def _is_finite(value: Any) -> bool:
+    return np.asarray(value).dtype.kind != "f" or bool(np.isfinite(value).all())
+
+
+def _spoken(step: Step) -> dict[str, Any]:
+    place = step.loc
+    return {
+        "file": place.file if place else None,
+        "line": place.line if place else None,
+        "source": written(place),
+        "name": step.name,
+        "value": np.atleast_1d(step.value),
+        "iterations": list(step.iterations),
+    }
+
+
+def compare(session: Asked, frame: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
     """Return the differences between the picture in the wanted form and in another one, and three pictures in a row.
 
     These are both pictures and their difference, which is white where it is largest.
     """
-    moment, subject = session.wanted_moment(), session.subject
+    moment, subject = frame.whole, session.subject
     if not isinstance(subject, Still):
         raise ShpyError("the frames of a chain are not compared: each follows from those before", cure=_ALONE)
     forms = session.form, other

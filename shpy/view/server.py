@@ -13,6 +13,7 @@ import contextlib
 import errno
 import ipaddress
 import itertools
+import re
 import signal
 import socket
 import threading
@@ -20,7 +21,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 from shpy.errors import ShpyError
 from shpy.packages import install
@@ -108,7 +108,7 @@ def allowed_host(host: str, *, beyond: bool) -> bool:
 
     Any other name could belong to another site that resolves it to this machine (DNS rebinding).
     """
-    name = urlsplit(f"//{host}").hostname or ""
+    name = _name(host)
     if name in (LOOPBACK, "localhost", "::1"):
         return True
     if not beyond:
@@ -117,6 +117,19 @@ def allowed_host(host: str, *, beyond: bool) -> bool:
         ipaddress.ip_address(name)
         return True
     return name == socket.gethostname().lower()
+
+
+def _name(host: str) -> str:
+    """Return the name or address of a Host header; empty where the header is malformed."""
+    found = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9._-]+))(?::([0-9]{0,5}))?", host)
+    if found is None or int(found[3] or 0) > 65535:
+        return ""
+    return (found[1] or found[2]).lower()
+
+
+def _is_own(origin: str, host: str) -> bool:
+    """Return whether an Origin header is that of a page of this server, which was asked under the same Host."""
+    return origin in (f"http://{host}", f"https://{host}")
 
 
 class _Site:
@@ -153,7 +166,7 @@ class _Site:
     async def connect(self, connection: WebSocket) -> None:
         """Serve one page of this server until it leaves; refuse those of others."""
         host, origin = (connection.headers.get(name, "") for name in ("host", "origin"))
-        if not allowed_host(host, beyond=self._beyond) or urlsplit(origin).netloc != host:
+        if not allowed_host(host, beyond=self._beyond) or not _is_own(origin, host):
             await connection.close(_POLICY)
             return
         await connection.accept()

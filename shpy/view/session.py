@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 from shpy.passes.modes import MODES
 from shpy.screen import Moment, pixels
-from shpy.view import questions
+from shpy.view import oddities, questions
 from shpy.view.controls import Controls
-from shpy.view.kernels import Form, available, preferred, warm as warm_backends
+from shpy.view.frames import Frame, History
+from shpy.view.kernels import Form, Waiting, available, preferred, warm as warm_backends
+from shpy.view.ongoing import Ongoing
 from shpy.view.reading import files_read
 from shpy.view.searches import Searches
 from shpy.view.source import explain, open_file
@@ -36,6 +38,8 @@ _FIRST: Final = 96
 """Pixels along the longer side of the first picture, when the time per pixel is unknown."""
 _LONGEST: Final = 0.25
 """The most seconds by which time advances between frames, so that it does not jump after a long computation."""
+_KEPT: Final = 4
+"""The frames about which a page may ask: those on their way to it, and the one that it shows."""
 _REST: Final = 3.0
 """The pause after a quick frame, in durations of the frame, while the wanted kernel compiles on the same processor."""
 
@@ -48,22 +52,29 @@ class Session:
     ) -> None:
         """Record the file; errors of its code pass through. `tell` sends a header to the server."""
         self.searches = Searches(tell)
+        self._tell, self._said = tell, ""
         begun = time.monotonic()
+        self.request = request
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
         self.subject = subject_of(value, self.opened, wake)
         self._wake, self._rest = wake, 0.0
         self.controls = Controls(self.opened.in_order(self.subject.params))
         self.recording = time.monotonic() - begun
-        self.size = (512, 512)
+        self.size = self._extent = (512, 512)
         self.form = Form(preferred(), "strict")
-        self.playing, self.encode, self.steps = True, False, 1
+        self.playing, self.encode, self.mark, self.steps = True, False, False, 1
         self.time, self.frame = 0.0, 0
         self.mouse = (0.0, 0.0, 0.0, 0.0)
-        self.output: Any = None
+        """In pixels of the full picture."""
         self._drawn: Form | None = None
         """The form that computed the last frame."""
-        self.moment = Moment(self.size)
+        self.sent: dict[int, Frame] = {}
+        """The last frames by their numbers: a page asks about the one that it shows."""
+        self._number = 0
+        self._stepped: dict[str, list[Any]] = {}
+        """The values of the Params in the last step."""
+        self._history = History()
         self._changed, self._refine, self._single = True, False, False
         self._clock = time.monotonic()
         self._cost: dict[Form, float] = {}
@@ -92,7 +103,7 @@ class Session:
         size = changes.get("size", self.size)
         self.size = int(size[0]), int(size[1])
         self.form = Form(changes.get("backend") or self.form.backend, changes.get("math") or self.form.math)
-        self.encode = changes.get("encode", self.encode)
+        self.encode, self.mark = changes.get("encode", self.encode), changes.get("mark", self.mark)
         self.steps = changes.get("steps", self.steps)
         self.time = float(changes.get("time", self.time))
         self.frame = int(changes.get("frame", self.frame))
@@ -121,38 +132,67 @@ class Session:
             if kernels is not None:
                 kernels.begin(self.form)
             return None
-        goes_on = self.subject.moves and (self.playing or self._single)
-        if goes_on:
-            self._go_on()
-        if not (self._changed or self._refine):
+        extent = self._extent = self.subject.extent(self.size)
+        if not self._go_on(extent):
             return None
-        size = self._coarse_size() if self._changed else self.size
-        moment = self._moment(size)
+        moment = self._moment(self._coarse_size(extent) if self._changed else extent)
         if kernels is not None:
+            self._say(kernels.waiting_for_any(self.form))
             kernels.wait_for_any(self.form)  # not part of the frame's time
+        self._say(self.subject.waiting(self.form))
         begun = time.monotonic()
         output, form = self.subject.draw(moment, self.form)
         seconds = time.monotonic() - begun
-        self._cost[form] = seconds / (size[0] * size[1])
+        self._cost[form] = seconds / (moment.size[0] * moment.size[1])
         self._changed, self._single = False, False
-        self._refine = size != self.size
-        self.output, self.moment, self._drawn = output, moment, form
-        if form != self.form and self.subject.waiting(self.form) is not None:
+        self._refine = moment.size != extent
+        self._drawn = form
+        made = (self.controls.values(), self._stepped, self.subject.held(), form, self._history)
+        self._keep(Frame(output, moment, self._moment(extent), *made))
+        header = self._header(output, moment, form, seconds)
+        shown = pixels(output, encode=self.encode)
+        return header, oddities.marked(shown, output) if self.mark else shown
+
+    def _header(self, output: Any, moment: Moment, form: Form, seconds: float) -> dict[str, Any]:
+        """Return the header of a frame; begin a pause where the wanted kernel is still compiled."""
+        waiting, refused = self.subject.waiting(self.form), self.subject.refused(self.form)
+        self._say(waiting)
+        if form != self.form and waiting is not None:
             self._pause(_REST * seconds)
-        header = {
-            "width": size[0],
-            "height": size[1],
+        return {
+            "width": moment.size[0],
+            "height": moment.size[1],
+            "extent": self._extent,
             "time": self.time,
             "frame": self.frame,
             "milliseconds": 1000 * seconds,
             "form": str(form),
-            "coarse": size != self.size,
-            "waiting": str(self.form) if self.subject.waiting(self.form) is not None else None,
+            "coarse": moment.size != self._extent,
+            "odd": oddities.counts(output),
+            "waiting": None if waiting is None else str(waiting),
+            "meanwhile": form != self.form,
+            **({} if refused is None else {"refused": self.explain(refused)}),
         }
-        refused = self.subject.refused(self.form)
-        if refused is not None:
-            header["refused"] = self.explain(refused)
-        return header, pixels(output, encode=self.encode)
+
+    def _keep(self, frame: Frame) -> None:
+        """Keep what a frame was made of, and forget that of a frame that no page shows any more."""
+        self._number += 1
+        self.sent[self._number] = frame
+        self.sent.pop(self._number - _KEPT, None)
+
+    def _determining(self) -> Any:
+        """Return the Params and the mouse that a step of a chain reads."""
+        if not isinstance(self.subject, Ongoing):
+            return None
+        params = {name: value for name, value in self._stepped.items() if name in self.subject.stepping}
+        return params, self.mouse if "mouse" in self.subject.read else None
+
+    def _say(self, waiting: Waiting | None) -> None:
+        """Tell the server what is compiled, where that has changed."""
+        text = "" if waiting is None else str(waiting)
+        if text != self._said:
+            self._said = text
+            self._tell({"kind": "doing", "text": text})
 
     def woken(self) -> None:
         """Compute the picture again if the wanted kernel has become ready; at the end of a pause do nothing."""
@@ -169,38 +209,46 @@ class Session:
         """Return whether a pause lasts; it ends early if the wanted kernel is ready."""
         return time.monotonic() < self._rest and self.subject.waiting(self.form) is not None
 
-    def _go_on(self) -> None:
+    def _go_on(self, extent: tuple[int, int]) -> bool:
+        """Advance if that is due; return whether there is another frame to draw."""
+        if self.subject.fresh:
+            self.time, self.frame, self._history = 0.0, 0, History()
+        lacking = self.subject.lacks_picture(self.size)
+        if self.subject.moves and (self.playing or self._single or lacking):
+            self._advance(extent)
+            self._say(self.subject.waiting(self.form))
+        return (self._changed or self._refine) and not (lacking and self.subject.lacks_picture(self.size))
+
+    def _advance(self, extent: tuple[int, int]) -> None:
         now = time.monotonic()
         passed = min(now - self._clock, _LONGEST)
         self._clock = now
-        if self.subject.advance(self._moment(self.size), self.form, self.steps):
+        if self.subject.advance(self._moment(extent), self.form, self.steps):
+            self._stepped = self.controls.values()
+            self._history = self._history.after(self.steps, self._determining())
             self.time += 1 / 60 if self._single else passed
             self.frame += 1
             self._changed = True
 
-    def wanted_moment(self) -> Moment:
-        """Return the moment of the full picture."""
-        return self._moment(self.size)
-
     def _moment(self, size: tuple[int, int]) -> Moment:
         """Return the moment at a size; the mouse is in pixels of that size."""
-        ratio = size[0] / self.size[0], size[1] / self.size[1]
+        ratio = size[0] / self._extent[0], size[1] / self._extent[1]
         x, y, press_x, press_y = (m * r for m, r in zip(self.mouse, 2 * ratio, strict=True))
         return Moment(size, self.time, self.frame, (x, y, press_x, press_y))
 
-    def _coarse_size(self) -> tuple[int, int]:
+    def _coarse_size(self, full: tuple[int, int]) -> tuple[int, int]:
         """Return the size of the next frame: smaller than the full one if that would take long."""
-        count = self.size[0] * self.size[1]
+        count = full[0] * full[1]
         if not self.subject.coarse:
-            return self.size
+            return full
         known = [self._cost[form] for form in (self.form, *self._cost) if form in self._cost]
-        scale = least = min(1.0, _FIRST / max(self.size))
+        scale = least = min(1.0, _FIRST / max(full))
         if known:
             cost = known[0] * count
             quick = 2 * _QUICK if self.playing and self.subject.moves else _QUICK
             # A few pixels take as long as the call itself, so fewer would not be faster.
             scale = 1.0 if cost < quick else min(1.0, max(least, (_COARSE / cost) ** 0.5))
-        return max(1, round(scale * self.size[0])), max(1, round(scale * self.size[1]))
+        return max(1, round(scale * full[0])), max(1, round(scale * full[1]))
 
     def answer(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
         """Return the answer to a question about the picture, and its bytes."""

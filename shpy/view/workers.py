@@ -44,6 +44,8 @@ class Worker:
         self.number = next(_numbers)
         self.asked: float | None = None
         """The time of the ping that has no answer yet."""
+        self.doing: str | None = None
+        """The work for the picture that is awaited, in the words of the worker."""
         self._heard = heard
         self.warm = asyncio.Event()
         self._writer: asyncio.StreamWriter | None = None

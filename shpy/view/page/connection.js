@@ -23,12 +23,17 @@ export class Connection {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
+  // Ask something, about the frame that is `shown` if there is one.
+  ask(about, shown = {}, rest = {}) {
+    this.send({ do: "ask", about, ...shown, ...rest });
+  }
+
   // One question about a pixel at a time, however fast the pointer is; `answered` allows the next one.
-  askOnce(about, pixel) {
+  askOnce(about, pixel, shown) {
     if (this.asking) return;
     this.asking = true;
     setTimeout(() => { this.asking = false; }, 1000);
-    this.send({ do: "ask", about, at: pixel });
+    this.ask(about, shown, { at: pixel });
   }
 
   answered() { this.asking = false; }

@@ -1,4 +1,4 @@
-// The picture: the frames that come, and the pixel that the pointer or the arrow keys choose.
+// The picture: the frames that come, and the pixel that the pointer or the arrow keys choose. A click is no drag.
 
 import { at } from "./elements.js";
 
@@ -9,6 +9,7 @@ export class Picture {
     Object.assign(this, { canvas: at("picture"), acknowledge, drawn, pointed, chosen, dragged, waiting: null, size: [1, 1] });
     this.context = this.canvas.getContext("2d", { willReadFrequently: true });
     this.pixel = null; // [row, column] that was pointed at
+    this.shown = {}; // the worker and the number of the frame that is drawn, which questions are about
     this.press = null;
     for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"])
       this.canvas.addEventListener(kind, (event) => this[kind](event));
@@ -26,7 +27,9 @@ export class Picture {
     if (!this.waiting) return;
     const [header, bytes] = this.waiting;
     this.waiting = null;
-    const { width, height } = header;
+    const { width, height, worker, number } = header;
+    this.shown = { worker, number };
+    if (header.extent) this.resize(header.extent);
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
     this.context.putImageData(new ImageData(bytes, width, height), 0, 0);
     this.canvas.classList.toggle("coarse", header.coarse);
@@ -37,6 +40,7 @@ export class Picture {
   }
 
   resize([width, height]) {
+    if (width === this.size[0] && height === this.size[1]) return;
     this.size = [width, height];
     for (const element of [this.canvas, at("frame")]) {
       element.style.setProperty("--wide", width);
@@ -75,7 +79,6 @@ export class Picture {
   pointerdown(event) {
     this.canvas.setPointerCapture(event.pointerId);
     this.press = { at: [event.clientX, event.clientY], from: this.position(event), far: false };
-    this.dragged(this.press.from, this.press.from, "down");
   }
 
   pointermove(event) {
@@ -83,15 +86,15 @@ export class Picture {
     if (!this.press) return;
     const [x, y] = this.press.at;
     this.press.far ||= Math.hypot(event.clientX - x, event.clientY - y) >= CLICK;
-    this.dragged(this.position(event), this.press.from, "move");
+    if (this.press.far) this.dragged(this.position(event), this.press.from, "move");
   }
 
   pointerup(event) {
     if (!this.press) return;
     const { far, from } = this.press;
     this.press = null;
-    this.dragged(this.position(event), from, "up");
-    if (!far) this.choose(this.under(event));
+    if (far) this.dragged(this.position(event), from, "up");
+    else this.choose(this.under(event));
   }
 
   pointercancel() { this.press = null; }

@@ -23,13 +23,34 @@ export function showLost(command) {
   showProblem({ message: "The server has ended. The page connects again when it is back.", cure: `${command} ${at("name").textContent}` });
 }
 
-// A worker gives no answer: it is the version that is awaited that counts, not a mistake in the one before.
-export function showBusy({ stage, seconds }, working) {
-  at("busy").hidden = !seconds;
-  if (!seconds) return;
-  at("problem").hidden = true;
+let ticking = null; // the work that is shown, and when it began: one clock, whoever tells of it
+
+// Say what is done for the picture that is awaited, and for how long. Where the worker gives no answer, or there is no
+// picture yet, this stands above the picture, and it can be stopped; the mistake of the version before counts no more.
+export function showBusy({ stage, seconds, doing, silent }, working) {
+  if (!seconds) return endBusy();
+  const begun = performance.now() - 1000 * seconds;
+  clearInterval(ticking?.timer);
+  ticking = { begun: ticking ? Math.min(ticking.begun, begun) : begun, timer: null };
+  const loud = silent || !at("empty").hidden;
+  if (loud) at("problem").hidden = true;
+  at("busy").hidden = !loud;
   const before = stage === "recording" && at("empty").hidden ? "; the picture is of the version before" : "";
-  at("busy").firstElementChild.textContent = `${working[stage]} has taken ${seconds} s so far${before}.`;
+  const text = doing ? doing[0].toUpperCase() + doing.slice(1) : working[stage];
+  const tick = () => {
+    const said = `${text}, ${Math.round((performance.now() - ticking.begun) / 1000)} s${before}`;
+    if (loud) at("busy").firstElementChild.textContent = said;
+    at("work").textContent = loud ? "" : `${said}${at("work").dataset.meanwhile ?? ""}`;
+  };
+  tick();
+  ticking.timer = setInterval(tick, 500);
+}
+
+function endBusy() {
+  clearInterval(ticking?.timer);
+  ticking = null;
+  at("busy").hidden = true;
+  at("work").textContent = "";
 }
 
 export function openPanel(title, ...body) {
@@ -48,24 +69,35 @@ export function closePanel() {
   at("panel").hidden = true;
 }
 
-export function showTrace({ at: [row, column], program, steps, left_out: leftOut, inside, problem, cure }) {
-  const title = `Trace of the pixel ${column}, ${row}`;
+export function showTrace({ at: place, program, frame, time, coarse, steps, cut, left_out: leftOut, inside, odd, problem, cure }) {
+  const title = place ? `Trace of the pixel ${place[1]}, ${place[0]}` : "Trace";
   if (problem) return openPanel(title, make("p", {}, problem), cure ? make("p", {}, make("code", {}, cure)) : "");
   let last = null;
   const rows = steps.map((step, k) => {
     const fresh = step.line !== last;
     last = step.line;
-    const cut = leftOut && k === steps.length / 2 ? [make("tr", {}, make("td", { colSpan: 5 }, `… ${leftOut} steps are left out …`))] : [];
-    return [...cut, make("tr", fresh ? { class: "next-line" } : {},
+    const gap = leftOut && k === cut ? [make("tr", {}, make("td", { colSpan: 5 }, `… ${leftOut} steps are left out …`))] : [];
+    const kind = [fresh ? "next-line" : "", k === odd ? "odd" : ""].join(" ").trim();
+    return [...gap, make("tr", kind ? { class: kind } : {},
       make("td", {}, fresh && step.file ? `${fileName(step.file)}:${step.line}` : ""),
       make("td", {}, step.iterations.join(", ")),
       make("td", {}, step.name), make("td", { class: "value" }, list(step.value)),
       make("td", { class: "source", title: step.source }, fresh ? step.source : ""))];
   });
   const further = inside ? `, and ${inside} inside functions of shpy` : "";
-  openPanel(`${title}: ${program}, ${steps.length + leftOut} steps${further}`, make("table", {},
+  const when = ` of frame ${frame}, ${time.toFixed(2)} s${coarse ? ", which is coarse" : ""}`;
+  openPanel(`${title}${when}: ${program}, ${steps.length + leftOut} steps${further}`,
+    odd === null ? "" : make("p", { class: "odd" }, "The marked step is the first whose value is NaN or infinite."), make("table", {},
     make("thead", {}, make("tr", {}, ...["Line", "Iteration", "Name", "Value", "Source"].map((text) => make("th", { scope: "col" }, text)))),
     make("tbody", {}, ...rows.flat())));
+  at("panel").querySelector("tr.odd")?.scrollIntoView({ block: "center" });
+}
+
+// The pixels that are no colours, which the screen shows as black and white.
+export function showOdd({ nan, infinite }) {
+  at("odd").hidden = !(nan || infinite);
+  const said = [nan ? `${nan.toLocaleString("en")} NaN` : "", infinite ? `${infinite.toLocaleString("en")} infinite` : ""];
+  at("odd-count").textContent = `${said.filter(Boolean).join(", ")} ${nan + infinite === 1 ? "pixel" : "pixels"}`;
 }
 
 export function showPixel({ at: [row, column], value, problem }, swatch) {

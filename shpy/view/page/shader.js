@@ -5,13 +5,15 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { at, fill, fillSizes, make, onKeys } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, endSearch, markStale, openPanel, showBusy, showComparison, showLost, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, endSearch, markStale, openPanel, showBusy, showComparison, showLost, showOdd, showPixel, showProblem, showTrace } from "./report.js";
+import { copied, fullScreen, saveFile } from "./taking.js";
 
 const state = { params: {} };
 let described = null;
 let saved = null; // when the file was saved whose picture is awaited, and the worker before
 let refused = null; // the error of a target in whose place another one draws
 let times = [];
+let sized = ""; // the size that the page has chosen, of which a chain may make another one
 
 const connection = new Connection("/view", heard, (open) => {
   document.body.dataset.connected = open;
@@ -21,11 +23,11 @@ const connection = new Connection("/view", heard, (open) => {
 const picture = new Picture({
   acknowledge: ({ worker, number }) => connection.send({ do: "acknowledge", worker, number }),
   drawn: showFrame,
-  pointed: (pixel) => connection.askOnce("value", pixel),
+  pointed: (pixel) => connection.askOnce("value", pixel, picture.shown),
   chosen: (pixel) => {
     cancel();
     openPanel(`Trace of the pixel ${pixel[1]}, ${pixel[0]}`, "…");
-    connection.send({ do: "ask", about: "trace", at: pixel });
+    connection.ask("trace", picture.shown, { at: pixel });
   },
   dragged: (position, from, phase) => {
     if (!described?.mouse) return;
@@ -67,10 +69,14 @@ function answered(header, bytes) {
     const swatch = make("span", { class: "swatch" });
     swatch.style.background = `rgb(${r} ${g} ${b})`;
     showPixel(header, swatch);
-  } else if (header.about === "trace") {
-    showTrace({ at: picture.pixel ?? [0, 0], ...header });
+  } else if (header.about === "trace" || header.about === "odd") {
+    if (header.at) picture.pixel = header.at;
+    showTrace(header);
     picture.mark(true);
-  } else if (header.about === "divergence") endSearch(header.divergence);
+  } else if (header.about === "picture") savePicture(header, bytes);
+  else if (header.about === "text") showTexts(header);
+  else if (header.about === "recipe") showRecipe(header);
+  else if (header.about === "divergence") endSearch(header.divergence);
   else showComparison(header, bytes, cancel);
 }
 
@@ -105,7 +111,7 @@ function showRecorded() {
     at("other-backend").value = backends.find((name) => name !== form[0]) ?? form[0];
     at("other-backend").dataset.chosen = true;
   }
-  for (const one of [at("params"), at("look"), ...document.querySelectorAll("header > .choice:not(#programs)")]) one.hidden = false;
+  for (const one of [at("params"), at("look"), at("taking"), ...document.querySelectorAll("header > .choice:not(#programs)")]) one.hidden = false;
   if (!at("pixel").textContent) at("pixel").textContent = "Point at a pixel for its value; click it for its trace.";
   at("clock").hidden = !moves;
   at("pace").hidden = !evolves;
@@ -122,12 +128,14 @@ function present({ name, value, first }) {
 
 function showState() {
   if (!state.size) return;
-  picture.resize(state.size);
+  if (sized !== state.size.join()) picture.resize(state.size);
+  sized = state.size.join();
   fillSizes(at("size"), state.size);
   if (state.backend) at("backend").value = state.backend;
   if (state.math) at("math").value = state.math;
   at("play").textContent = state.playing ? "Pause" : "Play";
   at("encode").checked = Boolean(state.encode);
+  at("mark-odd").checked = Boolean(state.mark);
   at("steps").value = state.steps ?? 1;
 }
 
@@ -140,16 +148,32 @@ function showFrame(header) {
   at("speed").textContent = `${header.form}: ${header.milliseconds.toFixed(1)} ms${header.coarse ? " (coarse)" : ""}${rate}`;
   at("time").textContent = `${header.time.toFixed(2)} s, frame ${header.frame}`;
   const status = at("status");
-  if (header.waiting && header.waiting !== header.form)
-    status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
-  else if (header.waiting) status.replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling …`));
+  at("work").dataset.meanwhile = header.meanwhile ? `; ${header.form} draws meanwhile` : "";
+  showOdd(header.odd);
+  if (header.waiting) status.textContent = "";
   else if (header.refused) status.textContent = `${at("backend").value} refuses it; ${header.form} draws in its place.`;
   else status.textContent = document.body.dataset.full
     ? `Saved; first picture after ${document.body.dataset.first} ms, the full one after ${document.body.dataset.full} ms.`
     : described ? `${described.program} was recorded in ${(1000 * described.recording).toFixed(0)} ms.` : "";
   if (header.refused || refused) showProblem(header.refused);
   refused = header.refused;
-  if (picture.pixel) connection.askOnce("value", picture.pixel);
+  if (picture.pixel) connection.askOnce("value", picture.pixel, picture.shown);
+}
+
+function savePicture({ frame, problem, cure }, bytes) {
+  if (problem) return openPanel("Save as PNG", make("p", {}, problem), cure ? make("p", {}, make("code", {}, cure)) : "");
+  saveFile(bytes, `${described.program}${described.moves ? `-${frame}` : ""}.png`);
+}
+
+function showTexts({ form, texts, problem }) {
+  if (problem) return openPanel("Emitted text", make("p", {}, problem));
+  openPanel(`Emitted text for ${form}`, ...texts.map(({ name, text }) => copied(name, text, "emitted")));
+}
+
+function showRecipe({ command, code, note, problem }) {
+  if (problem) return openPanel("This picture", make("p", {}, problem));
+  openPanel("The picture that was shown", copied("As a command", command), copied("As code", `import shpy as sh\n\npicture = ${code}`),
+    note ? make("p", { id: "recipe-note" }, note) : "");
 }
 
 // How long the picture took since the file was saved, for people and for tests.
@@ -178,7 +202,7 @@ function compare() {
   if (at("comparing").hidden) return;
   cancel();
   openPanel("Compare", "Computing both …");
-  connection.send({ do: "ask", about: "compare", with: { backend: at("other-backend").value, math: at("other-math").value } });
+  connection.ask("compare", picture.shown, { with: { backend: at("other-backend").value, math: at("other-math").value } });
 }
 
 const { play, step, reset } = clockOf(connection, state, change);
@@ -192,6 +216,13 @@ at("steps").onchange = (event) => change({ steps: Math.min(Math.max(Math.round(e
 at("program").onchange = (event) => connection.send({ do: "pick", program: event.target.value });
 at("stop").onclick = () => connection.send({ do: "stop" });
 at("compare").onclick = compare;
+at("mark-odd").onchange = (event) => change({ mark: event.target.checked });
+at("trace-odd").onclick = () => { cancel(); connection.ask("odd", picture.shown); };
+const save = () => connection.ask("picture", picture.shown);
+at("save").onclick = save;
+at("full").onclick = fullScreen;
+at("recipe").onclick = () => { cancel(); connection.ask("recipe", picture.shown); };
+at("text").onclick = () => { cancel(); connection.ask("text", picture.shown); };
 at("close").onclick = close;
 addEventListener("keydown", (event) => { if (event.key === "Escape") close(); });
-onKeys((key) => (key === "c" ? compare : at("clock").hidden ? null : { " ": play, ".": step, r: reset }[key]));
+onKeys((key) => ({ c: compare, s: save, f: fullScreen }[key] ?? (at("clock").hidden ? null : { " ": play, ".": step, r: reset }[key])));

@@ -1,0 +1,285 @@
+"""A chain in a view: its streams continue from frame to frame; `show` draws them, or its last stream is the picture.
+
+Stage: view. The kernels of the chain and those of `show` are compiled in threads, and each may become ready first: so
+streams are brought to where the kernel is that reads them.
+
+    subject = Ongoing(chain, opened, wake)
+    if subject.advance(moment, Form("opencl", "strict"), steps=1):
+        subject.draw(moment, Form("opencl", "strict"))      # (output, the form that computed it)
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from shpy.chains.chain import Chain, Repeat, Sequence
+from shpy.chains.member import Member
+from shpy.errors import ShpyError
+from shpy.evolution import extent, given_to, last_stream, stepped
+from shpy.programs import Program
+from shpy.screen import Moment, first_output, is_filled, values_of
+from shpy.streams.stream import Stream
+from shpy.view.kernels import QUICK, Form, Kernels, Waiting, operations_of
+from shpy.view.source import SHOW, START, Opened
+
+Key = tuple[Form, tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Held:
+    """The parts of a picture: its streams, and for its last step the streams before, the moment and the form."""
+
+    streams: Mapping[str, Any]
+    before: Mapping[str, Any] | None = None
+    moment: Moment | None = None
+    form: Form | None = None
+
+
+class Ongoing:
+    """A chain that continues its streams from frame to frame."""
+
+    params: Mapping[str, Any]
+    moves: bool = True
+    evolves: bool = True
+    coarse: bool = False
+
+    def __init__(self, chain: Chain, opened: Opened, wake: Callable[[], None]) -> None:
+        self.chain = chain
+        self.start = opened.start
+        show = opened.names.get(SHOW)
+        self.kernels = Kernels(show, wake) if isinstance(show, Program) else None
+        self.shown = last_stream(chain)
+        programs = [kernel.recorded for kernel in chain.kernels]
+        self.takes_mouse = any("mouse" in names for names in (*(p.inputs for p in programs), self.taken))
+        self.read = {
+            name for kernel in chain.kernels for name, type_ in kernel.inputs.items() if _is_filled(name, type_)
+        }
+        """The inputs of the chain that are filled by their names."""
+        self.stepping = {name: p for recorded in programs for name, p in recorded.params.items()}
+        """The Params of the chain."""
+        self.params = self.stepping | (self.kernels.program.params if self.kernels else {})
+        self._in_form = cache(self._compiled)
+        self._operations = sum(operations_of(module) for module in {id(p.module): p.module for p in programs}.values())
+        self._wake = wake
+        self._held: Held | None = None
+        self._size: tuple[int, int] | None = None
+        self._own: tuple[int, int] | None = None
+        """The size of the streams, which `start` may choose itself."""
+        self._ready: dict[Key, Exception | bool] = {}
+        self._begun: dict[Key, float] = {}
+
+    @property
+    def taken(self) -> Mapping[str, Any]:
+        """The inputs of `show`."""
+        return self.kernels.program.inputs if self.kernels else {}
+
+    @property
+    def fresh(self) -> bool:
+        """True while the streams are those of `start`."""
+        return self._held is None or self._held.before is None
+
+    # Pictures
+
+    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+        """Return the colours of the current streams."""
+        held = self._present(moment.size)
+        if self.kernels is None:
+            return np.asarray(held.streams[self.shown]), held.form or wanted
+        kernel, form = self.kernels.best(wanted)
+        return self._shown(kernel, moment, form), form
+
+    def exactly(self, moment: Moment, form: Form) -> Any:
+        """Return the colours of the current streams in a form; compile it first if it is new."""
+        if self.kernels is None:
+            return np.asarray(self._present(moment.size).streams[self.shown])
+        return self._shown(self.kernels.exactly(form), moment, form)
+
+    def _shown(self, kernel: Any, moment: Moment, form: Form) -> Any:
+        given = _placed(values_of(self.taken, moment, self._present(moment.size).streams), form)
+        return np.asarray(first_output(kernel(**given, shape=moment.shape)))
+
+    def extent(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the width and height of the streams, which `start` may choose itself."""
+        return extent(self.chain, self._present(size).streams, size)
+
+    def lacks_picture(self, size: tuple[int, int]) -> bool:
+        """Return whether the picture is of streams that the chain has yet to write."""
+        filled = {name for name, type_ in self.taken.items() if is_filled(name, type_)}
+        read = self.taken if self.kernels else [self.shown]
+        return bool((set(read) & self.chain.outputs.keys()) - filled - self._present(size).streams.keys())
+
+    # Steps
+
+    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+        """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
+        held = self._present(moment.size)
+        forms = tuple(dict.fromkeys((wanted, Form(QUICK, wanted.math))))
+        for form in reversed(forms):
+            self._prepare((form, moment.size), moment, held.streams)
+        states = [(form, self._ready[form, moment.size]) for form in forms]
+        ready = [form for form, state in states if state is True]
+        if not ready:
+            refused = [state for _, state in states if isinstance(state, Exception)]
+            if len(refused) == len(forms):
+                raise refused[0]
+            return False
+        self.run_on(moment, ready[0], steps)
+        return True
+
+    def run_on(self, moment: Moment, form: Form, steps: int) -> None:
+        """Run some steps in a form; compile it first if it is new."""
+        held = self._present(moment.size)
+        for _ in range(steps):
+            written = self._run(moment, form, held.streams)
+            held = Held({**held.streams, **written}, held.streams, moment, form)
+        self._held = held
+
+    def _prepare(self, key: Key, moment: Moment, streams: Mapping[str, Any]) -> None:
+        """Begin to compile a form, if that has not begun."""
+        if key not in self._ready:
+            self._ready[key], self._begun[key] = False, time.monotonic()
+            threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
+
+    def _compile(self, key: Key, moment: Moment, streams: dict[str, Any]) -> None:
+        """Compile the kernels by one run, whose results are discarded."""
+        try:
+            self._run(moment, key[0], streams)
+            self._ready[key] = True
+        except Exception as error:  # also from a driver: the page shows it
+            self._ready[key] = error
+        self._wake()
+
+    def _run(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> dict[str, Any]:
+        return stepped(self._in_form(form), moment, _placed(streams, form), form.backend)
+
+    def _compiled(self, form: Form) -> Chain:
+        """Return the chain with its programs compiled in the mode of a form."""
+        if form.math == "strict":
+            return self.chain
+
+        def made(node: Any) -> Any:
+            if isinstance(node, Chain):
+                return node.with_members(tuple(map(made, node.members)))
+            if isinstance(node.kernel, Program):
+                return replace(node, kernel=node.kernel.compile(form.backend, math=form.math))  # type: ignore[arg-type]
+            return node
+
+        return made(self.chain)  # type: ignore[no-any-return]
+
+    def _present(self, size: tuple[int, int]) -> Held:
+        """Return what is shown; restart from the first streams if the size has changed."""
+        if self._held is None or size not in (self._size, self._own):
+            self._held, self._size = Held(self._begin(size)), size
+            self._own = extent(self.chain, self._held.streams, size)
+        return self._held
+
+    def _begin(self, size: tuple[int, int]) -> dict[str, Any]:
+        if self.start is None:
+            names = ", ".join(f'"{name}": …' for name in self.chain.inputs)
+            raise ShpyError(
+                f"{self.chain} needs streams to begin with", cure=f"def {START}(height, width): return {{{names}}}"
+            )
+        made = self.start(size[1], size[0])
+        if not isinstance(made, dict):
+            raise ShpyError(f"{START}(height, width) gives {type(made).__name__}", cure="a dict of arrays by name")
+        return dict(made)
+
+    def reset(self) -> None:
+        """Restart from the first streams."""
+        self._held = None
+
+    # What the page asks
+
+    def waiting(self, wanted: Form) -> Waiting | None:
+        """Return what is compiled for the wanted form, of the chain or of `show`; None where nothing is."""
+        key = wanted, self._own or (0, 0)
+        if self._ready.get(key, True) is False:
+            return Waiting(wanted, self._operations, time.monotonic() - self._begun[key])
+        return self.kernels.waiting(wanted) if self.kernels else None
+
+    def refused(self, wanted: Form) -> Exception | None:
+        """Return the error with which a target refuses the chain or `show`; a quick form draws in its place."""
+        state = self._ready.get((wanted, self._own or (0, 0)))
+        if isinstance(state, Exception):
+            return state
+        return self.kernels.refused(wanted) if self.kernels else None
+
+    def held(self) -> Held | None:
+        """Return what the present picture was made of."""
+        return self._held
+
+    def stepped(self, held: Held, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+        """Return the kernel that wrote the element `at` of what is shown, and its steps in the last round.
+
+        None before the first step, for a kernel inside a loop, whose rounds are not kept, and for a kernel that runs
+        over other elements than the pixels.
+        """
+        member = self._writer()
+        prefix = _before(self.chain, member) if member else None
+        if member is None or prefix is None or held.before is None or held.moment is None or held.form is None:
+            return None
+        streams = dict(held.before)
+        if prefix:
+            streams |= stepped(Sequence(tuple(prefix)), held.moment, _placed(streams, held.form), held.form.backend)
+        program, shown = Program(member.recorded), held.streams[member.outputs[-1][0]]
+        if shown.shape != held.moment.shape:
+            return None
+        given = given_to(Sequence((member,)), held.moment, streams)
+        given = {name: value for name, value in given.items() if name in program.inputs}
+        return program, program.trace(**given, shape=held.moment.shape, at=at)
+
+    def _writer(self) -> Member | None:
+        """Return the kernel that writes last what the picture is made of; None if it shows what no kernel writes."""
+        names = self.taken.keys() if self.kernels else {self.shown}
+        return next((k for k in reversed(self.chain.kernels) if names & {name for name, _ in k.outputs}), None)
+
+    def drawn(self, held: Held, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+        """Return `show` and the steps of one pixel in it; None without it."""
+        if self.kernels is None:
+            return None
+        program = self.kernels.program
+        given = values_of(program.inputs, moment, held.streams)
+        return program, program.trace(**given, shape=moment.shape, at=at)
+
+    def sources(self, form: Form) -> list[tuple[str, str]]:
+        """Return the name of each program and the text that is emitted for it in a form."""
+        programs = {kernel.name: kernel.kernel for kernel in self.chain.kernels}
+        found = [(name, _source(kernel, form)) for name, kernel in programs.items()]
+        return found + ([(SHOW, self.kernels.exactly(form).source)] if self.kernels else [])
+
+
+def _is_filled(name: str, type_: Any) -> bool:
+    return is_filled(name, getattr(type_, "cls", type_))
+
+
+def _source(kernel: Any, form: Form) -> str:
+    if isinstance(kernel, Program):
+        kernel = kernel.compile(form.backend, math=form.math)  # type: ignore[arg-type]
+    return str(kernel.source)
+
+
+def _placed(values: Mapping[str, Any], form: Form) -> dict[str, Any]:
+    """Return the values with their streams where a form runs."""
+    return {name: v.to(form.backend) if isinstance(v, Stream) else v for name, v in values.items()}
+
+
+def _before(node: Chain | Member, member: Member) -> list[Chain | Member] | None:
+    """Return what a chain runs before its last execution of a member; None where only a run tells."""
+    if node is member:
+        return []
+    if not isinstance(node, Sequence | Repeat) or (isinstance(node, Repeat) and not node.times):
+        return None
+    places = [k for k, part in enumerate(node.members) if member in part.kernels]
+    inner = _before(node.members[places[-1]], member)
+    if inner is None:
+        return None
+    rounds = node.times - 1 if isinstance(node, Repeat) else 0
+    earlier = [Repeat(node.members, rounds)] if rounds else []
+    return [*earlier, *node.members[: places[-1]], *inner]

@@ -1,0 +1,158 @@
+"""Chains in a view: their pictures are those of `chain.run` wherever and whenever kernels become ready."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pictured_chains import CHAINS, HEAD
+
+from shpy.chains.chain import sequence
+from shpy.evolution import Evolution, last_stream
+from shpy.ir.interpreter import Interpreter
+from shpy.screen import Moment
+from shpy.view.kernels import Form
+from shpy.view.ongoing import Ongoing
+from shpy.view.source import open_file
+
+SIZE = (12, 8)
+QUICK = Form("numpy", "strict")
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    """Return each file of chains, opened."""
+    folder = tmp_path_factory.mktemp("chains")
+
+    def file(name):
+        path = folder / f"{name}.py"
+        if not path.exists():
+            path.write_text(HEAD + CHAINS[name])
+        return open_file(path)
+
+    return file
+
+
+def expected(found, subject, moments):
+    """Return the pictures of the first steps, by chain.run on numpy."""
+    start = found.start(SIZE[1], SIZE[0])
+    evolution = Evolution(subject.chain, found.names.get("show"), start, size=subject.extent(SIZE), backend="numpy")
+    pictures = []
+    for before, after in itertools.pairwise(moments):
+        evolution.step(before)
+        pictures.append(evolution.picture(after))
+    return pictures
+
+
+class Gate(Ongoing):
+    """A chain whose kernels are ready when a test says so."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        if self.kernels:
+            self.kernels.begin = self.kernels._begin_later = lambda form: None
+
+    def _prepare(self, key, moment, streams):
+        self._ready.setdefault(key, False)
+        self._begun.setdefault(key, 0.0)
+
+    def let(self, what, form):
+        """Let the chain, or `show`, be compiled in a form."""
+        if what == "chain":
+            self._ready[form, self.extent(SIZE)] = True
+        elif self.kernels:
+            self.kernels._found[form] = self.kernels.program.compile(form.backend, math=form.math)
+
+
+ORDERS = list(itertools.permutations([("show", False), ("show", True), ("chain", False), ("chain", True)]))
+"""The orders in which the quick form (False) and the wanted one (True) of `show` and of the chain become ready."""
+CASES = [(name, target, k) for name in CHAINS for target in ("opencl", "glsl") for k in range(len(ORDERS))]
+
+
+@pytest.mark.sampled(29)
+@pytest.mark.parametrize(("name", "target", "order"), CASES)
+def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, target, order):
+    found, wanted = opened(name), Form(target, "strict")
+    subject = Gate(found.pick(None)[1], found, lambda: None)
+    size = subject.extent(SIZE)
+    moments = [Moment(size, 0.25 * k, k, (3.0, 2.0, 1.0, 1.0)) for k in range(10)]
+    pictures, number, drawn = expected(found, subject, moments), 0, 0
+    for what, is_wanted in ORDERS[order]:
+        subject.let(what, wanted if is_wanted else QUICK)
+        for _ in range(2):
+            number += subject.advance(moments[number], wanted, 1)
+            ready = subject.kernels is None or subject.kernels._found
+            if ready and not subject.lacks_picture(SIZE):
+                output, form = subject.draw(moments[number], wanted)
+                assert form in (wanted, QUICK)
+                if number:
+                    assert np.array_equal(output, pictures[number - 1], equal_nan=True)
+                    drawn += 1
+    assert drawn >= 2
+
+
+@pytest.mark.sampled(5)
+@pytest.mark.parametrize(("name", "order"), [(n, k) for n in CHAINS for k in range(6)])
+def test_a_page_may_choose_other_backends_and_modes_while_a_chain_runs(opened, name, order):
+    found = opened(name)
+    subject = Gate(found.pick(None)[1], found, lambda: None)
+    moments = [Moment(subject.extent(SIZE), 0.25 * k, k, (3.0, 2.0, 1.0, 1.0)) for k in range(7)]
+    pictures = expected(found, subject, moments)
+    backends = list(itertools.permutations(["numpy", "opencl", "glsl"]))[order] * 2
+    for number, backend in enumerate(backends):
+        form = Form(backend, "strict" if number != 4 else "portable")
+        for what in ("chain", "show"):
+            subject.let(what, form)
+        assert subject.advance(moments[number], form, 1)
+        output, drawn = subject.draw(moments[number + 1], form)
+        assert drawn == form
+        if number < 4:
+            assert np.array_equal(output, pictures[number], equal_nan=True)
+        else:  # other formulas
+            assert np.allclose(output, pictures[number], atol=1e-3, equal_nan=True)
+
+
+def test_a_form_that_a_target_refuses_leaves_the_quick_one(opened):
+    found, wanted = opened("two_buffers"), Form("glsl", "strict")
+    subject, moment = Gate(found.pick(None)[1], found, lambda: None), Moment(SIZE)
+    subject.let("chain", QUICK)
+    subject._ready[wanted, SIZE] = ValueError("no")
+    assert subject.advance(moment, wanted, 1)
+    assert str(subject.refused(wanted)) == "no"
+    assert subject.draw(moment, wanted)[1] == QUICK
+    subject._ready[QUICK, SIZE] = ValueError("neither")
+    with pytest.raises(ValueError, match="no"):
+        subject.advance(moment, wanted, 1)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_trace_of_a_chain_is_of_the_streams_before_its_last_step(opened, monkeypatch, name):
+    found = opened(name)
+    subject = Gate(found.pick(None)[1], found, lambda: None)
+    for what in ("chain", "show"):
+        subject.let(what, QUICK)
+    moments = [Moment(subject.extent(SIZE), 0.25 * k, k, (3.0, 2.0, 1.0, 1.0)) for k in range(4)]
+    for moment in moments[:3]:
+        subject.advance(moment, QUICK, 2)
+    held, at = subject.held(), (5, 3)
+    interpreted, run = [], Interpreter.run_element
+
+    def kept(interpreter, *given, **options):
+        interpreted.append(run(interpreter, *given, **options)[0])
+        return interpreted[-1], 0
+
+    monkeypatch.setattr(Interpreter, "run_element", kept)
+    stepped, drawn = subject.stepped(held, at), subject.drawn(held, moments[3], at)
+    assert (stepped is None) == (name == "a_loop_that_ends")
+    assert (drawn is None) == (subject.kernels is None)
+    if drawn:
+        assert np.array_equal(subject.draw(moments[3], QUICK)[0][at], interpreted[-1][0], equal_nan=True)
+    if stepped and name != "a_struct":
+        written = held.streams[subject._writer().outputs[0][0]]
+        assert np.array_equal(written.numpy()[at], interpreted[0][0])
+
+
+def test_the_last_stream_is_the_one_that_is_written_last(opened):
+    found = opened("its_last_stream_comes_first")
+    assert last_stream(found.pick(None)[1]) == "u"
+    near, back = found.names["near"], found.names["back"]
+    assert last_stream(sequence(near, back, near)) == "w"
