@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import codecs
 import re
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,16 +20,9 @@ import numpy as np
 from raytracer.arrays import whole
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices
-from raytracer.meshes.ply_faces import TYPES, as_triangles
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _STL_HEAD, _STL_TRIANGLE = 84, 50
-_PLY: Final = {
-    "vertex": frozenset("x y z nx ny nz red green blue alpha texture_u texture_v u v s t".split()),
-    "face": frozenset("vertex_index vertex_indices red green blue alpha texcoord texnumber".split()),
-    "tristrips": frozenset(("vertex_index", "vertex_indices")),
-}
-"""The properties of each element of a PLY file that are read."""
 
 
 def text_of(data: bytes) -> str:
@@ -66,53 +58,6 @@ def _binary_stl(data: bytes, count: int, notices: Notices) -> bytes:
     rows = np.frombuffer(data, np.uint8, count * _STL_TRIANGLE, _STL_HEAD).reshape(count, _STL_TRIANGLE)
     notices.ignore("attributes of triangles", int(rows[:, -2:].any(axis=1).sum()))
     return data
-
-
-def ply(data: bytes, notices: Notices) -> bytes:
-    """Check a PLY file, which has at least as many elements as its header declares; return what trimesh takes."""
-    if data.startswith(tuple(mark for mark, _ in _MARKS)):
-        data = _ascii(text_of(data))
-    found = re.search(rb"end_header[ \t]*\r?\n", data)
-    if not data.startswith(b"ply") or found is None:
-        raise SceneError("it has no PLY header that ends")
-    head, body = data[: found.end()], data[found.end() :]
-    head = bytes(byte if byte < 128 else ord("?") for byte in head)
-    head = re.sub(rb"^(element[ \t]+edge)\b", rb"\1_", head, flags=re.MULTILINE)  # else trimesh makes a path of them
-    declared = list(_elements(head.decode("ascii"), notices))
-    if re.search(rb"^format[ \t]+ascii", head, re.MULTILINE):
-        body = _ascii(text_of(body))
-        there = sum(1 for line in body.splitlines() if line.strip())
-        sizes = [(name, count, 1) for name, count, _ in declared]
-        unit = "lines"
-    else:
-        there, sizes, unit = len(body), declared, "bytes"
-    needed = sum(count * size for _, count, size in sizes)
-    if needed > there:
-        what = ", ".join(f"{count:,} of {name}" for name, count, _ in declared)
-        raise SceneError(f"its header declares more than follows ({what}): at least {needed:,} {unit}, not {there:,}")
-    return as_triangles(head, body, declared)
-
-
-def _elements(head: str, notices: Notices) -> Iterator[tuple[str, int, int]]:
-    """Yield name, number and least size in bytes of the elements that a header declares; note what is not read."""
-    name, count, size = "", 0, 0
-    for words in map(str.split, head.splitlines()):
-        if words[:1] == ["element"]:
-            if name:
-                yield name, count, size
-            if len(words) != 3 or not (words[2].isascii() and words[2].isdigit()):
-                given = " ".join(words[1:])[:60]
-                raise SceneError(f"an element in its header is {given!r} instead of a name and a number")
-            name, count, size = words[1], int(words[2]), 0
-            if name not in _PLY:
-                notices.ignore(f"elements {name.removesuffix('_')}", count)
-        elif words[:1] == ["property"] and len(words) > 1:
-            kind = TYPES.get(words[2] if words[1] == "list" and len(words) > 2 else words[1], "B")
-            size += struct.calcsize(f"={kind}")
-            if words[-1] not in _PLY.get(name, words[-1:]):
-                notices.ignore(f"{words[-1]} of each {name}", count)
-    if name:
-        yield name, count, size
 
 
 class _Off(NamedTuple):
@@ -161,5 +106,5 @@ def _ascii(text: str) -> bytes:
     return text.encode("ascii", "replace")
 
 
-READABLE: Final[dict[str, Callable[[bytes, Notices], bytes]]] = {".stl": stl, ".ply": ply, ".off": off}
+READABLE: Final[dict[str, Callable[[bytes, Notices], bytes]]] = {".stl": stl, ".off": off}
 """By ending: gives a file's contents as trimesh takes them. OBJ, GLB and glTF have readers of their own."""

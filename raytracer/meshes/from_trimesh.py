@@ -1,6 +1,6 @@
 """Meshes and scenes of trimesh as ours, with their names, colours, uv coordinates and materials.
 
-Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. PLY, STL and OFF files come in here too.
+Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. STL and OFF files come in here too.
 
     mesh = Mesh.from_trimesh(trimesh.creation.icosphere())
     Scene([trimesh.load("chair.glb"), floor(4)])
@@ -9,7 +9,6 @@ Stage: scene description. Takes trimesh.Trimesh and trimesh.Scene objects. PLY, 
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Hashable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -28,9 +27,6 @@ from raytracer.meshes.pictures import Picture, Pictures
 
 _GREY = (102, 102, 102)
 """The colour of trimesh for what has none."""
-
-
-_NO_FACES = np.zeros((0, 3), np.int64)
 
 
 def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
@@ -64,71 +60,6 @@ def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:
         if key not in made:
             made[key] = _mesh(geometry, None, key, pictures, notices)
         yield Instance(made[key], matrix, str(node))
-
-
-def join_strips(scene: Any) -> None:
-    """Give a trimesh.Scene of a PLY file the triangles of its `tristrips`, which trimesh takes for points alone."""
-    import trimesh
-
-    for key, part in list(scene.geometry.items()):
-        raw = part.metadata.get("_ply_raw", {})
-        if "tristrips" not in raw or hasattr(part, "faces"):
-            continue
-        (rows,) = raw["tristrips"]["data"].values()
-        faces = np.concatenate([_strip(np.asarray(row).reshape(-1)) for row in rows])
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(part.vertices):
-            raise SceneError(f"a strip names vertex {faces.max()}, and there are {len(part.vertices)}")
-        held = raw["vertex"]["data"]
-        normals = [held[name].reshape(-1) for name in ("nx", "ny", "nz") if name in held]
-        scene.geometry[key] = trimesh.Trimesh(
-            part.vertices,
-            faces,
-            vertex_normals=np.stack(normals, axis=1) if len(normals) == 3 else None,
-            vertex_colors=part.colors if len(part.colors) else None,
-            process=False,
-        )
-
-
-def completed(mesh: Mesh, part: Any) -> Mesh:
-    """Return the mesh of a PLY file with what trimesh leaves out beside uv coordinates.
-
-    That is colours, and the uv coordinates of corners in lists, of which `part` has those of one corner of each vertex.
-    """
-    raw = part.metadata.get("_ply_raw", {})
-    found = {}
-    lists = _column(raw, "face", "texcoord")
-    if np.shape(lists) == (len(mesh), 6):
-        found["uv"] = lists.reshape(-1, 3, 2)
-    for element in ("vertex", "face") if mesh.colors is None else ():
-        columns = [_column(raw, element, name) for name in ("red", "green", "blue")]
-        if "colors" not in found and all(column is not None for column in columns):
-            colors = _linear(np.column_stack(columns))
-            found["colors"] = colors if element == "vertex" else np.repeat(colors[:, None], 3, axis=1)
-    return replace(mesh, **found) if found else mesh
-
-
-def _column(raw: Any, element: str, name: str) -> Any:
-    """Return the numbers of a property of a PLY file, (N,) or of lists (N, L); None where the file has none."""
-    held = raw.get(element, {})
-    if name not in held.get("properties", ()) or not held.get("length"):
-        return None
-    numbers = held["data"][name]
-    return numbers["f1"] if numbers.dtype.names else numbers  # a binary list has its length before it
-
-
-def _strip(order: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the triangles (F, 3) of vertices in strips, between which a negative number stands.
-
-    Each vertex after two others makes a triangle with them; of every second one in a strip two corners change places,
-    so that all face one way.
-    """
-    order = order.astype(np.int64)
-    ends = np.flatnonzero(order < 0)
-    place = np.arange(len(order))
-    first = np.concatenate([[0], ends + 1])[np.searchsorted(ends, place)]  # where the strip of each place begins
-    last = place[2:][(place[2:] - first[2:] >= 2) & (order[2:] >= 0)]
-    odd = (last - first[last]) % 2
-    return np.stack([order[last - 2], order[last - 1 + odd], order[last - odd]], axis=1) if last.size else _NO_FACES
 
 
 def _name(part: Any) -> str:
@@ -228,9 +159,3 @@ def _simple(given: Any, picture: Any, notices: Notices) -> Material:
     color = (r, g, b) if picture is None else picture.color((r, g, b))
     exponent = max(float(getattr(given, "glossiness", 1.0)), 0.0)
     return Material(color, 1.0, height_of(specular, exponent, notices), exponent)
-
-
-def texture_file(header: str) -> str | None:
-    """Return the name of the picture in the header of a PLY file, where MeshLab writes it as a comment."""
-    found = re.search(r"^comment\s+TextureFile\s+(\S.*?)\s*$", header, re.MULTILINE | re.IGNORECASE)
-    return found[1] if found else None

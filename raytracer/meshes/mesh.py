@@ -147,6 +147,13 @@ class Mesh:
         return np.asarray(self.vertices.take(self.faces, axis=0))  # several times as fast as an index
 
     @property
+    def used_vertices(self) -> Floats:
+        """The vertices (N, 3) that triangles have, each once."""
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        return np.asarray(self.vertices if used.all() else self.vertices[used])
+
+    @property
     def face_normals(self) -> Floats:
         """Unit normals of the triangles, (F, 3), by the right-hand rule; zero for a triangle without area."""
         return normals_of(self.corners)

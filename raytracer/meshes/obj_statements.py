@@ -131,7 +131,7 @@ class _Reader:
         self.states = [(0, State(Part("", None), ANGLE))]
         self.libraries: list[str] = []
         self.causes: dict[int, str] = {}
-        """What is wrong with the first bad index, by column, and with the first word that is not an index."""
+        """The cause of the first bad index, by column, and of the first word that is not an index."""
 
     def read(self, block: bytes) -> None:
         """Read a block of lines."""

@@ -64,7 +64,7 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
 
     Without triangles it is the unit cube about the origin.
     """
-    used = [mesh.corners.reshape(-1, 3) @ turn for mesh in meshes if len(mesh)]
+    used = [mesh.used_vertices @ turn for mesh in meshes if len(mesh)]
     if not used:
         return np.full(3, -0.5), np.full(3, 0.5)
     return np.stack([u.min(axis=0) for u in used]).min(axis=0), np.stack([u.max(axis=0) for u in used]).max(axis=0)
@@ -144,7 +144,7 @@ def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
     least = np.full(5, np.inf)
     for mesh in meshes:
         if len(mesh):
-            corners = (mesh.corners.reshape(-1, 3) @ turn - middle) / radius
+            corners = (mesh.used_vertices @ turn - middle) / radius
             least = np.minimum(least, (corners @ normals).min(axis=0))
     if not np.all(np.isfinite(least)):  # no triangles: the box itself
         least = -np.abs(normals).sum(axis=0) / math.sqrt(3)
@@ -175,7 +175,7 @@ def outermost(meshes: Sequence[Mesh]) -> Matrix:
     found = [np.zeros((0, 3))]
     for mesh in meshes:
         if len(mesh):
-            corners = mesh.corners.reshape(-1, 3)
+            corners = mesh.used_vertices
             found.append(corners[(corners @ directions).argmin(axis=0)])
     return np.concatenate(found)
 

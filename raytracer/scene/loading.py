@@ -25,15 +25,16 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
-from raytracer.meshes.contents import READABLE, text_of
+from raytracer.meshes.contents import READABLE
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
-from raytracer.meshes.from_trimesh import completed, join_strips, parts_of, texture_file
+from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
 from raytracer.meshes.mtl import Words, picture_words, read_mtl
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.meshes.ply import read_ply
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of
 from raytracer.scene.gltf_scene import GltfScene
@@ -250,34 +251,39 @@ class Library:
 
 
 def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    """Read a PLY, STL or OFF file: a mesh, or one for each solid of STL; of PLY the picture in MeshLab's comment."""
+    """Read an STL or OFF file: a mesh, or one for each solid of STL."""
     import trimesh
 
     kind = path.suffix.lower()
     readable = BytesIO(READABLE[kind](data, notices))
-    given: Any = {"fix_texture": False} if kind == ".ply" else {}
-    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True, **given)
-    join_strips(scene)
+    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True)
     parts = _placed(list(parts_of(scene, notices)))
-    if kind == ".ply":
-        parts = [completed(mesh, part) for mesh in parts for part in scene.geometry.values()]  # there is one
     found = [replace(mesh, name=path.stem) for mesh in parts] if len(parts) == 1 else parts
-    header = data.split(b"end_header", 1)[0] if kind == ".ply" else b""
-    name = texture_file(text_of(header))
-    return Contents([_painted(mesh, name, Folder(path), notices) if materials else mesh for mesh in found])
+    pictures = Pictures(notices)
+    return Contents([_painted(mesh, None, Folder(path), pictures) if materials else mesh for mesh in found])
 
 
-def _painted(mesh: Mesh, name: str | None, folder: Folder, notices: Notices) -> Mesh:
+def _ply(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    folder, pictures = Folder(path), Pictures(notices)
+    meshes: list[Mesh] = []
+    for mesh, picture in read_ply(data, path.stem, notices):
+        found = _painted(mesh, picture, folder, pictures) if materials else mesh
+        meshes.append(replace(found, name=f"{path.stem}_{len(meshes)}") if meshes else found)
+    return Contents(meshes)
+
+
+def _painted(mesh: Mesh, name: str | None, folder: Folder, pictures: Pictures) -> Mesh:
     """Return the mesh with the picture of this name, or with a material that suits it without one."""
+    notices = pictures.notices
     if name is not None and mesh.uv is None:
         notices.ignore("pictures of meshes without uv coordinates")
     picture = None
     if name is not None and mesh.uv is not None:
-        picture = Pictures(notices).get(name, name, lambda: folder.find(name))
+        picture = pictures.get(name, name, lambda: folder.find(name))
     if picture is None:
         return mesh.with_material(CLAY if mesh.colors is None else PLAIN)
     notices.ignore("colours of meshes with a picture", int(mesh.colors is not None))
     return replace(mesh, colors=None, material=Material(picture.color(WHITE), specular=0.0))
 
 
-_READERS: dict[str, Any] = {".obj": _obj, ".glb": _gltf, ".gltf": _gltf}
+_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".glb": _gltf, ".gltf": _gltf}

@@ -149,4 +149,4 @@ def test_a_strip_that_names_a_vertex_that_is_not_there(tmp_path):
     path = tmp_path / "strips.ply"
     path.write_text(STRIPS.format(count=1, strips="3 0 1 7"))
     with pytest.raises(SceneError, match="a strip names vertex 7, and there are 5"):
-        Mesh.load(path)
+        Mesh.load(path, strict=True)
