@@ -120,7 +120,9 @@ COMMANDS = {
     ],
     "accuracy": [["shpy", "accuracy", "program.py:root", "--domain", "a=1:8", "--samples", "20", "-o", "accuracy.png"]],
     "completion": [["shpy", "--completion", "bash"], ["raytracer", "--completion", "zsh"]],
-    "bench": [["benchmarks", "--quick", "--only", "mandelbrot", "--peers", "masks", "--rounds", "1", "--size", "16"]],
+    "bench": [
+        ["benchmarks", "--quick", "--only", "mandelbrot", "--targets", "numpy", "--peers", "masks", "--size", "16"]
+    ],
 }
 """Further commands by extra."""
 
