@@ -24,6 +24,10 @@ _GROUPS = (
 contents of files, which Linux gives up first."""
 
 
+class OutOfMemory(SceneError):
+    """Triangles exceed the free memory."""
+
+
 def check_fits(width: int, height: int, saving: int = 0, held: int = PIXEL) -> None:
     """Raise SceneError if a picture of this size, with `saving` bytes more a pixel for its file, exceeds free memory.
 
@@ -40,11 +44,11 @@ def check_fits(width: int, height: int, saving: int = 0, held: int = PIXEL) -> N
 
 
 def check_triangles(count: int) -> None:
-    """Raise SceneError if a scene of so many triangles exceeds free memory."""
+    """Raise OutOfMemory if a scene of so many triangles exceeds free memory."""
     needed = count * TRIANGLE
     free = free_bytes() if needed > 1 << 26 else None
     if free is not None and needed > free:
-        raise SceneError(f"{count:,} triangles take {needed:,} bytes of memory or more, and {free:,} are free")
+        raise OutOfMemory(f"{count:,} triangles take {needed:,} bytes of memory or more, and {free:,} are free")
 
 
 def free_bytes() -> int | None:

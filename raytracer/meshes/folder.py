@@ -14,6 +14,7 @@ others. What a reader ignores, and each bad entry that it leaves out, is counted
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -116,23 +117,44 @@ class Folder:
     def find(self, name: str) -> Path:
         """Return the path of a file by the name that a mesh file has for it.
 
-        Of a name that leads elsewhere the last part is looked for in the folder itself. Raises SceneError where there
-        is no file, and where it is not regular or too large.
+        Where there is no file of just this name, it may be without the spaces around it, without what follows a ? or #
+        of a URL, and with other capitals, if one file alone has these letters. Of a name that leads elsewhere the last
+        part is looked for in the folder itself. Raises SceneError where there is no file, and where it is not regular
+        or too large.
         """
-        name = name.strip().replace("\\", "/")
-        if not name or "\0" in name:
+        name = name.replace("\\", "/")
+        plain = name.strip()
+        if not plain or "\0" in name:
             raise SceneError("there is no such file")
-        elsewhere = PurePosixPath(name).is_absolute() or bool(PureWindowsPath(name).drive) or "://" in name
-        found = None if elsewhere else self._inside(name)
+        outside = PurePosixPath(plain).is_absolute() or bool(PureWindowsPath(plain).drive) or "://" in plain
+        outside = outside or self._inside(plain) is None
+        found = self._first(PurePosixPath(plain).name if outside else name)
         if found is None:
-            found = self._inside(PurePosixPath(name).name)
-            if found is None or not found.is_file():
-                raise SceneError("it lies outside of the file's folder: put it there")
-        if not found.is_file():
-            raise SceneError("there is no such file")
+            cure = "it lies outside of the file's folder: put it there"
+            raise SceneError(cure if outside else "there is no such file")
         if found.stat().st_size > LARGEST:
             raise SceneError(f"it has {found.stat().st_size:,} bytes, more than {LARGEST:,}")
         return found
+
+    def _first(self, name: str) -> Path | None:
+        """Return the first regular file by the ways of writing a name; None if there is none."""
+        plain = name.strip()
+        spelled = dict.fromkeys((name, plain, re.split("[?#]", plain)[0]))
+        places = [place for spelling in spelled if spelling for place in (self._inside(spelling),) if place]
+        places += [place for spelling in spelled if spelling for place in (self._in_other_case(spelling),) if place]
+        return next((place for place in places if place.is_file()), None)
+
+    def _in_other_case(self, name: str) -> Path | None:
+        """Return the one path whose name differs in capitals alone; None if there is none, or several."""
+        place = self.root
+        for part in PurePosixPath(name).parts:
+            if part == ".." or not place.is_dir():
+                return None
+            alike = [one for one in place.iterdir() if one.name.casefold() == part.casefold()]
+            if len(alike) != 1:
+                return None
+            place = alike[0]
+        return self._inside(str(place))
 
     def read(self, name: str) -> bytes:
         """Read a file; see `find`."""

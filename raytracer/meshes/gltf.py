@@ -11,10 +11,13 @@ of a colour. Counts in the file are compared with the bytes that it has before m
 from __future__ import annotations
 
 import base64
+import binascii
 import json
+import re
 import struct
+from collections.abc import Mapping
 from typing import Any, Final
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +26,16 @@ from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.contents import text_of
 from raytracer.meshes.folder import Folder, shown
+from raytracer.meshes.gltf_entries import BROKEN, count_of, needed, reason_of, rows, table
 
 _COMPONENTS: Final = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 _MOST_ZEROS = 1 << 26
 """Bytes of all accessors without a buffer, whose numbers are zeros."""
+_LOOKS: Final = "KHR_materials_"
+"""The extensions that decide no more than the look of a material, which is shown without them."""
+_COMPRESSED: Final = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _TRANSLATED = (
     *("KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp", "EXT_mesh_gpu_instancing"),
     *("KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"),
@@ -46,26 +53,32 @@ class Document:
     def __init__(self, data: bytes, folder: Folder) -> None:
         self.folder = folder
         text, self._binary = _container(data)
-        tree = json.loads(text)
-        if not isinstance(tree, dict):
-            raise SceneError("its JSON is no object")
-        self.tree: dict[str, Any] = tree
-        version = str(tree.get("asset", {}).get("version", "2.0"))
+        self.tree: dict[str, Any] = _tree(text)
+        version = str(table(self.tree, "asset").get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise SceneError(f"its version of glTF is {shown(version)}, not 2.0")
-        unread = set(map(str, tree.get("extensionsRequired", []))) - set(_TRANSLATED)
-        if unread:
-            names, are = shown(", ".join(sorted(unread))), "is" if len(unread) == 1 else "are"
-            raise SceneError(f"it needs {names}, which {are} not read: export it without")
+        self.check_extensions([name for name in self._required if not name.startswith(_LOOKS)])
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._buffers: dict[int, bytes] = {}
         self._zeros = 0
         self._arrays: dict[int, NDArray[Any]] = {}
 
     @property
+    def _required(self) -> list[str]:
+        """The extensions that the file requires and that are not read."""
+        return sorted(set(map(str, rows(self.tree, "extensionsRequired"))) - set(_TRANSLATED))
+
+    def check_extensions(self, names: list[str] | None = None) -> None:
+        """Raise SceneError for extensions that are not read: these, or by default all that the file requires."""
+        unread = self._required if names is None else names
+        if unread:
+            listed, are = shown(", ".join(unread)), "is" if len(unread) == 1 else "are"
+            raise SceneError(f"it needs {listed}, which {are} not read: export it without")
+
+    @property
     def unread(self) -> list[str]:
         """The extensions that the file uses and that are not read."""
-        return [name for name in map(str, self.tree.get("extensionsUsed", [])) if name not in _TRANSLATED]
+        return [name for name in map(str, rows(self.tree, "extensionsUsed")) if name not in _TRANSLATED]
 
     def all(self, key: str) -> list[dict[str, Any]]:
         """Return the entries of one of the file's lists."""
@@ -87,8 +100,17 @@ class Document:
         """Return the rows (N, width) of an accessor: floats, or integers unless it is normalized."""
         accessor = self.one("accessors", number)
         if number not in self._arrays:
-            self._arrays[number] = self._array(accessor)
+            try:
+                self._arrays[number] = self._array(accessor)
+            except BROKEN as error:
+                raise SceneError(f"accessor {number}: {reason_of(error)}") from error
         return self._arrays[number]
+
+    def compression_of(self, primitive: Mapping[str, Any], number: Any) -> str:
+        """Return the extension that compresses the numbers of an accessor of a primitive; "" if none does."""
+        view = self.one("accessors", number).get("bufferView")
+        holders = [primitive, *([] if view is None else [self.one("bufferViews", view)])]
+        return next((name for name in _COMPRESSED for holder in holders if name in table(holder, "extensions")), "")
 
     def has_bytes(self, number: Any) -> bool:
         """Return whether the file itself holds the numbers of an accessor: else an extension may."""
@@ -97,20 +119,25 @@ class Document:
     def bytes_of(self, view: Any) -> memoryview:
         """Return the bytes of a buffer view; they are not copied."""
         entry = self.one("bufferViews", view)
-        start, length = _count(entry.get("byteOffset", 0)), _count(entry["byteLength"])
-        buffer = self._buffer(entry["buffer"])
+        start, length = count_of(entry, "byteOffset", 0), count_of(entry, "byteLength")
+        buffer = self._buffer(needed(entry, "buffer"))
         if start + length > len(buffer):
             raise SceneError(f"buffer view {view} ends at byte {start + length:,} of {len(buffer):,}")
         return memoryview(buffer)[start : start + length]
 
-    def uri(self, uri: str) -> bytes:
+    def uri(self, uri: Any) -> bytes:
         """Return the bytes of a data URI, or of a file in the folder."""
-        if uri.startswith("data:"):
-            head, comma, body = uri.partition(",")
-            if not comma or not head.endswith(";base64"):
-                raise SceneError("a data URI is not in base64")
-            return base64.b64decode(body)
-        return self.folder.read(unquote(uri))
+        if not isinstance(uri, str):
+            raise SceneError(f"its uri is {shown(str(uri))}, not a text")
+        if is_data(uri):
+            return _data(uri)
+        try:
+            return self.folder.read(unquote(uri))
+        except SceneError as error:
+            try:
+                return self.folder.read(uri)  # of exporters that write names as they are
+            except SceneError:
+                raise error from None
 
     def _buffer(self, number: Any) -> bytes:
         entry = self.one("buffers", number)
@@ -119,37 +146,91 @@ class Document:
                 raise SceneError(f"buffer {number} has no bytes")
             try:
                 self._buffers[number] = self.uri(entry["uri"]) if "uri" in entry else self._binary
-            except SceneError as error:
-                raise SceneError(f"buffer {shown(entry['uri'])}: {error}") from None
+            except (SceneError, OSError) as error:
+                uri = entry["uri"]
+                name = "" if is_data(uri) else f" ({shown(str(uri))})"
+                raise SceneError(f"buffer {number}{name}: {error}") from None
         return self._buffers[number]
 
     def _array(self, accessor: dict[str, Any]) -> NDArray[Any]:
-        kind = np.dtype(_COMPONENTS[accessor["componentType"]])
-        count, width = _count(accessor["count"]), _WIDTHS[accessor["type"]]
+        kind, width = _component(accessor), _WIDTHS.get(str(accessor.get("type")), 0)
+        if not width:
+            raise SceneError(f"its type is {shown(str(accessor.get('type')))}, none of {', '.join(_WIDTHS)}")
+        count = count_of(accessor, "count")
         if "bufferView" in accessor:
-            rows = self._rows(accessor["bufferView"], accessor.get("byteOffset", 0), kind, count, width)
+            held = self._rows(accessor, kind, count, width)
         else:
             self._zeros += count * width * kind.itemsize
             if self._zeros > _MOST_ZEROS:
-                raise SceneError(f"an accessor of {count:,} elements has no bytes")
-            rows = np.zeros((count, width), kind)
+                raise SceneError(f"it has {count:,} elements without bytes")
+            held = np.zeros((count, width), kind)
         if "sparse" in accessor:
-            sparse = accessor["sparse"]
-            changed, where, values = _count(sparse["count"]), sparse["indices"], sparse["values"]
-            index = np.dtype(_COMPONENTS[where["componentType"]])
-            places = self._rows(where["bufferView"], where.get("byteOffset", 0), index, changed, 1)[:, 0]
-            rows = rows.copy()
-            rows[places] = self._rows(values["bufferView"], values.get("byteOffset", 0), kind, changed, width)
+            sparse = table(accessor, "sparse")
+            changed, where = count_of(sparse, "count"), table(sparse, "indices")
+            places = self._rows(where, _component(where), changed, 1)[:, 0]
+            if changed and not 0 <= places.min() <= places.max() < count:
+                raise SceneError(f"its sparse numbers replace element {places.max()}, and there are {count:,}")
+            held = held.copy()
+            held[places.astype(np.int64)] = self._rows(table(sparse, "values"), kind, changed, width)
         if accessor.get("normalized") and kind.kind in "iu":
-            return np.maximum(rows.astype(np.float64) / np.iinfo(kind).max, -1)
-        return rows
+            return np.maximum(held.astype(np.float64) / np.iinfo(kind).max, -1)
+        return held
 
-    def _rows(self, view: Any, start: Any, kind: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
-        """Return rows (count, width) of a buffer view; numpy refuses rows that do not lie in it."""
-        stride = self.one("bufferViews", view).get("byteStride", width * kind.itemsize)
-        if stride < width * kind.itemsize:
-            raise SceneError(f"elements of {width * kind.itemsize} bytes lie only {stride} apart")
-        return np.ndarray((count, width), kind, self.bytes_of(view), _count(start), (stride, kind.itemsize))
+    def _rows(self, place: dict[str, Any], kind: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
+        """Return rows (count, width) of a buffer view, which `place` names with an offset."""
+        view, start = needed(place, "bufferView"), count_of(place, "byteOffset", 0)
+        size, held = width * kind.itemsize, self.bytes_of(view)
+        stride = count_of(self.one("bufferViews", view), "byteStride", size)
+        if stride < size:
+            raise SceneError(f"its elements of {size} bytes lie only {stride} apart")
+        end = start + (count - 1) * stride + size if count else start
+        if end > len(held):
+            raise SceneError(
+                f"its {count:,} elements end at byte {end:,} of buffer view {view}, which has {len(held):,}"
+            )
+        return np.ndarray((count, width), kind, held, start, (stride, kind.itemsize))
+
+
+def _tree(text: str) -> dict[str, Any]:
+    """Return the object that a text of JSON describes."""
+    try:
+        tree = json.loads(text)
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise SceneError(f"its JSON cannot be read from {place} on: {error.msg}") from None
+    except RecursionError:
+        raise SceneError("its JSON has lists within lists beyond any use") from None
+    if not isinstance(tree, dict):
+        raise SceneError("its JSON is no object")
+    return tree
+
+
+def _component(entry: dict[str, Any]) -> np.dtype[Any]:
+    """Return the type of the numbers of an accessor."""
+    code = entry.get("componentType")
+    if not (is_whole(code, 0) and code in _COMPONENTS):
+        raise SceneError(f"its componentType is {shown(str(code))}, none of {', '.join(map(str, _COMPONENTS))}")
+    return np.dtype(_COMPONENTS[code])
+
+
+def is_data(uri: Any) -> bool:
+    """Return whether a URI holds the bytes itself. The scheme may be in capitals (RFC 3986, section 3.1)."""
+    return isinstance(uri, str) and uri[:5].lower() == "data:"
+
+
+def _data(uri: str) -> bytes:
+    """Return the bytes of a data URI (RFC 2397), whose base64 may come without its padding."""
+    head, comma, body = uri.partition(",")
+    if not comma:
+        raise SceneError("its data URI has no comma before the bytes")
+    held = unquote_to_bytes(body)
+    if not head.lower().endswith(";base64"):
+        return held
+    held = re.sub(rb"\s+", b"", held).rstrip(b"=")
+    try:
+        return base64.b64decode(held + b"=" * (-len(held) % 4), validate=True)
+    except binascii.Error as error:
+        raise SceneError(f"the base64 of its data URI is wrong: {str(error).lower()}") from None
 
 
 def _container(data: bytes) -> tuple[str, bytes]:
@@ -171,11 +252,5 @@ def _container(data: bytes) -> tuple[str, bytes]:
         at += length
     if _JSON not in chunks:
         raise SceneError("it has no JSON")
-    return text_of(chunks[_JSON]), chunks.get(_BIN, b"")
-
-
-def _count(value: Any) -> int:
-    """Return a whole number of JSON that is not negative."""
-    if not is_whole(value, 0):
-        raise SceneError(f"{shown(str(value))!r} is no number of elements or bytes")
-    return value
+    # Some writers pad the chunk with zeros, where the format has spaces.
+    return text_of(chunks[_JSON].rstrip(b"\0 ")), chunks.get(_BIN, b"")

@@ -23,8 +23,9 @@ from raytracer.appearance.materials import Material, Triple
 from raytracer.appearance.textures import Filter, Texture, Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
-from raytracer.meshes.folder import Notices
-from raytracer.meshes.gltf import Document
+from raytracer.meshes.folder import BadEntry, Notices
+from raytracer.meshes.gltf import Document, is_data
+from raytracer.meshes.gltf_entries import BROKEN, count_of, needed, number_of, numbers_of, reason_of, table
 from raytracer.meshes.pictures import Picture, Pictures, channel
 from raytracer.meshes.specular_glossiness import converted, is_metal
 
@@ -64,6 +65,21 @@ class GltfMaterials:
         """Return whether a material has a mode in which alpha counts."""
         return number is not None and self.document.one("materials", number).get("alphaMode") in _ALPHA_MODES
 
+    def is_cut_out(self, number: Any) -> bool:
+        """Return whether a mask leaves nothing of a material, as its alpha is below the cutoff everywhere."""
+        entry = self.document.one("materials", number)
+        if entry.get("alphaMode") != "MASK":
+            return False
+        cutoff = number_of(entry, "alphaCutoff", 0.5)
+        pictured = "color" in self._textures(entry)
+        return cutoff > 1 or (not pictured and self._color(entry)[3] < cutoff)
+
+    def _color(self, entry: dict[str, Any]) -> list[float]:
+        """Return the factor of a material's colour, and of its alpha."""
+        if gloss := _extension(entry, _GLOSSY):
+            return numbers_of(gloss, "diffuseFactor", (1, 1, 1, 1))
+        return numbers_of(table(entry, "pbrMetallicRoughness"), "baseColorFactor", (1, 1, 1, 1))
+
     def get(self, number: Any, has_uv: bool) -> Material:
         """Return the material of this number for a mesh, without pictures where the mesh has no uv coordinates."""
         entry = self.document.one("materials", number)
@@ -82,25 +98,24 @@ class GltfMaterials:
 
     def _textures(self, entry: dict[str, Any]) -> dict[str, dict[str, Any]]:
         """Return the textures of a material by our names for them."""
-        look, clear = entry.get("pbrMetallicRoughness", {}), _extension(entry, "transmission")
+        look, clear = table(entry, "pbrMetallicRoughness"), _extension(entry, "transmission")
         found = {"color": look.get("baseColorTexture"), "roughness": look.get("metallicRoughnessTexture")}
         if gloss := _extension(entry, _GLOSSY):
             found = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
         found |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
         found["normals"] = entry.get("normalTexture")
-        return {name: texture for name, texture in found.items() if texture}
+        return {name: table(found, name) for name, texture in found.items() if texture}
 
     def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> Material:
         """Make a material with these textures (section 3.9)."""
-        look = entry.get("pbrMetallicRoughness", {})
-        color = _numbers(look.get("baseColorFactor", (1, 1, 1, 1)), 4)
+        look, color = table(entry, "pbrMetallicRoughness"), self._color(entry)
         self.notices.ignore("occlusion maps", int("occlusionTexture" in entry))
-        strength = float(_extension(entry, "emissive_strength").get("emissiveStrength", 1))
-        r, g, b = (strength * x for x in _numbers(entry.get("emissiveFactor", (0, 0, 0)), 3))
+        strength = number_of(_extension(entry, "emissive_strength"), "emissiveStrength", 1)
+        r, g, b = (strength * x for x in numbers_of(entry, "emissiveFactor", (0, 0, 0)))
         found = MetallicRoughness(
             (color[0], color[1], color[2]),
-            float(look.get("metallicFactor", 1)),
-            float(look.get("roughnessFactor", 1)),
+            number_of(look, "metallicFactor", 1),
+            number_of(look, "roughnessFactor", 1),
             self._picture(used.get("color")),
             self._picture(used.get("roughness")),
             emission=(r, g, b),
@@ -109,7 +124,6 @@ class GltfMaterials:
             normal_map=self._normals(used.get("normals")),
         )
         if gloss := _extension(entry, _GLOSSY):
-            color = _numbers(gloss.get("diffuseFactor", (1, 1, 1, 1)), 4)
             found = self._glossy(found, gloss, color[:3], used.get("gloss"))
         found = replace(found, **self._alpha(entry, color[3], used.get("color"))._asdict())
         return metallic_roughness(self._clear(found, entry, used.get("transmission")))
@@ -117,14 +131,14 @@ class GltfMaterials:
     def _normals(self, used: dict[str, Any] | None) -> Texture | None:
         """Return the picture of normals (section 3.9.3)."""
         picture = self._picture(used)
-        return None if picture is None or used is None else picture.normals(float(used.get("scale", 1)))
+        return None if picture is None or used is None else picture.normals(number_of(used, "scale", 1))
 
     def _glossy(
         self, found: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
     ) -> MetallicRoughness:
         """Return a material with what KHR_materials_pbrSpecularGlossiness says, and of its second picture the mean."""
-        specular = np.asarray(_numbers(gloss.get("specularFactor", (1, 1, 1)), 3))
-        glossiness = float(gloss.get("glossinessFactor", 1))
+        specular = np.asarray(numbers_of(gloss, "specularFactor", (1, 1, 1)))
+        glossiness = number_of(gloss, "glossinessFactor", 1)
         picture, mask = self._picture(used), self._picture(used, alpha=True)
         if picture is not None:
             self.notices.ignore("detail of pictures of glossiness")
@@ -140,7 +154,7 @@ class GltfMaterials:
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
         """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""
-        mode, cutoff = entry.get("alphaMode", "OPAQUE"), float(entry.get("alphaCutoff", 0.5))
+        mode, cutoff = entry.get("alphaMode", "OPAQUE"), number_of(entry, "alphaCutoff", 0.5)
         if mode not in _ALPHA_MODES:
             return Alpha()
         picture = self._picture(used, alpha=True)
@@ -148,7 +162,7 @@ class GltfMaterials:
 
     def _clear(self, found: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None) -> MetallicRoughness:
         """Return a material with its transmission, and the medium inside the body."""
-        factor = float(_extension(entry, "transmission").get("transmissionFactor", 0))
+        factor = number_of(_extension(entry, "transmission"), "transmissionFactor", 0)
         if factor <= 0:
             return found
         if found.opacity < 1 or found.clear is not None:
@@ -159,7 +173,7 @@ class GltfMaterials:
             self.notices.ignore("tints of clear materials")
         volume = _extension(entry, "volume")
         absorption = None
-        if float(volume.get("thicknessFactor", 0)) > 0:
+        if number_of(volume, "thicknessFactor", 0) > 0:
             absorption = _absorption(volume)
         return replace(
             found,
@@ -174,18 +188,27 @@ class GltfMaterials:
         """Return the picture of a texture that a material uses; None, with a notice, where it cannot be read."""
         if not used:
             return None
-        texture = self.document.one("textures", used.get("index"))
+        try:
+            return self._read_picture(used, alpha)
+        except BadEntry:
+            raise
+        except BROKEN as error:
+            self.notices.miss(f"texture {used.get('index')}", reason_of(error))
+            return None
+
+    def _read_picture(self, used: dict[str, Any], alpha: bool) -> Picture | None:
+        texture = self.document.one("textures", needed(used, "index"))
         sampler = self.document.one("samplers", texture["sampler"]) if "sampler" in texture else {}
         across, down = (sampler.get(key, 10497) for key in ("wrapS", "wrapT"))
         if across != down and not alpha:
             self.notices.ignore("wraps of textures that differ across and down")
-        source = texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
+        source = table({"EXT_texture_webp": texture, **table(texture, "extensions")}, "EXT_texture_webp").get("source")
         if source is None:
             self.notices.miss("a texture", "its picture is of a kind that is not read")
             return None
         image = self.document.one("images", source)
         uri = image.get("uri", "")
-        name = image.get("name") or ("" if uri.startswith("data:") else uri) or f"picture {source}"
+        name = image.get("name") or ("" if is_data(uri) else uri) or f"picture {source}"
 
         def contents() -> BytesIO:
             held = self.document.bytes_of(image["bufferView"]) if "bufferView" in image else self.document.uri(uri)
@@ -218,40 +241,32 @@ class _Place(NamedTuple):
 
 def _place(texture: dict[str, Any]) -> _Place:
     """Return the place of a textureInfo, of which KHR_texture_transform may name another set of coordinates."""
-    uv_set, given = texture.get("texCoord", 0), texture.get("extensions", {}).get("KHR_texture_transform", {})
-    offset, scale = (
-        tuple(_numbers(given.get(key, default), 2)) for key, default in (("offset", (0, 0)), ("scale", (1, 1)))
-    )
-    return _Place(int(given.get("texCoord", uv_set)), offset, float(given.get("rotation", 0)), scale)
+    given = table(table(texture, "extensions"), "KHR_texture_transform")
+    uv_set = count_of(given if "texCoord" in given else texture, "texCoord", 0)
+    offset, scale = (tuple(numbers_of(given, key, default)) for key, default in (("offset", (0, 0)), ("scale", (1, 1))))
+    return _Place(uv_set, offset, number_of(given, "rotation", 0), scale)
 
 
 def _ior(entry: dict[str, Any]) -> float:
     """Return the refractive index of a material (KHR_materials_ior): 0 stands for a surface that mirrors all."""
-    found = float(_extension(entry, "ior").get("ior", 1.5))
-    if not 0 <= found < math.inf:
-        raise SceneError(f"the ior of a material is 0, or 1 and more, not {found}")
+    found = number_of(_extension(entry, "ior"), "ior", 1.5)
+    if found < 0:
+        raise SceneError(f"its ior is {found:g}, not 0, or 1 and more")
     return found
 
 
 def _absorption(volume: dict[str, Any]) -> Triple:
     """Return the absorption per length: -ln(c) / d for the colour c after the distance d (KHR_materials_volume)."""
-    distance = float(volume.get("attenuationDistance", math.inf))
+    if "attenuationDistance" not in volume:
+        return BLACK
+    distance = number_of(volume, "attenuationDistance", 0)
     if not distance > 0:
         return BLACK
-    left = (min(max(x, _DARKEST), 1.0) for x in _numbers(volume.get("attenuationColor", (1, 1, 1)), 3))
+    left = (min(max(x, _DARKEST), 1.0) for x in numbers_of(volume, "attenuationColor", (1, 1, 1)))
     r, g, b = (-math.log(x) / distance for x in left)
     return (abs(r), abs(g), abs(b))  # -0.0 is 0.0
 
 
 def _extension(entry: dict[str, Any], name: str) -> dict[str, Any]:
     """Return an extension of KHR_materials of a material; {} where it is not used."""
-    found: dict[str, Any] = entry.get("extensions", {}).get(f"KHR_materials_{name}", {})
-    return found
-
-
-def _numbers(values: Any, count: int) -> list[float]:
-    """Return the components of a factor; too few of them are a ValueError."""
-    found = [float(x) for x in values]
-    if len(found) != count:
-        raise ValueError(f"a factor of a material has {count} numbers, not {len(found)}")
-    return found
+    return table(table(entry, "extensions"), f"KHR_materials_{name}")

@@ -29,7 +29,7 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of, outermost
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
-from raytracer.scene.loading import Contents, bytes_of, reading, smoothed
+from raytracer.scene.loading import Contents, bytes_of, reading
 from raytracer.scene.scene import Scene, furnished
 
 Corner = NDArray[np.float64]
@@ -118,8 +118,6 @@ class AnimatedFile:
             frame = held[0]
             posed, meshes = self._posed(time)
             eye, own = self._seen(posed, frame.low, frame.high)
-            with reading(self.path):
-                meshes = smoothed(meshes)
             return dataclasses.replace(
                 frame.scene,
                 meshes=(*meshes, *frame.floor),

@@ -12,8 +12,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,34 +21,41 @@ from numpy.typing import NDArray
 
 from raytracer.accel.planes import unit
 from raytracer.appearance.materials import PLAIN, Material
+from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.memory import check_triangles
+from raytracer.memory import OutOfMemory, check_triangles
 from raytracer.meshes.appearance import CLAY
-from raytracer.meshes.folder import Notices, shown
+from raytracer.meshes.folder import BadEntry, Fault, Notices, shown
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
+from raytracer.meshes.gltf_entries import BROKEN, needed, number_of, numbers_of, reason_of, rows, table
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import ALONG, Camera
 from raytracer.scene.framing import triple
+from raytracer.scene.gltf_nodes import NODE, Matrix, Node, Pose, local_matrix, nodes_of, place_of
 from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
 
-Matrix = NDArray[np.float64]
+Indices = NDArray[np.int64]
 _LIGHTS: Final = "KHR_lights_punctual"
-_PLACED: Final = {"matrix", "translation", "rotation", "scale"}
 _MORPHED: Final = {"POSITION", "NORMAL", "TANGENT"}
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
-Pose = Mapping[int, Mapping[str, Any]]
-"""The entries of nodes that an animation replaces, by the numbers of the nodes."""
-
-
-class Node(NamedTuple):
-    """A node of the scene, the matrix (4, 4) from its coordinates to the scene's, and its number, -1 without one."""
-
-    entry: dict[str, Any]
-    matrix: Matrix
-    number: int = -1
+_PRIMITIVE: Final = Fault("primitive cannot be read", "primitives cannot be read")
+_CAMERA: Final = Fault("camera cannot be read", "cameras cannot be read")
+_LIGHT: Final = Fault("light cannot be read", "lights cannot be read")
+_MATERIAL: Final = Fault("material cannot be read", "materials cannot be read")
+_SHAPE: Final = Fault("primitive is not deformed", "primitives are not deformed")
+_SKIN: Final = Fault("node has a skin that cannot be read", "nodes have skins that cannot be read")
+_NO_VERTEX: Final = Fault("triangle names a vertex that is not there", "triangles name a vertex that is not there")
+_NO_PLACE: Final = Fault("triangle has a corner at no finite place", "triangles have a corner at no finite place")
+_ATTRIBUTES: Final = {
+    "NORM": Fault("primitive has normals that cannot be read", "primitives have normals that cannot be read"),
+    "TEXC": Fault(
+        "primitive has uv coordinates that cannot be read", "primitives have uv coordinates that cannot be read"
+    ),
+    "COLO": Fault("primitive has colours that cannot be read", "primitives have colours that cannot be read"),
+}
 
 
 class _Part(NamedTuple):
@@ -61,14 +68,18 @@ class _Part(NamedTuple):
 class GltfScene:
     """The default scene of a document; parts without a name are called `name`.
 
-    Animations count as ignored unless it is `animated`: `posed` then gives the scene at a time.
+    Animations count as ignored unless it is `animated`: `posed` then gives the scene at a time. A bad entry is left
+    out, and counted in the `notices`.
     """
 
     def __init__(
         self, document: Document, name: str, notices: Notices, *, materials: bool = True, animated: bool = False
     ) -> None:
         self.document, self.name, self.notices = document, name, notices
-        self.nodes = list(_nodes(document))
+        self._left_out: set[tuple[Fault, str]] = set()
+        if notices.strict and materials:
+            document.check_extensions()
+        self.nodes = list(nodes_of(document, self._entry))
         self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
         self._meshes: dict[int, list[_Part]] = {}
@@ -76,39 +87,65 @@ class GltfScene:
         self._built = self._placed = 0
         if not animated:
             notices.ignore("animations", len(document.all("animations")))
-        notices.ignore("scenes after the first", max(0, len(document.all("scenes")) - 1))
+        others = "scenes but the default one" if "scene" in document.tree else "scenes after the first"
+        notices.ignore(others, max(0, len(document.all("scenes")) - 1))
         for extension in document.unread if materials else ():
             notices.ignore(extension)
+
+    @contextmanager
+    def _entry(self, fault: Fault, where: str) -> Iterator[None]:
+        """Leave out an entry that cannot be read, once for all poses of the scene."""
+        try:
+            yield
+        except (BadEntry, OutOfMemory):
+            raise
+        except BROKEN as error:
+            if (fault, where) not in self._left_out:
+                self._left_out.add((fault, where))
+                reason = reason_of(error)
+                self.notices.leave_out(fault, 1, where if self.notices.strict else f"{where}: {reason}", reason)
 
     def posed(self, pose: Pose) -> GltfScene:
         """Return the scene with other places of its nodes; it shares the meshes, which are made once."""
         found = copy.copy(self)
-        found.nodes, found._placed = list(_nodes(self.document, pose)), 0
+        found.nodes, found._placed = list(nodes_of(self.document, self._entry, pose)), 0
         return found
 
     def instances(self) -> list[Instance]:
         """Return the parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
-        found = []
+        found: list[Instance] = []
         matrices = {node.number: node.matrix for node in self.nodes}
         for node in self.nodes:
             if "mesh" not in node.entry:
                 continue
-            mesh = self.document.one("meshes", node.entry["mesh"])
-            name = str(node.entry.get("name") or mesh.get("name") or self.name)
-            places = [node.matrix @ place for place in self._places(node)]
-            amounts = [float(amount) for amount in node.entry.get("weights", mesh.get("weights", ()))]
-            joints = self._joints(node, matrices)
-            for k, (part, deformation) in enumerate(self._parts(node.entry["mesh"], mesh)):
-                placed = places
-                if deformation is not None:
-                    skinned = deformation.joints is not None and joints is not None
-                    part = self._in_shape((node.number, k), deformation, amounts, joints if skinned else None)
-                    placed = [np.eye(4)] if skinned else places  # joints place it: section 3.7.3.3
-                self._placed += len(part) * len(placed)
-                check_triangles(self._placed)
-                called = f"{name}_{k}" if k else name
-                found += [Instance(part, place, called) for place in placed]
+            parts: list[Instance] = []
+            where = ("mesh", node.entry["mesh"]) if node.number < 0 else ("node", node.number)
+            with self._entry(NODE, place_of(*where)):
+                parts = list(self._instances_of(node, matrices))
+            self._placed += sum(len(part.mesh) for part in parts)
+            check_triangles(self._placed)
+            found += parts
         return found
+
+    def _instances_of(self, node: Node, matrices: Mapping[int, Matrix]) -> Iterator[Instance]:
+        """Yield the parts of a node's mesh in their places; one whose skin is bad is not deformed."""
+        mesh = self.document.one("meshes", node.entry["mesh"])
+        name = str(node.entry.get("name") or mesh.get("name") or self.name)
+        places = [node.matrix @ place for place in self._places(node)]
+        amounts = [float(amount) for amount in node.entry.get("weights", mesh.get("weights", ()))]
+        joints: Matrix | None = None
+        with self._entry(_SKIN, place_of("node", node.number)):
+            joints = self._joints(node, matrices)
+        for k, (part, deformation) in enumerate(self._parts(node.entry["mesh"], mesh)):
+            placed = places
+            if deformation is not None:
+                skinned = deformation.joints is not None and joints is not None
+                with self._entry(_SHAPE, f"primitive {k} of node {node.number}"):
+                    part = self._in_shape((node.number, k), deformation, amounts, joints if skinned else None)
+                placed = [np.eye(4)] if skinned else places  # joints place it: section 3.7.3.3
+            check_triangles(self._placed + len(part) * len(placed))
+            called = f"{name}_{k}" if k else name
+            yield from (Instance(part, place, called) for place in placed)
 
     def _joints(self, node: Node, matrices: Mapping[int, Matrix]) -> Matrix | None:
         """Return the matrices (J, 4, 4) by which the joints of a node's skin move a mesh; None if it has no skin."""
@@ -116,7 +153,7 @@ class GltfScene:
             return None
         skin = skin_of(self.document, node.entry["skin"])
         if not set(skin.joints) <= matrices.keys():
-            raise SceneError("the joints of a skin are no nodes of the scene")
+            raise SceneError("the joints of its skin are no nodes of the scene")
         return np.stack([matrices[joint] for joint in skin.joints]) @ skin.inverse
 
     def _in_shape(
@@ -134,7 +171,7 @@ class GltfScene:
 
     def _places(self, node: Node) -> list[Matrix]:
         """Return the matrices (4, 4) of a node's mesh: several with EXT_mesh_gpu_instancing, else the identity."""
-        given = node.entry.get("extensions", {}).get(_INSTANCING, {}).get("attributes", {})
+        given = table(table(table(node.entry, "extensions"), _INSTANCING), "attributes")
         kinds = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
         rows = {key: self.document.array(given[name]) for name, key in kinds.items() if name in given}
         if not rows:
@@ -142,22 +179,25 @@ class GltfScene:
         if len({len(values) for values in rows.values()}) > 1:
             raise SceneError(f"the attributes of {_INSTANCING} are of several lengths")
         check_triangles(len(next(iter(rows.values()))))  # each instance has a triangle, and takes more than that
-        return [_local(dict(zip(rows, row, strict=True))) for row in zip(*rows.values(), strict=True)]
+        lists = {key: values.tolist() for key, values in rows.items()}
+        return [local_matrix(dict(zip(lists, row, strict=True))) for row in zip(*lists.values(), strict=True)]
 
     def camera(self, low: Matrix, high: Matrix) -> Camera | None:
         """Return the first perspective camera, aimed as far away as the middle of the box from `low` to `high`."""
-        cameras = [node for node in self.nodes if "camera" in node.entry]
         found: Camera | None = None
-        for node in cameras:
-            entry = self.document.one("cameras", node.entry["camera"])
-            if "perspective" not in entry:
-                self.notices.ignore("orthographic cameras")
-            elif found is not None:
-                self.notices.ignore("cameras after the first")
-            elif np.linalg.norm(np.cross(*unit(node.matrix[:3, 1:3].T))) <= ALONG:
-                self.notices.ignore("cameras that a scale of 0 leaves without a direction")
-            else:
-                found = _camera(entry["perspective"], node.matrix, (low + high) / 2)
+        for node in self.nodes:
+            if "camera" not in node.entry:
+                continue
+            with self._entry(_CAMERA, place_of("node", node.number)):
+                entry = self.document.one("cameras", node.entry["camera"])
+                if "perspective" not in entry:
+                    self.notices.ignore("orthographic cameras")
+                elif found is not None:
+                    self.notices.ignore("cameras after the first")
+                elif np.linalg.norm(np.cross(*unit(node.matrix[:3, 1:3].T))) <= ALONG:
+                    self.notices.ignore("cameras that a scale of 0 leaves without a direction")
+                else:
+                    found = _camera(table(entry, "perspective"), node.matrix, (low + high) / 2)
         return found
 
     def lights(self, middle: Matrix) -> list[PlacedLight]:
@@ -167,26 +207,31 @@ class GltfScene:
 
         A file gives them in lux and candela, for an exposure that it does not give.
         """
-        given = self.document.tree.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
         found: list[tuple[PlacedLight, float]] = []
         for node in self.nodes:
-            number = node.entry.get("extensions", {}).get(_LIGHTS, {}).get("light")
-            if number is None:
-                continue
-            if not 0 <= number < len(given):
-                raise SceneError(f"it names light {number}, and there are {len(given)}")
-            found += [made for made in [self._light(given[number], node.matrix, middle)] if made]
+            with self._entry(_LIGHT, place_of("node", node.number)):
+                number = table(table(node.entry, "extensions"), _LIGHTS).get("light")
+                if number is not None:
+                    made = self._light(self._light_entry(number), node.matrix, middle)
+                    found += [] if made is None else [made]
         colors = [np.asarray(light.color) for light, _ in found]
         most = float(sum((c * share for c, (_, share) in zip(colors, found, strict=True)), np.zeros(3)).max())
         lights = zip(colors, found, strict=True)
         return [replace(light, color=triple(c / most)) for c, (light, _) in lights] if most > 0 else []
 
+    def _light_entry(self, number: Any) -> dict[str, Any]:
+        given = rows(table(table(self.document.tree, "extensions"), _LIGHTS), "lights")
+        if not (is_whole(number, 0, len(given) - 1) and isinstance(given[number], dict)):
+            raise SceneError(f"it names light {shown(str(number))}, and there are {len(given)}")
+        entry: dict[str, Any] = given[number]
+        return entry
+
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, float] | None:
         """Return a light, and the share of its colour that comes to `middle`."""
-        color = float(entry.get("intensity", 1)) * np.asarray(entry.get("color", (1, 1, 1)), dtype=np.float64)
+        color = number_of(entry, "intensity", 1) * np.asarray(numbers_of(entry, "color", (1, 1, 1)))
         kind, place = entry.get("type"), matrix[:3, 3]
-        if color.shape != (3,) or not np.all(np.isfinite(color)) or color.min() < 0:
-            raise SceneError(f"a light has the colour {shown(str(color))}")
+        if not np.all(np.isfinite(color)) or color.min() < 0:
+            raise SceneError(f"its light has the colour {shown(str(color))}")
         if kind == "directional" and not matrix[:3, 2].any():
             self.notices.ignore("lights that a scale of 0 leaves without a direction")
             return None
@@ -197,46 +242,54 @@ class GltfScene:
             return None
         if kind == "spot":
             self.notices.ignore("cones of spot lights, which shine all round")
+        if "range" in entry:
+            self.notices.ignore("ranges of lights, which have no end")
         distance = float(np.linalg.norm(place - middle))
         return PointLight(triple(place), triple(color), falloff="square"), 1 / (distance**2 or 1)
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
-            made = [self._primitive(primitive) for primitive in entry["primitives"]]
-            self._meshes[number] = [part for part in made if part is not None]
+            found = []
+            needed(entry, "primitives")
+            for k, primitive in enumerate(rows(entry, "primitives")):
+                made: _Part | None = None
+                where = f"primitive {k} of mesh {number}"
+                with self._entry(_PRIMITIVE, where):
+                    made = self._primitive(table({"primitive": primitive}, "primitive"), where)
+                if made is not None:
+                    self._built += len(made.mesh)
+                    check_triangles(self._built)
+                    found.append(made)
+            self._meshes[number] = found
         return self._meshes[number]
 
-    def _primitive(self, primitive: dict[str, Any]) -> _Part | None:
+    def _primitive(self, primitive: dict[str, Any], where: str) -> _Part | None:
+        """Return a primitive as a mesh, with what deforms it; None where it has nothing that is seen."""
         mode = primitive.get("mode", 4)
         if mode not in (4, 5, 6):
             self.notices.ignore("points and lines")
             return None
-        targets = primitive.get("targets", [])
-        self.notices.ignore("morph targets of colours or uv", sum(bool(t.keys() - _MORPHED) for t in targets))
-        attributes = primitive["attributes"]
-        if not self.document.has_bytes(attributes["POSITION"]):
-            raise SceneError(_without_bytes(primitive))
-        vertices = self.document.array(attributes["POSITION"])
-        order = np.arange(len(vertices))
-        if "indices" in primitive:
-            order = self.document.array(primitive["indices"])[:, 0].astype(np.int64)
-        look = primitive.get("material")
+        self._check_targets(primitive)
+        attributes, look = table(primitive, "attributes"), self._look(primitive)
+        vertices = self._positions(primitive, attributes)
+        order = self._order(primitive, len(vertices))
+        uv_name = f"TEXCOORD_{self.materials.uv_set(look)}"
         normals, uv, colors = (
-            self.document.array(attributes[name]) if name in attributes else None
-            for name in ("NORMAL", f"TEXCOORD_{self.materials.uv_set(look)}", "COLOR_0")
+            self._attribute(attributes, name, widths, len(vertices), where)
+            for name, widths in (("NORMAL", (3,)), (uv_name, (2,)), ("COLOR_0", (3, 4)))
         )
         if colors is not None and self.materials.uses_alpha(look) and (colors[:, 3:] < 1).any():
             self.notices.ignore("alpha of vertex colours")
+        if look is not None and self.reads_materials and self.materials.is_cut_out(look):
+            self.notices.ignore("primitives of which a mask leaves nothing")
+            return None
+        faces, vertices = self._sound(_faces(order, mode), vertices, where)
         kept: Any = slice(None)
-        if len(order) < len(vertices):  # others may share the array: a copy of all for each would be quadratic
-            used, order = np.unique(order, return_inverse=True)
-            if used.size and not 0 <= used[0] <= used[-1] < len(vertices):
-                raise SceneError(f"a primitive names vertex {used[-1]}, and there are {len(vertices)}")
-            vertices, kept = vertices[used], used
-            normals, uv, colors = (None if rows is None else rows[used] for rows in (normals, uv, colors))
-        faces = _faces(order, mode)
-        self._built += len(faces)
-        check_triangles(self._built)
+        if faces.size < len(vertices):  # others may share the array: a copy of all for each would be quadratic
+            kept, faces = np.unique(faces, return_inverse=True)
+            faces = faces.reshape(-1, 3)
+            vertices = vertices[kept]
+            normals, uv, colors = (None if found is None else found[kept] for found in (normals, uv, colors))
         made = Mesh(
             vertices,
             faces,
@@ -246,66 +299,99 @@ class GltfScene:
             self.name,
             None if uv is None else self.materials.placed(look, uv) * (1, -1) + (0, 1),  # v runs down in glTF, up here
         )
-        return _Part(made, deformation_of(self.document, primitive, made, normals, kept))
+        deformation: Deformation | None = None
+        with self._entry(_SHAPE, where):
+            deformation = deformation_of(self.document, primitive, made, normals, kept)
+        return _Part(made, deformation)
 
-    def _material(self, number: Any, has_uv: bool, has_colors: bool) -> Material:
-        if number is None or not self.reads_materials:
-            return PLAIN if has_colors else CLAY
-        return self.materials.get(number, has_uv)
+    def _check_targets(self, primitive: dict[str, Any]) -> None:
+        targets = [table({"target": target}, "target") for target in rows(primitive, "targets")]
+        self.notices.ignore("morph targets of colours or uv", sum(bool(t.keys() - _MORPHED) for t in targets))
+
+    def _positions(self, primitive: dict[str, Any], attributes: dict[str, Any]) -> NDArray[Any]:
+        """Return the places of the vertices (V, 3) of a primitive."""
+        number = needed(attributes, "POSITION")
+        try:
+            if not self.document.has_bytes(number):
+                raise SceneError("its positions have no bytes")
+            vertices = self.document.array(number)
+        except SceneError as error:
+            extension = self.document.compression_of(primitive, number)
+            raise (_compressed(extension) if extension else error) from error
+        if vertices.shape[1] != 3:
+            raise SceneError(f"its positions have {vertices.shape[1]} numbers each, not 3")
+        return vertices
+
+    def _order(self, primitive: dict[str, Any], count: int) -> Indices:
+        """Return the numbers of the vertices of a primitive in the order of its triangles."""
+        if "indices" not in primitive:
+            return np.arange(count)
+        held = self.document.array(primitive["indices"])
+        if held.shape[1] != 1 or held.dtype.kind not in "iu":
+            raise SceneError("its indices are not one whole number each")
+        return held[:, 0].astype(np.int64)
+
+    def _attribute(
+        self, attributes: dict[str, Any], name: str, widths: Sequence[int], count: int, where: str
+    ) -> NDArray[Any] | None:
+        """Return the numbers of the vertices of a primitive by the name of the attribute; None without good ones."""
+        if name not in attributes:
+            return None
+        found: NDArray[Any] | None = None
+        with self._entry(_ATTRIBUTES[name[:4]], where):
+            held = self.document.array(attributes[name])
+            if held.shape[1] not in widths or len(held) != count:
+                raise SceneError(f"its {name} has {held.shape} numbers, and it has {count:,} vertices")
+            if not np.isfinite(held).all():
+                raise SceneError(f"its {name} has a number that is not finite, that of vertex {_first_bad(held)}")
+            found = held
+        return found
+
+    def _sound(self, faces: Indices, vertices: NDArray[Any], where: str) -> tuple[Indices, NDArray[Any]]:
+        """Return the triangles whose corners are vertices at finite places, and the vertices, all of them finite."""
+        there = ((faces >= 0) & (faces < len(vertices))).all(axis=1)
+        if not there.all():
+            wrong = faces[~there]
+            number = int(wrong[(wrong < 0) | (wrong >= len(vertices))][0])
+            cause = f"a triangle names vertex {number:,}, and there are {len(vertices):,}"
+            self.notices.leave_out(_NO_VERTEX, len(wrong), where, cause)
+            faces = faces[there]
+        finite = np.isfinite(vertices).all(axis=1)
+        if finite.all():
+            return faces, vertices
+        sound = finite[faces].all(axis=1)
+        cause = f"vertex {_first_bad(vertices)} has no finite place"
+        self.notices.leave_out(_NO_PLACE, int((~sound).sum()), where, cause)
+        return faces[sound], np.where(finite[:, None], vertices, 0)
+
+    def _look(self, primitive: dict[str, Any]) -> int | None:
+        """Return the number of the material of a primitive; None without one that can be read."""
+        number = primitive.get("material")
+        if number is None:
+            return None
+        found: int | None = None
+        with self._entry(_MATERIAL, place_of("material", number)):
+            self.materials.uv_set(number)
+            self.materials.is_cut_out(number)
+            found = number
+        return found
+
+    def _material(self, number: int | None, has_uv: bool, has_colors: bool) -> Material:
+        """Return the material of this number, or a plain one without one that can be read."""
+        found = PLAIN if has_colors else CLAY
+        if number is not None and self.reads_materials:
+            with self._entry(_MATERIAL, place_of("material", number)):
+                found = self.materials.get(number, has_uv)
+        return found
 
 
-def _without_bytes(primitive: dict[str, Any]) -> str:
-    """Return what is wrong with a primitive whose positions have no bytes in the file."""
-    extensions = primitive.get("extensions", {})
-    if not extensions:
-        return "the positions of a primitive have no bytes"
-    return f"positions are in {shown(', '.join(sorted(extensions)))}, which is not read: export it without"
+def _compressed(extension: str) -> SceneError:
+    return SceneError(f"its positions are in {extension}, which is not read: export it without")
 
 
-def _nodes(document: Document, pose: Pose = MappingProxyType({})) -> Iterator[Node]:
-    """Return the nodes of the default scene in a pose, parents first, in the file's order (section 3.5)."""
-    entries, scenes = document.all("nodes"), document.all("scenes")
-    if scenes:
-        roots = document.one("scenes", document.tree.get("scene", 0)).get("nodes", [])
-    else:
-        children = {child for entry in entries for child in entry.get("children", [])}
-        roots = [k for k in range(len(entries)) if k not in children]
-    if not entries:
-        for number in range(len(document.all("meshes"))):
-            yield Node({"mesh": number}, np.eye(4))
-    seen: set[int] = set()
-    waiting = [(root, np.eye(4)) for root in reversed(roots)]
-    while waiting:
-        number, outer = waiting.pop()
-        entry = {**document.one("nodes", number), **pose.get(number, {})}
-        if number in seen:
-            raise SceneError(f"node {number} has more than one parent")
-        seen.add(number)
-        with np.errstate(all="ignore"):  # Instance refuses what is not finite
-            matrix = outer @ _local(entry) if _PLACED & entry.keys() else outer
-        yield Node(entry, matrix, number)
-        waiting += [(child, matrix) for child in reversed(entry.get("children", []))]
-
-
-def _local(entry: dict[str, Any]) -> Matrix:
-    """Return the matrix of a node: its own, or translation, rotation and scale (section 3.5.3)."""
-    if "matrix" in entry:
-        given = np.asarray(entry["matrix"], dtype=np.float64).reshape(4, 4).T.copy()
-        if np.allclose(given[3], (0, 0, 0, 1)):  # but for rounding in the text
-            given[3] = 0, 0, 0, 1
-        return given
-    x, y, z, w = np.asarray(entry.get("rotation", (0, 0, 0, 1)), dtype=np.float64)
-    length = math.sqrt(x * x + y * y + z * z + w * w) or 1.0
-    x, y, z, w = x / length, y / length, z / length, w / length
-    found = np.eye(4)
-    found[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    found[:3, :3] *= np.asarray(entry.get("scale", (1, 1, 1)), dtype=np.float64)
-    found[:3, 3] = entry.get("translation", (0, 0, 0))
-    return found
+def _first_bad(held: NDArray[Any]) -> int:
+    """Return the number of the first row with a number that is not finite."""
+    return int(np.flatnonzero(~np.isfinite(held).all(axis=1))[0])
 
 
 def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
@@ -323,7 +409,10 @@ def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
 
     Where the file gives no aspect ratio the frame is a square.
     """
-    angle, aspect = float(lens["yfov"]), float(lens.get("aspectRatio", 1))
+    needed(lens, "yfov")
+    angle, aspect = number_of(lens, "yfov", 0), number_of(lens, "aspectRatio", 1)
+    if not (0 < angle < math.pi and aspect > 0):
+        raise SceneError(f"its yfov is {angle:g} and its aspectRatio {aspect:g}, which no camera has")
     if aspect < 1:
         angle = 2 * math.atan(aspect * math.tan(angle / 2))
     place, ahead = matrix[:3, 3], -unit(matrix[:3, 2])

@@ -43,6 +43,8 @@ from raytracer.scene.lights import Light
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 """trimesh logs tracebacks of faults that it passes over; without a handler Python prints them."""
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+_FLAT = (".glb", ".gltf")
+"""The formats whose meshes are flat where they have no normals: glTF 2.0, section 3.7.2.1."""
 _PICTURES = ("map_kd", "map_ke", "map_d")
 """The statements of an MTL file whose pictures are read."""
 _LONGEST = 200
@@ -63,11 +65,12 @@ class Contents:
 def load_mesh(path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
     """Read the triangles of a file, all parts in their places, as one mesh.
 
-    The file's normals are kept; without any, corners are smoothed where faces meet at a small angle. Vertex colours and
-    uv coordinates are kept; materials are not, as a mesh has one: `Scene.load` reads them. An sh.ShpyWarning says so,
-    unless a `material` is given. A bad entry, such as a face that names a normal that the file lacks, is left out, and
-    a warning counts them; with `strict` it is an error. Raises FileNotFoundError, or SceneError for a format that is
-    not known, a file that cannot be read, and one without triangles.
+    The file's normals are kept; without any, meshes of glTF are flat, and corners of others are smoothed where faces
+    meet at a small angle. Vertex colours and uv coordinates are kept; materials are not, as a mesh has one, so they are
+    for `Scene.load`. An sh.ShpyWarning says so, unless a `material` is given. A bad entry, such as a face that names a
+    normal that the file lacks, is left out, and a warning counts them; with `strict` it is an error. Raises
+    FileNotFoundError, or SceneError for a format that is not known, a file that cannot be read, and one without
+    triangles.
     """
     path = Path(path)
     notices = Notices(path.name, strict=strict)
@@ -112,10 +115,11 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
     data = bytes_of(path)
     with reading(path):
         contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
-        contents = replace(contents, meshes=smoothed([mesh for mesh in contents.meshes if len(mesh)]))
+        meshes = [mesh for mesh in contents.meshes if len(mesh)]
+        contents = replace(contents, meshes=meshes if kind in _FLAT else smoothed(meshes))
     if not contents.meshes:
-        cause = notices.faults().partition(": ")[2]
-        raise SceneError(f"{path}: the file holds no triangles{cause and f'; {cause}'}")
+        causes = [said.partition(": ")[2] for said in (notices.faults(), notices.text()) if said]
+        raise SceneError("; ".join([f"{path}: the file holds no triangles", *causes]))
     notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
 

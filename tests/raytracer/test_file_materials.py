@@ -11,7 +11,7 @@ from gltf_files import SQUARE, File, png
 from PIL import Image as pillow
 
 import shpy as sh
-from raytracer import Camera, Material, Mesh, Scene, Texture, render
+from raytracer import Camera, Material, Mesh, Scene, SceneError, Texture, render
 from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
 from raytracer.meshes.shapes import box
 
@@ -164,8 +164,13 @@ def test_masks_of_gltf_cut_out(tmp_path):
     file = with_picture(((9, 9, 9, 200),))
     look = {"baseColorTexture": {"index": 0}}
     assert gltf(tmp_path, file=file, alphaMode="MASK", pbrMetallicRoughness=look).cutout is None
-    gone = gltf(tmp_path, alphaMode="MASK", pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0.4]})
-    np.testing.assert_array_equal(before_green(gone), np.broadcast_to([0, 1, 0], (8, 8, 3)))
+    for entry in (
+        {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.4]}},
+        {"alphaCutoff": 1.5},
+        {"alphaCutoff": 1.5, "pbrMetallicRoughness": look},
+    ):
+        with pytest.raises(SceneError, match=r"no triangles; ignored: primitives of which a mask leaves nothing \(1\)"):
+            gltf(tmp_path, file=with_picture(((9, 9, 9, 255),)), alphaMode="MASK", **entry)
     opaque = gltf(tmp_path, alphaMode="OPAQUE", file=with_picture(((9, 9, 9, 0),)), pbrMetallicRoughness=look)
     assert (opaque.cutout, opaque.transmission) == (None, 0)
 

@@ -1,7 +1,6 @@
 """glTF and GLB files: shapes, places, names, materials, pictures, cameras and lights, and what is said of the rest."""
 
 import dataclasses
-import math
 import warnings
 
 import numpy as np
@@ -157,7 +156,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.add("scenes", {"nodes": []})
     file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
     expected = (
-        "animations (1), scenes after the first (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
+        "animations (1), scenes but the default one (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
         "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
         "points and lines (1), orthographic cameras (1), "
@@ -315,69 +314,6 @@ def test_trimesh_reads_what_we_read(tmp_path):
     assert {tuple(sorted(map(tuple, np.round(row, 5).reshape(3, 3).tolist()))) for row in mine} == places
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda tree: tree["nodes"][0].update(children=[0]), "node 0 has more than one parent"),
-        (lambda tree: tree["nodes"][0].update(mesh=7), "number 7 of its meshes, and there are 1"),
-        (lambda tree: tree["nodes"][0].update(mesh=-1), "number -1 of its meshes"),
-        (lambda tree: tree["nodes"][0].update(matrix=[0] * 16), "last row is 0 0 0 1"),
-        (lambda tree: tree["accessors"][0].update(count=10**9), "too small|buffer"),
-        (lambda tree: tree["accessors"][0].update(count=-4), "no number of elements"),
-        (lambda tree: tree["accessors"][0].update(count=10**9, bufferView=None), "names number None"),
-        (lambda tree: tree["bufferViews"][0].update(byteStride=1), "lie only 1 apart"),
-        (lambda tree: tree["bufferViews"][0].update(byteLength=10**9), "ends at byte"),
-        (lambda tree: tree["accessors"][2].update(componentType=5126), "not a readable GLB"),
-        (lambda tree: tree.update(extensionsRequired=["KHR_draco_mesh_compression"]), "export it without"),
-        (lambda tree: tree.update(extensionsRequired=["KHR_materials_unlit"]), "KHR_materials_unlit, which is not"),
-        (lambda tree: tree.update(extensionsRequired=["MSFT_lod", "A_b"]), "needs A_b, MSFT_lod, which are not read"),
-        (lambda tree: tree.update(asset={"version": "1.0"}), "version of glTF is 1.0"),
-        (lambda tree: tree.update(nodes=[{"mesh": 0, "children": "x"}]), "not a readable GLB"),
-        (lambda tree: tree["accessors"][0].pop("type"), r"\(it lacks 'type'\)"),
-        (lambda tree: tree["meshes"][0].update(primitives=[7]), "a part of it is of the wrong kind"),
-        (lambda tree: tree["nodes"][0].update(scale=[math.nan] * 3), "finite numbers"),
-    ],
-)
-def test_what_is_wrong_is_said(tmp_path, change, words):
-    file = File()
-    file.node(mesh=file.mesh(file.square()))
-    change(file.tree)
-    with pytest.raises(SceneError, match=words):
-        Scene.load(file.save(tmp_path / "wrong.glb"))
-
-
-def test_an_accessor_of_zeros_may_not_fill_the_memory(tmp_path):
-    file = File()
-    zeros = file.add("accessors", {"componentType": 5126, "count": 10**9, "type": "VEC3"})
-    file.node(mesh=file.mesh(file.square(attributes={"COLOR_0": zeros})))
-    with pytest.raises(SceneError, match="1,000,000,000 elements has no bytes"):
-        Scene.load(file.save(tmp_path / "zeros.glb"))
-
-
-def test_what_costs_few_bytes_is_bounded(tmp_path, monkeypatch):
-    """Zeros, pixels of one colour, and scans of a picture: all of a file together."""
-    monkeypatch.setattr("raytracer.meshes.gltf._MOST_ZEROS", 200)
-    file = File()
-    zeros = [file.add("accessors", {"componentType": 5126, "count": 9, "type": "VEC3"}) for _ in range(2)]
-    corners = file.array(np.random.default_rng(0).random((9, 3)))
-    file.node(mesh=file.mesh(*({"attributes": {"POSITION": corners, "COLOR_0": k}} for k in zeros)))
-    with pytest.raises(SceneError, match="9 elements has no bytes"):
-        Scene.load(file.save(tmp_path / "zeros.glb"))
-    monkeypatch.setattr(pictures, "MOST_DECODED", 1500)
-    file = File()
-    for value in (255, 128):
-        look = {"baseColorTexture": {"index": file.picture(np.full((32, 32, 3), value))}}
-        file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
-    with pytest.warns(sh.ShpyWarning, match=r"picture 1 \(all pictures have more than 1,500 pixels\)"):
-        scene = Scene.load(file.save(tmp_path / "pictures.glb"))
-    assert [len(mesh.material.textures) for mesh in scene.meshes[:2]] == [1, 0]
-    held = png(np.full((8, 8, 3), 50), "JPEG")
-    at = held.index(b"\xff\xda")
-    (tmp_path / "scans.jpg").write_bytes(held[:at] + held[at:] * 101)
-    with pytest.raises(SceneError, match=r"scans.jpg: it goes over its pixels more than 100 times"):
-        Texture(tmp_path / "scans.jpg")
-
-
 def test_deep_files(tmp_path):
     """Nodes within nodes are followed however deep; lists within lists are refused."""
     file = File()
@@ -442,7 +378,7 @@ def test_a_light_of_a_file_lights_as_our_own(tmp_path):
             {"KHR_draco_mesh_compression": {"bufferView": 0}},
             "positions are in KHR_draco_mesh_compression, which is not",
         ),
-        ({}, "the positions of a primitive have no bytes"),
+        ({}, "primitive 0 of mesh 0: its positions have no bytes"),
     ],
 )
 def test_positions_without_bytes_are_refused(tmp_path, extensions, words):
@@ -507,5 +443,5 @@ def test_primitives_that_share_vertices_take_their_own(tmp_path):
         np.testing.assert_allclose(mesh.normals[0], own / np.linalg.norm(own, axis=1)[:, None])
         np.testing.assert_array_equal(mesh.uv[0], own[:, :2] * (1, -1) + (0, 1))
     file.node(mesh=file.mesh({"attributes": shared, "indices": file.array([0, 1, 150], "u2")}))
-    with pytest.raises(SceneError, match="a primitive names vertex 150, and there are 150"):
-        Scene.load(file.save(tmp_path / "shared.glb"))
+    with pytest.raises(SceneError, match="primitive 0 of mesh 50: a triangle names vertex 150, and there are 150"):
+        Scene.load(file.save(tmp_path / "shared.glb"), strict=True)
