@@ -49,6 +49,22 @@ def test_all_backends_give_the_same_bits_in_space(filter, wrap):
     sh.testing.assert_equivalent(program, UVW, backends=covering(DEEP.index(wrap) + FILTERS.index(filter) + 1))
 
 
+@pytest.mark.parametrize("kind", ["uint8", "uint16", ">u2", "int16", "uint32", "int64", "float16", "float64"])
+def test_pictures_of_unsigned_levels_go_from_0_to_1(kind):
+    """Other numbers stay: an index, a height."""
+    dtype = np.dtype(kind)
+    levels = np.array([[0, 1, 100, np.iinfo(dtype).max if dtype.itemsize < 4 and dtype.kind == "u" else 127]], dtype)
+    most = {"uint8": 255, "uint16": 65535}.get(dtype.name, 1)
+    wanted = levels.astype(np.float32) / np.float32(most)
+    for image in (levels, np.repeat(levels[..., None], 3, axis=-1)):
+        texture = sh.Texture2D(image, filter="nearest")
+        found = read(texture).compile("numpy")(centers((1, 4)).astype(np.float32))
+        assert np.array_equal(found if found.ndim == 2 else found[..., 0], wanted)
+        texture.update(image[:, ::-1])
+        found = read(texture).compile("numpy")(centers((1, 4)).astype(np.float32))
+        assert np.array_equal(found if found.ndim == 2 else found[..., 0], wanted[:, ::-1])
+
+
 def centers(shape):
     """Return the coordinates of an image's pixels, the first one along the last axis."""
     grid = np.meshgrid(*[(np.arange(n) + 0.5) / n for n in shape], indexing="ij")

@@ -44,6 +44,7 @@ from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.passes.outputs import select_outputs
 from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 
@@ -57,6 +58,9 @@ _HARD: Final = ("exp", "sin", "log10", "sinh", "asin")
 """Functions whose formulas in binary64 have numbers with all digits, late digits of 1 / pi, and square roots."""
 _MOST_STATEMENTS = 50_000
 """All calls inlined, as Mesa does it: time and memory of its compiler grow faster than the number of statements."""
+
+_MOST_PRIVATE = 1 << 17
+"""Bytes of an element's local arrays. llvmpipe has those of 16 elements on a thread's stack, as 2 MB at most then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +127,8 @@ class GlslBackend:
         _refuse(prepared.module, target)
         check_size(prepared.module, "OpenGL's compiler")
         check_growth(prepared.module, _MOST_STATEMENTS, "OpenGL's compilers copy each function to where it is called")
+        arrays = private_memory(prepared.module)
+        check_private(arrays, _MOST_PRIVATE, "an element", "OpenGL's drivers", 'smaller arrays, or compile("numpy")')
         if options.math in REPRODUCIBLE:
             refuse_wrong(prepared.module, limits.wrong, "this device")
         groups = _groups(len(prepared.module.entry.outputs), limits.outputs)

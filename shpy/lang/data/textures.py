@@ -114,7 +114,8 @@ class Texture:
 class Texture2D(Texture):
     """`Texture2D(array, filter="linear", wrap="clamp")`: an image (h, w[, c]), read by `texture(uv)`.
 
-    Row 0 is v = 0: `texture(((c + .5)/w, (r + .5)/h))` is `array[r, c]`; nothing is flipped; uint8 is divided by 255.
+    Row 0 is v = 0: `texture(((c + .5)/w, (r + .5)/h))` is `array[r, c]`; nothing is flipped. Numbers of uint8 are
+    divided by 255, and those of uint16 by 65535; other numbers stay as they are.
     The filter is "nearest", "linear" or "cubic" (Catmull-Rom: through the pixels, and beyond their range beside edges),
     the wrap "clamp", "repeat" or "mirror", or two of them, for u and v. Filtering is the same arithmetic on every
     target. Gives Color{c}f. Raises ShpyTypeError for other arrays or names.
@@ -168,7 +169,10 @@ def _stream_pixels(stream: Any, name: str | None, axes: int) -> Table:
 
 
 def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
-    """Return an image as floats and its channels; uint8 is divided by 255, and one channel has no axis of its own."""
+    """Return an image as floats and its channels; one channel has no axis of its own.
+
+    Pixels of uint8 or uint16 are divided by the largest number of their type.
+    """
     data = as_base(array, Base.F, "a texture")
     if data.ndim not in (axes, axes + 1) or (data.ndim == axes + 1 and not 1 <= data.shape[-1] <= 4):
         shape = ", ".join("dhw"[-axes:])
@@ -179,7 +183,8 @@ def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
         )
     if not data.size:
         raise ShpyTypeError("a texture cannot be empty", loc=here(), cure="one pixel that stands for none")
-    if np.asarray(array).dtype == np.uint8:
-        data = data.astype(np.float32) / np.float32(255)
+    levels = {"uint8": 255, "uint16": 65535}.get(np.asarray(array).dtype.name)
+    if levels is not None:
+        data = data.astype(np.float32) / np.float32(levels)
     channels = 1 if data.ndim == axes else data.shape[-1]
     return (data.reshape(data.shape[:axes]) if channels == 1 else data), channels

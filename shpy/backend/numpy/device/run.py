@@ -35,6 +35,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.private import private_memory
 from shpy.passes.rejecting import find_rejection
 
 SPACE: Final = NumpySpace(COLLECTIVES)
@@ -43,6 +44,10 @@ TILE: Final = 32_768
 """Lanes that run together."""
 LARGE_TILE: Final = 65_536
 """Lanes that run together where that is better, see `Printed.large`."""
+_MOST_PRIVATE: Final = 1 << 26
+"""Bytes of the local arrays of a tile."""
+_FEWEST: Final = 64
+"""Lanes of a tile whose arrays take more, so that Python's own time stays in proportion."""
 _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
     ("place", ""): lambda place: place,
     ("grid_index", ""): lambda place: place.index,
@@ -87,7 +92,7 @@ class NumpyBackend:
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
         printed = print_python(vector, status=prepared.status, exact=trusted)
-        tile = tile or (LARGE_TILE if printed.large else TILE)
+        tile = tile or _tile_of(prepared.module, LARGE_TILE if printed.large else TILE)
         shorter = find_rejection(module)
         rejection = None if shorter is None else self.compile(shorter, options)
         notes = _notes(functions - trusted)
@@ -96,6 +101,12 @@ class NumpyBackend:
     def space(self, device: int | None) -> NumpySpace:
         """Return the host's memory."""
         return SPACE
+
+
+def _tile_of(module: Module, most: int) -> int:
+    """Return the lanes of a tile: at most so many, and no more than the memory for local arrays has room for."""
+    each = private_memory(module).size
+    return most if each == 0 else min(most, max(_FEWEST, _MOST_PRIVATE // each))
 
 
 def _functions(module: Module) -> frozenset[str]:

@@ -35,7 +35,7 @@ class Sized(Executable, Protocol):
 
 Facts = dict[str, frozenset[str]]
 """The results of trials of the device so far; keys are names of attributes of `Machine`."""
-_FACTS: Final = ("wrong", "binary64", "_succeeded")
+_FACTS: Final = ("wrong", "binary64", "_succeeded", "most_private")
 
 
 @dataclass(frozen=True, slots=True)

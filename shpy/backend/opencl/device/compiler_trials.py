@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from shpy.backend.opencl.device.declarations import GUARD, declarations
+from shpy.backend.opencl.device.stack import SIZES, name_of, trial_of
 from shpy.backend.opencl.device.trial import DECLARES, Trial
 from shpy.backend.opencl.packets.prologue import SIGNS
 from shpy.backend.opencl.packets.prologue_wide import try_wide
@@ -60,6 +61,7 @@ _TRIALS: Final = {
         )
         for n in WIDER
     },
+    **{name_of(size): trial_of(size) for size in SIZES},
 }
 TRIALS: Final = {
     name: replace(trial, declarations=declarations(trial.statements), option=GUARD) for name, trial in _TRIALS.items()

@@ -34,6 +34,7 @@ from shpy.backend.opencl.device.compiler_trials import TRIALS
 from shpy.backend.opencl.device.declarations import GUARD, declarations
 from shpy.backend.opencl.device.exactness import EXACTNESS
 from shpy.backend.opencl.device.importing import pyopencl
+from shpy.backend.opencl.device.stack import SIZES, most_private, name_of, thread_stack
 from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
 from shpy.backend.opencl.packets.prologue import SIGNS, Abilities
@@ -432,7 +433,8 @@ class Machine:
         """Return the names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
         skipped = set() if reads_header(self.device.platform.name.strip()) else {DECLARES}
         trials = {name: trial for name, trial in TRIALS.items() if name not in skipped}
-        key = self._key("".join(t.declarations + t.text(name) for name, t in trials.items()), self._options)
+        texts = "".join(t.declarations + t.text(name) for name, t in trials.items())
+        key = self._key(f"{texts} in threads of {thread_stack()} bytes", self._options)
         try:
             return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
         except Unfinished as error:  # which is not kept: the next process tries again
@@ -449,6 +451,20 @@ class Machine:
         signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
         wider = frozenset(n for n in WIDER if f"wide{n}" in known)
         return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs, wider)
+
+    @once_of_each
+    def most_private(self) -> int:
+        """Return the most bytes of local arrays: of a work group on a CPU, else of a work item.
+
+        A CPU's driver ends the process where a stack does not hold them; a GPU's refuses the kernel.
+        """
+        tried = max((size for size in SIZES if name_of(size) in self._succeeded), default=0)
+        return most_private(tried, thread_stack()) if self.shares_stack else max(tried, SIZES[0])
+
+    @property
+    def shares_stack(self) -> bool:
+        """Return whether the work items of a group have their local arrays on the stack of one thread."""
+        return bool(self.device.type & self.cl.device_type.CPU)
 
     @property
     def widths(self) -> tuple[int, ...]:

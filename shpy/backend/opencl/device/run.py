@@ -30,6 +30,7 @@ from shpy.backend.opencl.device.beside import Beside, Compiled, Facts
 from shpy.backend.opencl.device.collective import collectives
 from shpy.backend.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, starter
 from shpy.backend.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
+from shpy.backend.opencl.device.groups import group_of, starting_width, whole_group
 from shpy.backend.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backend.opencl.device.staging import Staged, Stages, is_small, staged_array
 from shpy.backend.opencl.device.tables import tables_of
@@ -57,6 +58,7 @@ _GROUPS: Final = 4
 """Groups of packets for each core, with which all cores end at nearly the same time."""
 _FLUSHED: Final = "in {} mode this device flushes denormals to zero"
 """The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
+_GROUPED: Final = "local arrays of {:,} bytes: groups of {}, not {}"
 _WIDE: Final = 32
 """Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
 
@@ -110,7 +112,7 @@ def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
     """Return the kernel at the width that earlier trials chose, or one that will try other widths."""
     key = machine.width_key(f"{print_module(module)}{options}")
     measured = measured_widths(key, machine.widths)
-    lanes = measured[0] if measured else machine.lanes
+    lanes = measured[0] if measured else starting_width(machine, module, options.precision)
     start = time.perf_counter()
     first = _built(machine, module, options, lanes)
     if measured and next_width(lanes, measured, machine.widths) is None:
@@ -169,13 +171,16 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
             cure='precision="f32", or backend="numpy"',
             lacks="f64",
         )
+    group = group_of(machine, kernel)
     with machine.lock:
         try:
             program = machine.build(kernel.text, options.math)
             compiled = machine.cl.Kernel(program, kernel.name)
             pace = machine.pace(bounded=few_turns(prepared.module))
             remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
-            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, remarks)
+            if group < whole_group(kernel.lanes):
+                remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole_group(kernel.lanes)))
+            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, group, remarks)
             executable.warm_up()
             machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
@@ -205,6 +210,7 @@ class OpenCLExecutable:
     program: Any
     compiled: Any
     pace: Pace
+    group: int
     remarks: tuple[str, ...] = ()
     stages: Stages = field(default_factory=Stages)
     spare: list[Any] = field(default_factory=list)
@@ -245,7 +251,7 @@ class OpenCLExecutable:
         args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
         self.compiled.set_args(np.uint64(0), *args[1:])
         enqueue = machine.cl.enqueue_nd_range_kernel
-        machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self._group, 1)))  # Ctrl-C is heard
+        machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self.group, 1)))  # Ctrl-C is heard
         machine.give_back([empty])
 
     def run(self, call: Call) -> Array | None:
@@ -404,10 +410,6 @@ class OpenCLExecutable:
             found.append((buffer, is_lent, out))
         return found
 
-    @property
-    def _group(self) -> int:
-        return LOCAL_SIZE if self.kernel.lanes == 1 else PACKETS
-
     def _row_length(self, shape: tuple[int, ...]) -> int:
         """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
         *others, last = shape or (1,)
@@ -422,7 +424,7 @@ class OpenCLExecutable:
     ) -> Callable[[], None]:
         """Return a function that runs a kernel with these arguments over the elements of a shape: see `starter`."""
         items, lanes = self._items(shape), self.kernel.lanes
-        return starter(self.machine, compiled, args, items, self._group, self.pace, lanes, reads=reads, shared=shared)
+        return starter(self.machine, compiled, args, items, self.group, self.pace, lanes, reads=reads, shared=shared)
 
     def _items(self, shape: tuple[int, ...]) -> Items:
         """Return the work items of a run: one for each element, or one for each packet, in columns and lines."""

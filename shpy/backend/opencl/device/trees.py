@@ -29,6 +29,7 @@ from shpy.ir.types import Base, vec
 from shpy.passes.modes import Precision
 from shpy.passes.pipeline import prepare
 from shpy.passes.precision import rebased
+from shpy.passes.private import private_memory
 from shpy.passes.size import inlined_sizes
 
 _ALONE: Final = 1 << 16
@@ -37,6 +38,8 @@ _PARTS: Final = 32
 """Parts for each core, enough for all cores to end at nearly the same time."""
 _LARGE: Final = 400
 """Statements above which `folding` and `scanning` run a program instead, in dispatches of bounded length."""
+_SMALL_ARRAYS: Final = 256
+"""Bytes of local arrays above which the program runs, since its copies in the kernel of a tree each have their own."""
 _BRIEF: Final = 1 << 26
 """Statements, those that read elements included, that run in a few milliseconds, too short to be interruptible."""
 _READING: Final = 4
@@ -111,7 +114,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         types = replace(types, element=element, made=made)
     prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
-    if prepared.status or statements > _LARGE:
+    if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
     kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)

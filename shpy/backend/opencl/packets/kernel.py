@@ -60,6 +60,7 @@ from shpy.passes.modes import Math
 from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pairing import pair
 from shpy.passes.pipeline import optimise
+from shpy.passes.private import bytes_of
 from shpy.passes.vectorize import vectorize
 
 _LARGE: Final = 400
@@ -166,6 +167,13 @@ class PacketMaker(KernelMaker):
     def finished(self, inputs: tuple[int, ...]) -> Kernel:
         """Return the kernel with the whole text that was added."""
         return replace(super().finished(inputs), lanes=self.lanes, columns=self.columns, listed=self.listed)
+
+    def private_bytes(self, array: Variable) -> int:
+        """Return the bytes of a local array; one that varies has a place for what lanes store out of range."""
+        if not isinstance(array.type, Lanes | Rows):
+            return bytes_of(array)
+        one = array.type.scalar if isinstance(array.type, Lanes) else vec(array.type.base, array.type.size)
+        return bytes_of(replace(array, type=one, length=(array.length or 0) + 1)) * self.lanes
 
     def needs_doubles(self) -> bool:
         """Return whether a double occurs."""

@@ -39,6 +39,7 @@ from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
+from shpy.passes.private import NONE, Private, bytes_of, private_memory
 from shpy.passes.size import kept_apart
 
 ULONG: Final = Own("ulong")
@@ -68,6 +69,8 @@ class Kernel:
     lanes: int = 1
     columns: int = 1
     listed: bool = False
+    private: Private = NONE
+    """The local arrays of a work item."""
 
 
 def print_kernel(
@@ -137,7 +140,12 @@ class KernelMaker(ClUnit):
             inputs,
             tuple(t for t in self.module.tables if ("table", t.name) in needs),
             tuple(p for p in self.params if ("param", p) in needs),
+            private=private_memory(self.module, self.private_bytes),
         )
+
+    def private_bytes(self, array: Variable) -> int:
+        """Return the bytes of a local array of a work item."""
+        return bytes_of(array)
 
     def needs_doubles(self) -> bool:
         """Return whether a double occurs."""
