@@ -14,6 +14,7 @@ others. What a reader ignores, and each bad entry that it leaves out, is counted
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -113,56 +114,60 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.root = path.resolve().parent
+        self._names: dict[Path, list[str]] = {}
 
-    def find(self, name: str) -> Path:
+    def find(self, name: str, beside: Path | None = None) -> Path:
         """Return the path of a file by the name that a mesh file has for it.
 
-        Where there is no file of just this name, it may be without the spaces around it, without what follows a ? or #
-        of a URL, and with other capitals, if one file alone has these letters. Of a name that leads elsewhere the last
-        part is looked for in the folder itself. Raises SceneError where there is no file, and where it is not regular
-        or too large.
+        It is looked for in the folder `beside`, where that is given, and then in the folder itself. Where there is no
+        file of just this name, it may be without the spaces around it, without what follows a ? or # of a URL, and with
+        other capitals, if one file alone has these letters. Of a name that leads elsewhere the last part is looked for.
+        Raises SceneError where there is no file, and where it is not regular or too large.
         """
         name = name.replace("\\", "/")
         plain = name.strip()
         if not plain or "\0" in name:
             raise SceneError("there is no such file")
         outside = PurePosixPath(plain).is_absolute() or bool(PureWindowsPath(plain).drive) or "://" in plain
-        outside = outside or self._inside(plain) is None
-        found = self._first(PurePosixPath(plain).name if outside else name)
+        found = None
+        for base in dict.fromkeys((beside or self.root, self.root)):
+            leads_out = outside or self._inside(base, plain) is None
+            found = found or self._first(base, PurePosixPath(plain).name if leads_out else name)
         if found is None:
             cure = "it lies outside of the file's folder: put it there"
-            raise SceneError(cure if outside else "there is no such file")
+            raise SceneError(cure if leads_out else "there is no such file")
         if found.stat().st_size > LARGEST:
             raise SceneError(f"it has {found.stat().st_size:,} bytes, more than {LARGEST:,}")
         return found
 
-    def _first(self, name: str) -> Path | None:
+    def _first(self, base: Path, name: str) -> Path | None:
         """Return the first regular file by the ways of writing a name; None if there is none."""
         plain = name.strip()
-        spelled = dict.fromkeys((name, plain, re.split("[?#]", plain)[0]))
-        places = [place for spelling in spelled if spelling for place in (self._inside(spelling),) if place]
-        places += [place for spelling in spelled if spelling for place in (self._in_other_case(spelling),) if place]
-        return next((place for place in places if place.is_file()), None)
+        spelled = [spelling for spelling in dict.fromkeys((name, plain, re.split("[?#]", plain)[0])) if spelling]
+        searched = (search(base, spelling) for search in (self._inside, self._in_other_case) for spelling in spelled)
+        return next((place for place in searched if place is not None and place.is_file()), None)
 
-    def _in_other_case(self, name: str) -> Path | None:
+    def _in_other_case(self, base: Path, name: str) -> Path | None:
         """Return the one path whose name differs in capitals alone; None if there is none, or several."""
-        place = self.root
+        place = base
         for part in PurePosixPath(name).parts:
             if part == ".." or not place.is_dir():
                 return None
-            alike = [one for one in place.iterdir() if one.name.casefold() == part.casefold()]
+            if place not in self._names:
+                self._names[place] = os.listdir(place)
+            alike = [held for held in self._names[place] if held.casefold() == part.casefold()]
             if len(alike) != 1:
                 return None
-            place = alike[0]
-        return self._inside(str(place))
+            place = place / alike[0]
+        return self._inside(place, "")
 
     def read(self, name: str) -> bytes:
         """Read a file; see `find`."""
         return self.find(name).read_bytes()
 
-    def _inside(self, name: str) -> Path | None:
+    def _inside(self, base: Path, name: str) -> Path | None:
         """Return the path of a name, links followed; None if it leads out of the folder."""
-        path = (self.root / name).resolve()
+        path = (base / name).resolve()
         return path if path.is_relative_to(self.root) else None
 
 

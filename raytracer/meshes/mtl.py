@@ -7,6 +7,7 @@ Stage: scene description. `appearance.mtl` makes materials of them.
 
 from __future__ import annotations
 
+import re
 from typing import Final, NamedTuple
 
 from raytracer.arrays import real
@@ -14,6 +15,8 @@ from raytracer.meshes.lines import name_of, plain, without_comment
 
 Words = dict[str, list[str]]
 """The statements of a material, by their names in lower case: what follows the name."""
+_PICTURES: Final = ("map_", "bump", "norm", "disp", "decal", "refl")
+"""The beginnings of statements that name pictures."""
 _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 """Options of a picture that take numbers, up to so many; the others take one word."""
 
@@ -28,7 +31,9 @@ def read_mtl(data: bytes) -> dict[str, Words]:
         if words[:1] == [b"newmtl"]:
             current = found.setdefault(name_of(line[len("newmtl") :].strip()), {})
         elif words:
-            current[name_of(words[0]).lower()] = [name_of(word) for word in words[1:]]
+            key = name_of(words[0]).lower()
+            after = name_of(line[len(words[0]) + 1 :])  # of a name spaces count, except those around it
+            current[key] = [after] if key.startswith(_PICTURES) and after else [name_of(word) for word in words[1:]]
     return found
 
 
@@ -40,7 +45,10 @@ class PictureWords(NamedTuple):
 
 
 def picture_words(words: list[str]) -> PictureWords:
-    """Split the words of a statement such as map_Kd into options and a file, whose name may have spaces."""
+    """Split a statement such as map_Kd into options and a file, whose name may have spaces, and begin with some."""
+    said = " ".join(words)
+    spans = [found.span() for found in re.finditer(r"\S+", said)]
+    words = [said[begin:end] for begin, end in spans]
     options: dict[str, list[str]] = {}
     at = 0
     while at < len(words) - 1 and words[at].startswith("-"):
@@ -50,7 +58,7 @@ def picture_words(words: list[str]) -> PictureWords:
             end += 1
         options[option] = words[at + 1 : end]
         at = end
-    return PictureWords(" ".join(words[at:]), options)
+    return PictureWords(said[spans[at - 1][1] + 1 if at else 0 :] if words else "", options)
 
 
 def _is_number(word: str) -> bool:

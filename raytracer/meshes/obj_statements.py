@@ -210,7 +210,7 @@ class _Reader:
         key = line.split(None, 1)[0]
         said = name_of(line[len(key) :].strip())
         if key == b"mtllib":
-            self.libraries.append(said)
+            self.libraries.append(name_of(line[len(key) + 1 :]))
         elif key in _SKIPPED:
             self.notices.ignore(_SKIPPED[key])
         elif key not in _STATES and key not in _WITHOUT_SHAPE:

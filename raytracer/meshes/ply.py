@@ -128,7 +128,7 @@ def _colors(file: File, element: str, broken: Mask, notices: Notices) -> Floats 
     wrong: Mask = np.asarray(~np.isfinite(rows).all(axis=1))
     leave_out(_COLORS[element], wrong & ~broken, element, notices)
     alpha = columns.get("alpha")
-    if isinstance(alpha, np.ndarray) and len(alpha) and alpha.min() < alpha.max():
+    if isinstance(alpha, np.ndarray) and (alpha < _white(file.kind(element, "alpha"), alpha)).any():
         notices.ignore(f"alpha of {element} colours")
     white = _white(file.kind(element, "red"), rows[~wrong])
     rows[wrong] = white

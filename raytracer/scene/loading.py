@@ -13,6 +13,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -198,11 +199,17 @@ class Library:
         self.files, self.folder, self.notices = files, folder, notices
         self.pictures = Pictures(notices)
         self.words: dict[str, Words] = {}
+        self.beside: dict[str, Path] = {}
+        """By name of a material: the folder of its library, beside which its pictures are."""
         for name in [name for names in files for name in self._names(names)]:
             try:
-                self.words |= read_mtl(folder.read(name))
+                path = folder.find(name)
+                found = read_mtl(path.read_bytes())
             except (OSError, SceneError) as error:
                 notices.miss(name, str(error))
+                continue
+            self.words |= found
+            self.beside |= dict.fromkeys(found, path.parent)
         self._made: dict[tuple[str, bool], Material | None] = {}
 
     def material(self, name: str | None, mesh: Mesh) -> Material | None:
@@ -222,7 +229,8 @@ class Library:
 
     def _read(self, name: str, words: Words, pictured: bool) -> Material | None:
         color, emission, opacity = (
-            self._picture(words.get(statement, []), pictured, mask=statement == "map_d") for statement in _PICTURES
+            self._picture(words.get(statement, []) if pictured else [], self.beside[name], mask=statement == "map_d")
+            for statement in _PICTURES
         )
         try:
             return mtl(words, MtlPictures(color, emission, opacity), self.notices)
@@ -238,20 +246,21 @@ class Library:
             return line.split()
         return [line]
 
-    def _picture(self, words: list[str], read: bool, *, mask: bool = False) -> Picture | None:
+    def _picture(self, words: list[str], beside: Path, *, mask: bool = False) -> Picture | None:
         """Return the picture of a statement; with `mask` its alpha, where it has some."""
-        if not (words and read):
+        if not words:
             return None
         given = picture_words(words)
         for option in given.options:
             if option != "-clamp":
                 self.notices.ignore(f"{option} of pictures")
         wrap: Wrap = "clamp" if given.options.get("-clamp") == ["on"] else "repeat"
-        found = self._known(given.file, wrap, alpha=mask)
-        return self._known(given.file, wrap, alpha=False) if mask and found is None else found
+        found = self._known(given.file, beside, wrap, alpha=mask)
+        return self._known(given.file, beside, wrap, alpha=False) if mask and found is None else found
 
-    def _known(self, file: str, wrap: Wrap, *, alpha: bool) -> Picture | None:
-        return self.pictures.get(file, file, lambda: self.folder.find(file), wrap=wrap, alpha=alpha)
+    def _known(self, file: str, beside: Path, wrap: Wrap, *, alpha: bool) -> Picture | None:
+        find = partial(self.folder.find, file, beside)
+        return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
 
 
 def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:

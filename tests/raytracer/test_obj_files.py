@@ -343,3 +343,58 @@ def test_a_file_whose_entries_are_all_bad_says_so(tmp_path):
     path.write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(SceneError, match="holds no triangles; left out: 1 vertex is not three finite numbers"):
         Mesh.load(path)
+
+
+PICTURED = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl red\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize(
+    ("library", "picture", "said"),
+    [
+        ("mats/a.mtl", "mats/a.png", ("mats/a.mtl", "a.png")),
+        ("mats/a.mtl", "pics/a.png", ("mats/a.mtl", "../pics/a.png")),
+        ("mats/a.mtl", "a.png", ("mats\\a.mtl", "a.png")),
+        (" a.mtl", "a  b .png", (" a.mtl", "a  b .png")),
+        ("a.mtl", " a.png", ("  a.mtl", " a.png")),
+        ("a.mtl", "a.png", ("  a.mtl", "  a.png  ")),
+        ("a.mtl", "a.png", ("A.mtl", "A.PNG")),
+        ("Mats/A.MTL", "Mats/Tex/a.Png", ("mats/a.mtl", "tex/A.png")),
+        ("a.mtl", "a.png", ("a.mtl", "a.png?v=3")),
+        ("a.mtl", "a.png?v=3", ("a.mtl", "a.png?v=3")),
+        ("a.mtl", "a.png", ("a.mtl", "-s 1 1 1 -clamp on C:\\\\work\\\\a.png")),
+        ("a.mtl", "a b.png", ("a.mtl", "-blendu off\ta b.png")),
+    ],
+)
+def test_pictures_are_looked_for_beside_their_library(tmp_path, library, picture, said):
+    for name in (library, picture):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / library).write_text(f"newmtl red\nKd 1 1 1\nmap_Kd {said[1]}\n")
+    (tmp_path / picture).write_bytes(png([[[255, 0, 0]]]))
+    path = tmp_path / "one.obj"
+    path.write_text(f"mtllib {said[0]}\n{PICTURED}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error" if "-" not in said[1] else "ignore")
+        mesh = Scene.load(path, strict=True).meshes[0]
+    np.testing.assert_array_equal(mesh.material.color.image, [[[1, 0, 0]]])
+
+
+def test_pictures_of_one_name_beside_two_libraries_are_two(tmp_path):
+    for name, color in (("a", (255, 0, 0)), ("b", (0, 255, 0))):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "all.mtl").write_text(f"newmtl {name}\nKd 1 1 1\nmap_Kd skin.png\n")
+        (tmp_path / name / "skin.png").write_bytes(png([[color]]))
+    path = tmp_path / "two.obj"
+    path.write_text("mtllib a/all.mtl b/all.mtl\n" + PICTURED.replace("red", "a") + "usemtl b\nf 1/1 2/2 3/3\n")
+    one, other, _ = Scene.load(path).meshes
+    assert [mesh.material.color.image.tolist() for mesh in (one, other)] == [[[[1, 0, 0]]], [[[0, 1, 0]]]]
+
+
+def test_a_link_in_other_capitals_leads_nowhere_else(tmp_path):
+    (tmp_path / "secret.png").write_bytes(png([[[255, 0, 0]]]))
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (inner / "A.png").symlink_to(tmp_path / "secret.png")
+    (inner / "one.mtl").write_text("newmtl red\nKd 1 1 1\nmap_Kd a.png\n")
+    (inner / "one.obj").write_text("mtllib one.mtl\n" + PICTURED)
+    with pytest.raises(SceneError, match=r"a\.png: there is no such file"):
+        Scene.load(inner / "one.obj", strict=True)
