@@ -5,7 +5,7 @@ Stage: run. A value is kept until one of its sources changes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from shpy.lang.values.dependent import Dependent, record_expression
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.run.kernel import Kernel
+from shpy.streams.stream import StreamTable
 
 
 @dataclass(slots=True)
@@ -29,6 +30,8 @@ class _Kept:
     """A uniform's kernel at a precision and mode; `last` is the state of its sources and the result at the last run."""
 
     kernel: Kernel
+    copies: dict[StreamTable, Table]
+    """The elements on the host of the streams that the uniform reads, wherever they lie."""
     last: tuple[Any, Any] = (None, None)
 
 
@@ -37,10 +40,20 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
     keeps = uniform._const.kept
     kept = keeps.get((precision, math))
     if kept is None:
-        kept = keeps[precision, math] = _Kept(
-            Kernel(_recorded(uniform), backend("numpy"), Options(precision, math=math))
-        )
-    state = [source._version if isinstance(source, Table) else source._const for source in uniform.sources]
+        recorded = _recorded(uniform)
+        copies = {
+            t: Table(t._host_array(), t.type, "copy") for t in recorded.tables.values() if isinstance(t, StreamTable)
+        }
+        recorded = replace(recorded, tables={name: copies.get(table, table) for name, table in recorded.tables.items()})
+        kept = keeps[precision, math] = _Kept(Kernel(recorded, backend("numpy"), Options(precision, math=math)), copies)
+    for stream, table in kept.copies.items():
+        elements = stream._host_array()  # kernels write streams, and count no versions
+        if not np.array_equal(elements.view(np.uint8), table._array.view(np.uint8)):
+            table.update(elements)
+    state = [
+        kept.copies.get(source, source)._version if isinstance(source, Table) else source._const
+        for source in uniform.sources
+    ]
     before, value = kept.last
     if before != state:
         value = np.asarray(kept.kernel())

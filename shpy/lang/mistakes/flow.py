@@ -294,10 +294,7 @@ class Flow:
                 if isinstance(item.optional_vars, ast.Name):
                     self.places.bind_name(item.optional_vars.id, node, VALUE, index=True)
                 self._with(node, rest)
-        for facts in self.places.state.values():
-            for fact in facts:
-                if fact.when >= block.start and fact.escaped is None:
-                    fact.escaped = block
+        self.places.leave(block)
 
     @contextmanager
     def inside(self, block: Block) -> Iterator[None]:

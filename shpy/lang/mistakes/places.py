@@ -7,8 +7,12 @@ when a value is read that was changed through another name.
 from __future__ import annotations
 
 import ast
+import heapq
+import re
+from bisect import bisect_left
 from collections.abc import Iterator, Set
 from contextlib import contextmanager
+from operator import attrgetter
 
 from shpy.errors import RecordError
 from shpy.lang.mistakes import findings
@@ -26,7 +30,9 @@ class Places:
         self.scope = scope
         self.state: State = {}
         self.open: list[Block] = []
-        self.changes: dict[int, list[Change]] = {}
+        self.changes: dict[int, dict[str, list[Change]]] = {}
+        self._made: list[Fact] = []
+        self._paths: dict[str, set[str]] = {}
         self.fields: dict[tuple[int, str], int] = {}
         self.judge = Judge(scope, self._known)
         self.hidden: list[Set[str]] = []
@@ -83,8 +89,8 @@ class Places:
         shared: int = NO_OBJECT,
     ) -> Fact:
         """Bind a name, and forget its items and attributes. `shared` is the object, if it has another name already."""
-        for place in [p for p in self.state if p.startswith((f"{name}.", f"{name}["))]:
-            del self.state[place]
+        for place in self._paths.get(name, ()):
+            self.state.pop(place, None)
         fact = self.bind_path(name, node, known, value=value, index=index)
         if shared != NO_OBJECT:
             assert isinstance(node, ast.stmt | ast.NamedExpr)
@@ -106,7 +112,16 @@ class Places:
         existed = existed or any(f.escaped is None or f.existed for f in before)
         fact = Fact(place, node, self.tick(), known, self.new_object(), before, existed, value, index=index)
         self.state[place] = (fact,)
+        self._made.append(fact)
+        if not place.isidentifier():
+            self._paths.setdefault(re.split(r"[.\[]", place, maxsplit=1)[0], set()).add(place)
         return fact
+
+    def leave(self, block: Block) -> None:
+        """Mark the assignments that a block which ends has made, and that reach its end, as escaped."""
+        for fact in self._made[bisect_left(self._made, block.start, key=attrgetter("when")) :]:
+            if fact.escaped is None and fact in self.state.get(fact.place, ()):
+                fact.escaped = block
 
     def change(self, target: ast.expr, root: str, node: ast.stmt) -> None:
         """Note a store into the value of a name, or a part of it."""
@@ -122,7 +137,7 @@ class Places:
         inside = [thing for (owner, _), thing in self.fields.items() if owner == stored]
         for thing in (*objects, *inside):
             change = Change(objects.get(thing, root), node, self.tick(), fact)
-            self.changes.setdefault(thing, []).append(change)
+            self.changes.setdefault(thing, {}).setdefault(change.place, []).append(change)
 
     def check_repeats(self, target: ast.expr, node: ast.stmt, *, rebinds: bool) -> None:
         """Raise the error for a store into a value that stands several times in a list.
@@ -181,9 +196,7 @@ class Places:
         """Raise the error if the value read here was changed through another name after it got the name of `fact`."""
         if fact.object == NO_OBJECT:
             return
-        for change in self._seen(fact.object, max(fact.when, since)):
-            if change.place == fact.place:
-                continue
+        for change in self._seen(fact.object, max(fact.when, since), besides=fact.place):
             aliases = [f for f in (fact, change.fact) if f.alias is not None]
             if aliases:
                 alias = max(aliases, key=lambda f: f.when)
@@ -206,10 +219,15 @@ class Places:
         yield
         self._other_branches.pop()
 
-    def _seen(self, thing: int, since: int) -> Iterator[Change]:
-        """Yield the changes of an object since a time, without those of other branches."""
-        for change in self.changes.get(thing, ()):
-            if change.when >= since and not any(change.when in before for before in self._other_branches):
+    def _seen(self, thing: int, since: int, besides: str | None = None) -> Iterator[Change]:
+        """Yield the changes of an object since a time, without those of other branches or through one of its names."""
+        recent = [
+            changes[bisect_left(changes, since, key=attrgetter("when")) :]
+            for place, changes in self.changes.get(thing, {}).items()
+            if place != besides
+        ]
+        for change in heapq.merge(*recent, key=attrgetter("when")):
+            if not any(change.when in before for before in self._other_branches):
                 yield change
 
     def _check_inside(self, owner: int, node: ast.expr) -> None:

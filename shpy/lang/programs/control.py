@@ -47,7 +47,7 @@ class Chain:
     def __init__(self, frame: Frame, scope: Scope, position: int) -> None:
         self.frame = frame
         self.scope = scope
-        self.position = position
+        self.starts = [position]
         self.segments: list[list[Branch]] = [[]]
         self.orelse: Region = ()
         self.matched: int | None = None
@@ -69,17 +69,22 @@ class Chain:
         return Let(const, "const", (), (int(value),)), Store(self.matched, const.id)
 
     def rebuild(self) -> None:
-        """Replace the chain's statements in its scope by those of the current links."""
-        statements: list[Stmt] = []
-        if self.matched is not None:
+        """Replace the statements of the last two segments by those of the current links; earlier ones stand."""
+        first = max(len(self.segments) - 2, 0)
+        del self.starts[first + 1 :]
+        del self.scope.statements[self.starts[first] :]
+        statements = self.scope.statements
+        if first == 0 and self.matched is not None:
             statements.extend(self._set(False))
-        for k, segment in enumerate(self.segments):
-            last = k == len(self.segments) - 1
+        for k in range(first, len(self.segments)):
+            segment, last = self.segments[k], k == len(self.segments) - 1
             nested: Region = self.orelse if last else ()
             for branch in reversed(segment):
                 flag = () if last else self._set(True)
                 link: Region = (If(branch.condition, (*flag, *branch.region), nested, branch.loc),)
                 nested = branch.prelude + link
+            if k > first:
+                self.starts.append(len(statements))
             if k == 0:
                 statements.extend(nested)
                 continue
@@ -88,9 +93,7 @@ class Chain:
             statements.append(Let(flag_value, "load", (), self.matched))
             statements.append(Let(free, "not", (flag_value.id,)))
             statements.append(If(free.id, nested, (), segment[0].loc))
-        del self.scope.statements[self.position :]
-        self.scope.statements.extend(statements)
-        self.end = len(self.scope.statements)
+        self.end = len(statements)
         self.variables = len(self.frame.variables)
 
 

@@ -26,6 +26,7 @@ from shpy.lang.data.defaults import check_default
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableArgument, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
+from shpy.lang.programs.copies import without_copies
 from shpy.lang.programs.returns import Returns
 from shpy.lang.programs.subroutine import _slot_value
 from shpy.lang.recording.location import at, here
@@ -208,7 +209,9 @@ def rerecorded(
     """Record `body`, which calls `like`, at the line of that; keep the defaults of the inputs that are left."""
     with recording(name, like.module.entry.loc) as made:
         recorded = record_body(made, types, layout, body)
-    return replace(recorded, defaults={n: d for n, d in defaults.items() if n in types})
+    return replace(
+        recorded, module=without_copies(recorded.module), defaults={n: d for n, d in defaults.items() if n in types}
+    )
 
 
 def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:

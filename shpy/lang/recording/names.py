@@ -16,8 +16,8 @@ import dis
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import islice
 from types import CodeType, FrameType
+from typing import Any
 
 from shpy.ir.nodes import Loc
 from shpy.lang.recording.location import here, user_frame
@@ -116,14 +116,29 @@ def _instructions(code: CodeType) -> tuple[dis.Instruction, ...]:
     return tuple(dis.get_instructions(code))
 
 
+_listed: tuple[tuple[CodeType, list[Any]], ...] = ()
+"""The places of instructions of the latest functions, which are compared by identity: code hashes its whole text."""
+
+
+def _positions(code: CodeType) -> list[Any]:
+    """Return where each instruction stands in the text: walked once a function, not once a value."""
+    global _listed
+    for known, positions in _listed:
+        if known is code:
+            return positions
+    found = list(code.co_positions())
+    _listed = ((code, found), *_listed[:7])  # in one assignment, since other threads record meanwhile
+    return found
+
+
 def unpacked_name(frame: FrameType | None) -> str | None:
     """Return the name that an assignment such as `a, b = x + 1, y` gives the expression that `frame` is evaluating."""
     text = text_of(frame.f_code) if frame is not None else None
     naming = _naming(text) if text is not None else None
     if frame is None or naming is None or frame.f_lineno not in naming.unpacked:
         return None
-    positions = next(islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), None)
-    if positions is None or None in positions:
+    positions = _positions(frame.f_code)[frame.f_lasti // 2]
+    if None in positions:
         return None
     line, _, column, _ = positions
     for e, name in naming.unpacked[frame.f_lineno]:

@@ -77,6 +77,10 @@ class Value(Operators, AbstractValue):
 
     def __getattr__(self, name: str) -> Any:
         picked = _swizzle(name, self.size)
+        if picked is None and hasattr(type(self), name):
+            object.__getattribute__(
+                self, name
+            )  # a property that ended in an AttributeError of its own: raise that again
         if picked is None:
             raise self._no_attribute(name)
         return self._pick(picked, f".{name}")
