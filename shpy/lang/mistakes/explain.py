@@ -163,6 +163,11 @@ class _Spelling:
         """Return an expression as a bool of the language."""
         return rewritten(node, self.prefix, self.frame, test=True)
 
+    def counted(self, node: ast.expr) -> str:
+        """Return an expression as an int of the language."""
+        held, text = named(node, self.frame), ast.unparse(node)
+        return f"{self.prefix}Attrib1i({text})" if isinstance(held, AbstractValue) and not held.type.is_int else text
+
     def quoted(self, node: ast.AST) -> str:
         """Return the code as it stands in the text."""
         return quoted(self.text, node)
@@ -432,10 +437,9 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 f"make `{spelling.quoted(base)}` a {prefix}Table (numbers) or a {prefix}Array (values), and index that",
             )
         case ast.Call(func=ast.Name(id="range")):
-            arguments = ", ".join(ast.unparse(a) for a in node.args)
             return (
                 f"`{asked}` counts while recording, and its bound is known only when the program runs",
-                f"with {spelling.control('SH_FOR')}({arguments}) as {index}:",
+                f"with {spelling.control('SH_FOR')}({', '.join(map(spelling.counted, node.args))}) as {index}:",
             )
         case ast.Call(func=function, args=positional, keywords=keywords):
             given = [*positional, *(k.value for k in keywords if k.arg in _NUMBERS)]

@@ -260,7 +260,9 @@ def condition(c: Any, what: str) -> int:
             raise ShpyTypeError(f"{what} takes one bool, not {c!r}", loc=here(), cure=f"{what}(x > 0)")
     elif holds.base is not Base.B:
         raise ShpyTypeError(
-            f"{what} takes one bool, not {type(c).__name__}", loc=here(), cure=f"{what}(x > 0), a comparison"
+            f"{what} takes one bool, not {type(c).__name__}",
+            loc=here(),
+            cure=f"{what}(x > 0), a comparison" if holds.size == 1 else f"{what}(sh.any(x > 0)), of a comparison",
         )
     elif holds.size != 1:
         raise ShpyTypeError(
