@@ -6,8 +6,10 @@ import os
 import re
 import sys
 import sysconfig
+import traceback
 import warnings
 from dataclasses import dataclass, field
+from types import FrameType
 from typing import Any
 
 _LONG_WORD = re.compile(r"[^\s^]{241,}")  # not the marks under a line
@@ -61,14 +63,56 @@ class ShpyError(Exception):
         self.cure = cure
         text = f"{loc}: {self.message}" if loc is not None else self.message
         super().__init__(shorten(f"{text}\n  {self._cure_follows}: {cure}" if cure else text))
+        hide_frames()
+
+    def _render_traceback_(self) -> list[str]:
+        """Return the lines that IPython prints in place of its own traceback: the user's lines, then the error."""
+        steps = traceback.extract_tb(self.__traceback__)
+        users = [s for s in steps if not (_is_passed(s.filename) or s.filename.startswith(_shells()))]
+        said = traceback.format_exception_only(type(self), self)
+        return "".join(
+            ["Traceback of your lines (most recent call last):\n", *traceback.format_list(users), *said]
+        ).splitlines()
 
 
 class ShpyWarning(UserWarning):
     """A way is slower or less exact than the way that was asked for; the text names the cause."""
 
 
+def hide_frames() -> None:
+    """Hide the frames of shpy that are running from the tracebacks that pytest prints: `--full-trace` shows them.
+
+    pytest asks the globals of each frame. Frames are hidden where shpy refuses something, or where the user's own
+    function, which shpy calls, ends in an error.
+    """
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_HOUSE):
+            frame.f_globals.setdefault("__tracebackhide__", _is_hidden)
+        frame = frame.f_back
+
+
+def _is_hidden(raised: Any) -> bool:
+    """Return whether pytest hides the frames of shpy for an error: `raised` is its ExceptionInfo."""
+    error = getattr(raised, "value", None)
+    if isinstance(error, ShpyError):
+        return True
+    last = error.__traceback__ if isinstance(error, BaseException) else None
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    return last is not None and not _is_passed(last.tb_frame.f_code.co_filename)
+
+
+def _shells() -> tuple[str, ...]:
+    """Return the folders of the shells that run the user's cells."""
+    modules = (sys.modules.get(name) for name in ("IPython", "ipykernel"))
+    return tuple(os.path.dirname(m.__file__ or "") + os.sep for m in modules if m is not None)
+
+
 def is_standard(file: str) -> bool:
-    """Return whether a file is one of the standard library."""
+    """Return whether a file is one of the standard library, or of the modules that Python holds frozen."""
+    if file.startswith("<frozen "):
+        return True
     return file.startswith(_STANDARD) and f"-packages{os.sep}" not in file
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
 
-from shpy.errors import RecordError, ShpyError, ShpyTypeError
+from shpy.errors import RecordError, ShpyError, ShpyTypeError, hide_frames
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir import nodes
 from shpy.ir.collector import uncollected
@@ -140,6 +140,9 @@ def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
         raise ShpyTypeError(error.message, loc=loc, cure=error.cure) from None
 
 
+_EXPLAINED = (TypeError, ValueError, AttributeError, NameError, RecursionError)
+
+
 def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
     positional = [
         given[name]
@@ -153,8 +156,9 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
     }
     try:
         return function(*positional, **named)
-    except (TypeError, ValueError, AttributeError, NameError, RecursionError) as error:
-        if isinstance(error, ShpyError):
+    except Exception as error:
+        hide_frames()
+        if isinstance(error, ShpyError) or not isinstance(error, _EXPLAINED):
             raise
         from shpy.lang.mistakes.python_errors import explain_python_error  # here: few programs need it
 
