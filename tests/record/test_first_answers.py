@@ -1,6 +1,8 @@
 """First answers: the errors that a new user meets name the mistake that was made, and a cure that works."""
 
+import ast
 import re
+from pathlib import Path
 from typing import Annotated, NewType
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from source_text import made
 
 import shpy as sh
+from shpy.lang.values.builtins import FUNCTIONS
 
 Place = NewType("Place", sh.Point3f)
 
@@ -140,3 +143,75 @@ def test_a_masked_array_names_a_cure_that_runs():
 def test_the_version_is_that_of_the_installed_package():
     assert sh.__version__ == sh.packages.installed(sh.packages.DISTRIBUTION)
     assert re.fullmatch(r"\d+\.\d+.*", sh.__version__)
+
+
+class Tensor:
+    """A tensor of another library, which has no `__array__`."""
+
+    def __init__(self, array, device=None):
+        self.array, self.device = array, device
+
+    def __dlpack__(self, **options):
+        if self.device:
+            raise BufferError("the tensor lies on a GPU")
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.device or self.array.__dlpack_device__()
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_a_tensor_that_has_dlpack_alone_is_taken(backend):
+    x = np.arange(3, dtype=np.float32)
+    assert double.compile(backend)(Tensor(x)).tolist() == [0, 2, 4]
+    assert sh.Stream(Tensor(x), sh.Attrib1f, backend).numpy().tolist() == [0, 1, 2]
+    table = sh.Table(Tensor(x), sh.Attrib1f)
+    x[:] = 7
+    assert table[1].x == 1
+
+
+def test_a_tensor_elsewhere_is_refused():
+    with pytest.raises(sh.ShpyTypeError, match="x is not an array that numpy can read") as caught:
+        double(Tensor(np.arange(3.0), (2, 0)))
+    assert caught.value.cure == "an array in the memory of the host"
+
+
+def test_no_copy_is_made_of_a_tensor():
+    from shpy.lang.data.hostdata import as_array
+
+    x = np.arange(3.0)
+    assert np.shares_memory(as_array(Tensor(x), "x"), x)
+
+
+def test_editors_show_what_each_function_does():
+    tree = ast.parse(Path(sh.__file__).with_name("__init__.pyi").read_text())
+    said = {node.name for node in tree.body if isinstance(node, ast.FunctionDef) and ast.get_docstring(node)}
+    assert {"smoothstep", "mix", "normalize", "hash", "noise", "unit_float", "radians", "grid_index"} <= said
+    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert {name for name in functions - said if name in sh.__all__ and name in FUNCTIONS} == set()
+
+
+def test_a_store_into_the_value_of_a_param_is_refused():
+    for type_, value, index in ((sh.Attrib3f, (1, 2, 3), 0), (sh.Matrix2f, np.eye(2), (0, 0))):
+        param = sh.Param(type_, value, name="p")
+        with pytest.raises(ValueError, match="read-only"):
+            param.value[index] = 50
+        assert np.array_equal(param.value, value)
+
+
+def test_backends_agree_on_a_table_whose_array_is_made_writeable_again():
+    given = np.arange(4, dtype=np.float32)
+    given.flags.writeable = False
+    table = sh.Table(given, sh.Attrib1f, name="held")
+
+    @sh.program
+    def read(i: sh.Attrib1i) -> sh.Attrib1f:
+        return table[i]
+
+    kernels = [read.compile(backend) for backend in ("numpy", "opencl", "glsl")]
+    assert [kernel([1]).tolist() for kernel in kernels] == [[1]] * 3
+    given.flags.writeable = True
+    given[1] = 50
+    assert [kernel([1]).tolist() for kernel in kernels] == [[50]] * 3
+    given[1] = 60
+    assert [kernel([1]).tolist() for kernel in kernels] == [[50]] * 3

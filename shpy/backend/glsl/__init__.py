@@ -1,6 +1,6 @@
 """The GLSL backend: programs as fragment shaders of OpenGL 3.3, run without a window.
 
-Stage: emit, compile, run. `printer` makes the text, `runtime` runs it; moderngl is imported on first use. Mesa's
+Stage: emit, compile, run. `text` makes the text, `device` runs it; moderngl is imported on first use. Mesa's
 llvmpipe, the driver without a GPU, stops an element's loops after 65,535 iterations in all, without a word: a program
 that may take as many gets flags that tell (`passes/exits.py`), and its status is DEVICE_STOPPED.
 

@@ -71,7 +71,19 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
 
 
 def as_array(data: Any, what: str) -> NDArray[Any]:
-    """Return `data` as an array of any dtype; ShpyTypeError naming `what` for ragged lists."""
+    """Return `data` as an array of any dtype; ShpyTypeError naming `what` for ragged lists.
+
+    What has `__dlpack__` alone is taken without a copy; ShpyTypeError where it does not lie in the host's memory.
+    """
+    if hasattr(data, "__dlpack__") and not hasattr(data, "__array__"):
+        try:
+            return np.from_dlpack(data)
+        except (BufferError, RuntimeError, TypeError, ValueError) as error:
+            raise ShpyTypeError(
+                f"{what} is not an array that numpy can read: {error}",
+                loc=here(),
+                cure="an array in the memory of the host",
+            ) from error
     try:
         return np.asarray(data)
     except (ValueError, TypeError) as error:

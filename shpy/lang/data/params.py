@@ -216,8 +216,9 @@ class _ValueParam(_MadeParam):
 
     @property
     def value(self) -> Any:
-        """The present value: a numpy scalar or array of shape (size,)."""
+        """The present value: a numpy scalar or a read-only array of shape (size,)."""
         held = to_array(self.type, self._const)  # type: ignore[attr-defined]
+        held.flags.writeable = False  # a store into it would not reach the Param
         return held[()] if held.ndim == 0 else held
 
     @value.setter
@@ -291,7 +292,7 @@ class _CompoundParam(_MadeParam):
     @property
     def value(self) -> Any:
         """The present value: an array (N, N), or a named tuple of the fields' values."""
-        return build_arrays(self._layout, (leaf.value for leaf in self._leaves))
+        return _read_only(build_arrays(self._layout, (leaf.value for leaf in self._leaves)))
 
     @value.setter
     def value(self, value: Any) -> None:
@@ -305,6 +306,15 @@ class _CompoundParam(_MadeParam):
             object.__setattr__(self, name, value)
         else:
             super().__setattr__(name, value)
+
+
+def _read_only(value: Any) -> Any:
+    """Make the arrays of a value read-only: a store into one would not reach the Param."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    for part in value if isinstance(value, tuple) else ():
+        _read_only(part)
+    return value
 
 
 def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = NOTHING) -> Any:

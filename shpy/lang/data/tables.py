@@ -84,6 +84,7 @@ class Table:
         self._array = self._checked(array)
         self.rank = self._array.ndim - (self.type.size > 1)
         self._version = 0
+        self._taken = is_constant(self._array)
         self._data: dict[Any, TableData] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -107,7 +108,11 @@ class Table:
 
     def _checked(self, array: Any, *, part: bool = False) -> NDArray[Any]:
         data = self._fitting(array, part=part)
-        return data.copy() if np.may_share_memory(data, array) and not is_constant(data) else data
+        foreign = hasattr(array, "__dlpack__") and not isinstance(
+            array, np.ndarray
+        )  # whose memory numpy does not compare
+        shared = foreign or np.may_share_memory(data, array)
+        return data.copy() if shared and not is_constant(data) else data
 
     def _fitting(self, array: Any, *, part: bool = False) -> NDArray[Any]:
         """Return an array for the element type, or a part; it may share the memory of the one that is given."""
@@ -194,11 +199,15 @@ class Table:
             data.change(start, found)
 
     def _replace(self, data: NDArray[Any]) -> None:
-        self._array = data
+        self._array, self._taken = data, is_constant(data)
         self._version += 1
 
     def data(self, dtype: Any) -> TableData:
         """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
+        if self._taken and not is_constant(
+            self._array
+        ):  # its owner has made it writeable again, and may have changed it
+            self._replace(self._array.copy())
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
         held = self._data.get(key)
         if held is None:

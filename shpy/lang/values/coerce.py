@@ -1,6 +1,6 @@
 """Rules for operands that meet: literals, mixing of bases, broadcasting, kinds.
 
-Stage: record. Takes the operands of an operator and returns types; `values.py` and `builtins.py` then emit.
+Stage: record. Takes the operands of an operator and returns types; `arithmetic` and `builtins` then emit.
 
 An int literal takes the other operand's type, a float literal widens ints to `f`, True and False are `b`; bases mix
 h -> f -> d, ints widen to at least `f`, `i` with `u` and anything with `b` are errors.

@@ -124,7 +124,7 @@ def _notes(distrusted: frozenset[str]) -> tuple[str, ...]:
 
 
 def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
-    """Return the entry of the text, which is our own: names were made by `naming`, all else is numbers."""
+    """Return the entry of the text, which is our own: names were made by `emit/names`, all else is numbers."""
     scope: dict[str, Any] = {"__name__": module.name}
     try:
         exec(compile(printed.text, f"<{printed.entry}, as numpy>", "exec"), scope)
