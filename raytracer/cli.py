@@ -458,7 +458,8 @@ def _scenes(options: argparse.Namespace) -> int:
 
 
 _PACKAGES = {
-    "trimesh": "reads PLY, STL and OFF",
+    "trimesh": "meshes and scenes of trimesh",
+    "mapbox-earcut": "cuts faces that are not convex",
     "pillow": "reads textures, writes PNG",
     "OpenEXR": "writes EXR",
     "rich": "shows progress",

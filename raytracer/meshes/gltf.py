@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.meshes.contents import text_of
 from raytracer.meshes.folder import Folder, shown
 from raytracer.meshes.gltf_entries import BROKEN, count_of, needed, reason_of, rows, table
+from raytracer.meshes.lines import text_of
 
 _COMPONENTS: Final = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -11,6 +11,7 @@ such as 85 are parts of letters. So a text stays bytes until its names are decod
 from __future__ import annotations
 
 import codecs
+import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
@@ -71,12 +72,27 @@ def name_of(word: bytes) -> str:
         return word.decode("latin-1")
 
 
+def text_of(data: bytes) -> str:
+    """Decode a text: UTF-8 or UTF-16 with a byte-order mark, UTF-8, or else Latin-1."""
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return data[len(mark) :].decode(encoding, "replace")
+    return name_of(data)
+
+
 def without_comment(line: bytes) -> bytes:
     """Return a line up to a # at its begin or after a space; a name may have a # in it."""
     at = line.find(b"#")
     while at > 0 and line[at - 1] > SPACE:
         at = line.find(b"#", at + 1)
     return line if at < 0 else line[:at]
+
+
+def without_indents(block: bytes) -> bytes:
+    """Return lines without the spaces that they begin with."""
+    if block[:1] > b" " and b"\n " not in block and b"\n\t" not in block:
+        return block
+    return re.sub(rb"\n[ \t\v\f]+", b"\n", b"\n" + block)[1:]
 
 
 def blocks(text: bytes) -> Iterator[bytes]:

@@ -30,6 +30,7 @@ from raytracer.meshes.lines import (
     plain,
     whole_numbers,
     without_comment,
+    without_indents,
     word_begins,
 )  # fmt: skip
 
@@ -136,7 +137,7 @@ class _Reader:
     def read(self, block: bytes) -> None:
         """Read a block of lines."""
         number = block.count(b"\n")
-        block = _without_indents(_without_comments(block))
+        block = without_indents(_without_comments(block))
         text = np.frombuffer(block, np.uint8)
         begins = line_begins(text)
         ends, kinds = np.append(begins[1:], len(text)), _kinds(text, begins)
@@ -344,12 +345,6 @@ def _without_comments(block: bytes) -> bytes:
         return without_comment(before + found[0])[1:]
 
     return re.sub(rb"#[^\n]*", cut, block)
-
-
-def _without_indents(block: bytes) -> bytes:
-    if block[:1] > b" " and b"\n " not in block and b"\n\t" not in block:
-        return block
-    return re.sub(rb"\n[ \t\v\f]+", b"\n", b"\n" + block)[1:]
 
 
 def _continued(text: bytes) -> bytes:

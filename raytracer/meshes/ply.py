@@ -41,6 +41,7 @@ _COLORS: Final = {
     "face": Fault("colour of a face is not finite", "colours of faces are not finite"),
 }
 _PICTURE: Final = Fault("face names a picture that the file lacks", "faces name a picture that the file lacks")
+_SHORT: Final = Fault("vertex ends before its last number", "vertices end before their last number")
 _STRIP: Final = Fault("strip names a vertex that the file lacks", "strips name a vertex that the file lacks")
 
 
@@ -53,6 +54,9 @@ def read_ply(data: bytes, name: str, notices: Notices) -> Iterator[tuple[Mesh, s
         raise SceneError("its vertices lack x, y or z")
     places = _stacked(vertex, "xyz")
     broken = leave_out_broken(places, notices)
+    short = np.zeros(len(broken), bool)
+    short[file.short["vertex"]] = True
+    leave_out(_SHORT, short & ~broken, "vertex", notices)
     faces, strips = _faces(file, places, broken, notices), _strips(file, places, broken, notices)
     vertices = np.concatenate([faces.vertices, strips])
     given = _at_corners(file, faces, vertices, broken, notices)

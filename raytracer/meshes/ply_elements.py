@@ -144,11 +144,11 @@ def _in_text(elements: list[Element], body: bytes, _: str) -> tuple[_Columns, di
             continue
         numbers = numbers_in(text[own[0] : past], own - own[0])
         ends = np.cumsum(numbers.counts)
-        columns[part.name], short[part.name] = _of_lines(part, numbers.values, ends - numbers.counts, ends)
+        columns[part.name], short[part.name] = of_lines(part, numbers.values, ends - numbers.counts, ends)
     return columns, short
 
 
-def _of_lines(part: Element, values: NDArray[np.float64], at: Ints, ends: Ints) -> tuple[dict[str, Any], Ints]:
+def of_lines(part: Element, values: NDArray[np.float64], at: Ints, ends: Ints) -> tuple[dict[str, Any], Ints]:
     """Return the columns of elements whose numbers are values[at : ends], and which of the elements end early."""
     values = np.append(values, np.nan)
     columns: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Reading files of meshes: OBJ, glTF and GLB by readers of our own, PLY, STL and OFF through trimesh.
+"""Reading files of meshes: OBJ, PLY, STL, OFF, glTF and GLB.
 
 Stage: scene description. Takes a path, gives a `Mesh` or the `Contents` of the file, or a SceneError that says what is
 wrong with it.
@@ -9,40 +9,35 @@ wrong with it.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import shpy as sh
 from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
-from raytracer.meshes.contents import READABLE
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
-from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import Instance
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
 from raytracer.meshes.mtl import Words, picture_words, read_mtl
 from raytracer.meshes.obj import read_obj
+from raytracer.meshes.off import read_off
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.meshes.ply import read_ply
+from raytracer.meshes.stl import read_stl
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())
-"""trimesh logs tracebacks of faults that it passes over; without a handler Python prints them."""
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _FLAT = (".glb", ".gltf")
 """The formats whose meshes are flat where they have no normals: glTF 2.0, section 3.7.2.1."""
@@ -107,15 +102,9 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise SceneError(f"{path}: meshes are read from {', '.join(FORMATS)}, not from {path.suffix or 'this'}")
-    if kind in READABLE:
-        try:
-            import trimesh  # noqa: F401 - used below
-        except ImportError as error:
-            needed = sh.packages.install("trimesh")
-            raise SceneError(f"reading {kind[1:].upper()} needs trimesh: {needed}") from error
     data = bytes_of(path)
     with reading(path):
-        contents: Contents = _READERS.get(kind, _through_trimesh)(path, data, notices, materials)
+        contents: Contents = _READERS[kind](path, data, notices, materials)
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
         contents = replace(contents, meshes=meshes if kind in _FLAT else smoothed(meshes))
     if not contents.meshes:
@@ -263,17 +252,17 @@ class Library:
         return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
 
 
-def _through_trimesh(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    """Read an STL or OFF file: a mesh, or one for each solid of STL."""
-    import trimesh
+def _plain(meshes: Sequence[Mesh], materials: bool) -> Contents:
+    """Return meshes of a file without materials."""
+    return Contents([mesh.with_material(CLAY) for mesh in meshes] if materials else meshes)
 
-    kind = path.suffix.lower()
-    readable = BytesIO(READABLE[kind](data, notices))
-    scene: Any = trimesh.load(readable, file_type=kind[1:], process=False, force="scene", skip_materials=True)
-    parts = _placed(list(parts_of(scene, notices)))
-    found = [replace(mesh, name=path.stem) for mesh in parts] if len(parts) == 1 else parts
-    pictures = Pictures(notices)
-    return Contents([_painted(mesh, None, Folder(path), pictures) if materials else mesh for mesh in found])
+
+def _stl(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    return _plain(read_stl(data, path.stem, notices), materials)
+
+
+def _off(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    return _plain([read_off(data, path.stem, notices)], materials)
 
 
 def _ply(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
@@ -299,4 +288,4 @@ def _painted(mesh: Mesh, name: str | None, folder: Folder, pictures: Pictures) -
     return replace(mesh, colors=None, material=Material(picture.color(WHITE), specular=0.0))
 
 
-_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".glb": _gltf, ".gltf": _gltf}
+_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".stl": _stl, ".off": _off, ".glb": _gltf, ".gltf": _gltf}

@@ -91,7 +91,7 @@ def written(kind, outline):
     return head + "\n".join([*places, f"{count} {corners}", ""])
 
 
-@pytest.mark.parametrize("kind", ["obj"])
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_files_with_faces_that_are_not_convex(tmp_path, kind, name):
     outline, area = SHAPES[name]
