@@ -95,7 +95,7 @@ def _at_corners(file: File, faces: Triangles, vertices: Ints, broken: Mask, noti
         colors = np.ones((len(vertices), 3, 3))
         colors[: len(faces.faces)] = of_faces[faces.faces][:, None]
         found["colors"] = colors
-    if isinstance(face.get("texcoord"), Lists) and len(face["texcoord"].values):
+    if isinstance(face.get("texcoord"), Lists) and len(faces.faces) and len(face["texcoord"].values):
         places = np.zeros((len(vertices), 3, 2))
         places[: len(faces.faces)] = _texcoord(face["texcoord"], _corners(face), faces, notices)
         found["uv"] = places

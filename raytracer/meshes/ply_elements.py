@@ -10,6 +10,7 @@ that a header declares are compared with the bytes that follow before memory is 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -85,6 +86,9 @@ def read_elements(data: bytes) -> File:
         raise SceneError("it has no PLY header that ends")
     head, body = plain(data[: found.end()]).decode("latin-1"), data[found.end() :]
     elements = list(_elements(head))
+    (name, times), *_ = Counter(part.name for part in elements).most_common(1) or [("", 0)]
+    if times > 1:
+        raise SceneError(f"its header has two elements named {shown(name)!r}")
     form = re.search(r"^format[ \t]+(\w+)", head, re.MULTILINE)
     if form is None or form[1] not in ("ascii", "binary_little_endian", "binary_big_endian"):
         given = shown(form[1]) if form else "missing"
