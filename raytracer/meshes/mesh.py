@@ -228,9 +228,9 @@ class Mesh:
         held = _added(np.repeat(weighted, 3, axis=0), group, len(first))
         direction, place = units[first // 3], place[first]
         sums = np.zeros_like(held)
-        for one, other in _sharing(place):
-            near = np.einsum("ij,ij->i", direction[one], direction[other]) > widest
-            sums += _added(held[other[near]], one[near], len(sums))
+        for corners, one, other in _sharing(place):
+            near = np.einsum("ij,ij->i", direction[corners].take(one, axis=0), direction.take(other, axis=0)) > widest
+            sums[corners] = _added(held.take(other[near], axis=0), one[near], len(corners))
         normals = unit(sums)[group].reshape(-1, 3, 3)
         empty = ~normals.any(axis=2, keepdims=True)
         return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
@@ -356,8 +356,11 @@ def _added(vectors: Floats, number: Ints, count: int) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints]]:
-    """Yield all ordered pairs at the same place, each with itself too; about as many at once as fit in memory."""
+def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints, Ints]]:
+    """Yield all ordered pairs at the same place, each with itself too; about as many at once as fit in memory.
+
+    They are given as some of the corners, the places among these of the first ones, and the second ones.
+    """
     order = np.argsort(place, kind="stable")
     counts = np.bincount(place)
     starts = np.cumsum(counts) - counts
@@ -368,7 +371,7 @@ def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints]]:
         past = ends[begin] - mates[begin] + _PAIRS_AT_ONCE
         end = max(begin + 1, int(np.searchsorted(ends, past, side="right")))
         part = slice(begin, end)
-        one = np.repeat(order[part], mates[part])
+        one = np.repeat(np.arange(end - begin), mates[part])
         within = np.arange(len(one)) - np.repeat(ends[part] - mates[part] - (ends[begin] - mates[begin]), mates[part])
-        yield one, order[np.repeat(starts[place[order[part]]], mates[part]) + within]
+        yield order[part], one, order[np.repeat(starts[place[order[part]]], mates[part]) + within]
         begin = end
