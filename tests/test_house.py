@@ -88,7 +88,7 @@ def test_the_ray_tracer_uses_what_users_can():
 
 ALONE = """
 import sys
-for name in ("pyopencl", "moderngl", "trimesh", "PIL", "OpenEXR", "rich"):
+for name in ("pyopencl", "moderngl", "trimesh", "PIL", "OpenEXR", "rich", "mapbox_earcut"):
     sys.modules[name] = None  # as if it were not installed
 import raytracer
 import shpy as sh
@@ -215,7 +215,7 @@ _LATE = (
     *(f"shpy.backend.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
     *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
     *("shpy.notebook", "shpy.view", "importlib.metadata"),
-    *("lark", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
+    *("lark", "mapbox_earcut", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )
 """Modules that importing shpy and raytracer does not load. The check of functions' text is for raytracer's structs."""
 

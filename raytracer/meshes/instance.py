@@ -10,11 +10,16 @@ Stage: scene description. A `Scene` takes instances beside meshes.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
-from raytracer.errors import SceneError
+from raytracer.errors import SceneError, warn
+from raytracer.memory import TRIANGLE, check_triangles
 from raytracer.meshes.mesh import Mesh, affine
+
+MANY: Final = 1 << 20
+"""Triangles of instances from which on a warning says that each instance gets its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,3 +45,23 @@ class Instance:
         """The transformed mesh, with the name of the instance if it has one."""
         moved = self.mesh.transformed(self.transform)
         return moved if self.name in (None, moved.name) else replace(moved, name=self.name)
+
+
+def placed_all(name: str, parts: Iterable[Mesh | Instance]) -> list[Mesh]:
+    """Return meshes as they are, and instances in their places; `name` is that of the scene or file.
+
+    An sh.ShpyWarning says beforehand what many instances take. Raises SceneError where the triangles exceed the memory.
+    """
+    parts = list(parts)
+    instances = [part for part in parts if isinstance(part, Instance)]
+    shared = {id(part.mesh): len(part.mesh) for part in instances}
+    total, different = sum(len(part.mesh) for part in instances), sum(shared.values())
+    check_triangles(total + sum(len(part) for part in parts if isinstance(part, Mesh)))
+    if total >= MANY and total >= 2 * different:
+        plural = "" if len(shared) == 1 else "es"
+        warn(
+            f"{name}: each of {len(instances):,} instances of {len(shared):,} mesh{plural} gets triangles of its own, "
+            f"{total:,} where {different:,} are different: they take {total * TRIANGLE / 2**30:.1f} GiB of memory or "
+            "more, and are prepared one by one"
+        )
+    return [part.placed if isinstance(part, Instance) else part for part in parts]

@@ -228,9 +228,9 @@ class Mesh:
         held = _added(np.repeat(weighted, 3, axis=0), group, len(first))
         direction, place = units[first // 3], place[first]
         sums = np.zeros_like(held)
-        for corners, one, other in _sharing(place):
-            near = np.einsum("ij,ij->i", direction[corners].take(one, axis=0), direction.take(other, axis=0)) > widest
-            sums[corners] = _added(held.take(other[near], axis=0), one[near], len(corners))
+        for chosen, one, other in _sharing(place):
+            near = np.einsum("ij,ij->i", direction[chosen].take(one, axis=0), direction.take(other, axis=0)) > widest
+            sums[chosen] = _added(held.take(other[near], axis=0), one[near], len(chosen))
         normals = unit(sums)[group].reshape(-1, 3, 3)
         empty = ~normals.any(axis=2, keepdims=True)
         return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))

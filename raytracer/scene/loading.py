@@ -25,7 +25,7 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
-from raytracer.meshes.instance import Instance
+from raytracer.meshes.instance import placed_all
 from raytracer.meshes.mesh import LOADERS, Mesh, joined
 from raytracer.meshes.mtl import Words, picture_words, read_mtl
 from raytracer.meshes.obj import read_obj
@@ -155,13 +155,9 @@ def smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
     return [replace(mesh, normals=next(normals)) if mesh.normals is None else mesh for mesh in meshes]
 
 
-def _placed(instances: Sequence[Instance]) -> list[Mesh]:
-    return [instance.placed for instance in instances]
-
-
 def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
     scene = GltfScene(Document(data, Folder(path)), path.stem, notices, materials=materials)
-    meshes = _placed(scene.instances())
+    meshes = placed_all(path.name, scene.instances())
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
     low, high = bounds_of(meshes, np.eye(3))

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 from raytracer.appearance.materials import Material, Triple
 from raytracer.arrays import finite_triple
 from raytracer.errors import SceneError
-from raytracer.memory import check_triangles
 from raytracer.meshes.folder import Notices, named
 from raytracer.meshes.from_trimesh import parts_of
-from raytracer.meshes.instance import Instance
+from raytracer.meshes.instance import Instance, placed_all
 from raytracer.meshes.mesh import Mesh
 from raytracer.scene.camera import Camera, known
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
@@ -211,8 +210,7 @@ def placed(things: Any) -> tuple[Mesh, ...]:
     if not single and (isinstance(things, str | bytes) or not isinstance(things, Iterable)):
         raise _stranger(things)
     parts = [part for thing in ([things] if single else things) for part in _parts(thing)]
-    check_triangles(sum(len(part.mesh if isinstance(part, Instance) else part) for part in parts))
-    return tuple(part.placed if isinstance(part, Instance) else part for part in parts)
+    return tuple(placed_all("the scene", parts))
 
 
 def _parts(thing: Any) -> Iterator[Mesh | Instance]:

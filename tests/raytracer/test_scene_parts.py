@@ -1,6 +1,7 @@
 """Parts of a scene: meshes, instances, and meshes and scenes of trimesh, with names, ids and materials."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from raytracer import (
     Texture,
     render,
 )
+from raytracer.meshes import instance
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 TRIANGLE = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="sail")
@@ -232,3 +234,16 @@ def test_materials_are_replaced_by_the_names_of_meshes():
         scene.with_material("c", Material())
     many = Scene([TRIANGLE] * 30)
     assert repr(many).endswith("sail and 10 more; 30 triangles, 0 lights>")
+
+
+def test_many_instances_are_announced_before_they_are_made(monkeypatch):
+    leaf = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="leaf")
+    leaves = [Instance(leaf, np.eye(4), f"leaf {k}") for k in range(8)]
+    monkeypatch.setattr(instance, "MANY", 8)
+    said = "the scene: each of 8 instances of 1 mesh gets triangles of its own, 8 where 1 are different"
+    with pytest.warns(sh.ShpyWarning, match=said):
+        assert Scene(leaves).triangles == 8
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Scene(leaves[:7])
+        Scene([Instance(Mesh(leaf.vertices, leaf.faces), np.eye(4)) for _ in range(8)])
