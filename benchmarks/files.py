@@ -19,12 +19,6 @@ from raytracer import Mesh
 HEAD = ("file", "reader", "CPU s", "of trimesh's", "MB", "of trimesh's")
 READERS = {
     "trimesh": "import trimesh\nload = lambda: trimesh.load(path, process=False, force='mesh').faces",
-    "trimesh, normals": (
-        "import trimesh\n"
-        "def load():\n"
-        "    mesh = trimesh.load(path, process=False, force='mesh')\n"
-        "    return mesh.faces[:len(mesh.vertex_normals) and None]"
-    ),
     "Mesh.load": "from raytracer import Mesh\nload = lambda: Mesh.load(path).faces",
     "Scene.load": "from raytracer import Scene\nload = lambda: Scene.load(path).meshes[0].faces",
 }
@@ -60,7 +54,7 @@ def files(quick: bool) -> Table:
     note = (
         f"{2 * side**2:,} triangles of a wavy square: user CPU time and the growth of the resident memory to its most. "
         "raytracer computes normals for files without them, smooth where faces meet at less than 45 degrees, and "
-        "Scene.load a camera and lights; trimesh computes normals when it is asked, smooth everywhere."
+        "Scene.load a camera and lights; trimesh computes neither when it reads."
     )
     return Table("files", note, HEAD, rows)
 
