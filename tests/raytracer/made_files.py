@@ -52,7 +52,7 @@ class Made:
         return sum(face.area for face in self.faces)
 
     def at(self):
-        """What is at each place: the face and the corner."""
+        """Give the face and the corner at each place."""
         return {tuple(place): (face, k) for face in self.faces for k, place in enumerate(face.places.tolist())}
 
 
@@ -96,7 +96,7 @@ def drawn_faces(rng, *, only_triangles=False):
 
 
 def drawn_bad(rng, *names):
-    """How many bad entries of each kind a file has."""
+    """Draw the number of bad entries of each kind."""
     return {name: int(rng.integers(1, 4)) if rng.random() < 0.15 else 0 for name in names}
 
 
