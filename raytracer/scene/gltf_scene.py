@@ -47,6 +47,7 @@ _LIGHT: Final = Fault("light cannot be read", "lights cannot be read")
 _MATERIAL: Final = Fault("material cannot be read", "materials cannot be read")
 _SHAPE: Final = Fault("primitive is not deformed", "primitives are not deformed")
 _SKIN: Final = Fault("node has a skin that cannot be read", "nodes have skins that cannot be read")
+_CUT: Final = Fault("primitive ends within a triangle", "primitives end within a triangle")
 _NO_VERTEX: Final = Fault("triangle names a vertex that is not there", "triangles name a vertex that is not there")
 _NO_PLACE: Final = Fault("triangle has a corner at no finite place", "triangles have a corner at no finite place")
 _ATTRIBUTES: Final = {
@@ -283,6 +284,8 @@ class GltfScene:
         if look is not None and self.reads_materials and self.materials.is_cut_out(look):
             self.notices.ignore("primitives of which a mask leaves nothing")
             return None
+        if mode == 4 and len(order) % 3:
+            self.notices.leave_out(_CUT, 1, where, f"it has {len(order):,} corners, and a triangle takes 3")
         faces, vertices = self._sound(_faces(order, mode), vertices, where)
         kept: Any = slice(None)
         if faces.size < len(vertices):  # others may share the array: a copy of all for each would be quadratic

@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -162,6 +163,13 @@ def places_of(value):
         yield from places_of(value[key])
 
 
+RAW = re.compile(
+    "NoneType|not supported|has no attribute|object is|unhashable|reshape|broadcast|stride|subscript|argument"
+    "|could not convert|unpack|unexpected|local variable|invalid literal|out of bounds|recursion|codec|mapping|iterable|operand"
+)
+"""Words of Python and numpy that are no cause of a fault in a file."""
+
+
 def survive(folder, first, count, renders=0):
     """Load files number `first` to `first + count`; gives how many were scenes, of which every `renders`th is rendered.
 
@@ -194,6 +202,8 @@ def survive(folder, first, count, renders=0):
                 assert np.all(np.isfinite(render(scene, (6, 4), backend="numpy", bounces=1).pixels))
         signal.setitimer(signal.ITIMER_PROF, 0)
         assert {w.category for w in caught} <= {ShpyWarning}, caught[0]
+        if path.suffix in (".glb", ".gltf"):
+            assert not RAW.search(" ".join([*said, *(str(w.message) for w in caught)])), said
         for text in [*said, *(str(w.message) for w in caught)]:
             assert path.stem in text, text
             assert text.isprintable(), repr(text)
