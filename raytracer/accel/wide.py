@@ -79,7 +79,7 @@ def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], ba
     `rows` (3N, 4) are as in `triangle_rows`, `levels` (N,) how far the triangles' planes are from 0. The result is the
     same for every backend on which nodes are chosen.
     """
-    tree = _with_small_leaves(_binary(bvh))
+    tree = _binary(bvh)
     found = families(tree, target_for(len(bvh.items), backend))
     children = np.concatenate(found)
     there = children >= 0
@@ -104,25 +104,6 @@ def _binary(bvh: Bvh) -> Binary:
     left = np.where(first < 0, -1, first)
     right = np.where(first < 0, -1, past[np.maximum(first, 0)])
     return Binary(bvh.low, bvh.high, before[:-1], before[end] - before[:-1], left, right)
-
-
-def _with_small_leaves(tree: Binary) -> Binary:
-    """Return the nodes with two leaves in the box of each leaf that holds more triangles than a block.
-
-    A leaf of a `Bvh` has room for seven triangles, so two blocks hold them.
-    """
-    large = np.flatnonzero((tree.left < 0) & (tree.count > HALF))
-    if not len(large):
-        return tree
-    box = np.concatenate([np.arange(len(tree.count)), np.repeat(large, 2)])
-    start = np.concatenate([tree.start, np.stack([tree.start[large], tree.start[large] + HALF], axis=1).reshape(-1)])
-    count = np.concatenate(
-        [tree.count, np.stack([np.full(len(large), HALF), tree.count[large] - HALF], axis=1).reshape(-1)]
-    )
-    left, right = (np.concatenate([arm, np.full(2 * len(large), -1)]) for arm in (tree.left, tree.right))
-    left[large] = len(tree.count) + 2 * np.arange(len(large))
-    right[large] = left[large] + 1
-    return Binary(tree.low[box], tree.high[box], start, count, left, right)
 
 
 def _nodes(tree: Binary, children: Ints) -> Words:
