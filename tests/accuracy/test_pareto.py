@@ -14,7 +14,7 @@ from matplotlib.text import Annotation, Text
 
 import shpy as sh
 from shpy.accuracy.measuring import Variant
-from shpy.accuracy.pareto import choose, rivals, separable, timed
+from shpy.accuracy.pareto import Comparison, choose, rivals, separable, timed
 from shpy.accuracy.pareto_plot import draw
 from shpy.accuracy.tradeoffs import Candidate, Tradeoff
 
@@ -87,6 +87,17 @@ def test_every_column_mark_and_short_name_of_the_table_has_a_line_in_the_legend(
     assert {"*", "strict", "fast", "f16", "f64"} <= set(explained)
     assert not {"relaxed", "f32", "≈", "→"} & set(explained)
     assert all(len(line) <= 120 for line in legend.splitlines())
+
+
+def test_a_long_meaning_goes_on_below_its_beginning():
+    meanings = {"a": "short", "longer": "as many words as it takes to go beyond the end of a line " * 4}
+    shown = Comparison("title", (), 1.0, "", ("a", "longer", "", ""), meanings, "", "", "", "")
+    legend = shown.table().partition("\n\n")[2].splitlines()
+    first = next(n for n, line in enumerate(legend) if line.startswith("  longer  as many"))
+    column = legend[first].index("as many")
+    assert len(legend) - first > 1
+    assert legend[first - 1].index("short") == column
+    assert all(len(line) - len(line.lstrip()) == column for line in legend[first + 1 :])
 
 
 def many(count, seed, extremes=EXTREMES):

@@ -285,3 +285,12 @@ def test_commands_that_are_refused(tmp_path, capsys):
         assert cli.main(["animate", *given, *output, *SMALL]) == 1
         assert what in capsys.readouterr().err
     assert sorted(os.listdir(tmp_path)) == ["a.obj", "turn.glb"]
+
+
+def test_an_animation_far_from_the_origin_is_framed_by_itself(tmp_path):
+    """A square at x = 100 that rises by 1 is seen from near by; the origin is no part of it."""
+    file = File()
+    node = file.node(mesh=file.mesh(file.square()), translation=[100, 0, 0])
+    animated(file, (node, "translation", [0, 1], [[100, 0, 0], [100, 1, 0]], "LINEAR"))
+    scene = AnimatedFile(file.save(tmp_path / "far.glb")).make(3, 2)(0.0)
+    assert math.dist(scene.camera.position, (100, 0.5, 0)) < 12
