@@ -165,7 +165,8 @@ def places_of(value):
 
 RAW = re.compile(
     "NoneType|not supported|has no attribute|object is|unhashable|reshape|broadcast|stride|subscript|argument"
-    "|could not convert|unpack|unexpected|local variable|invalid literal|out of bounds|recursion|codec|mapping|iterable|operand"
+    "|could not convert|unpack|unexpected|local variable|invalid literal|out of bounds|recursion|codec|mapping"
+    "|iterable|operand"
 )
 """Words of Python and numpy that are no cause of a fault in a file."""
 
