@@ -108,8 +108,8 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
         contents = replace(contents, meshes=meshes if kind in _FLAT else smoothed(meshes))
     if not contents.meshes:
-        causes = [said.partition(": ")[2] for said in (notices.faults(), notices.text()) if said]
-        raise SceneError("; ".join([f"{path}: the file holds no triangles", *causes]))
+        causes = "; ".join(said.partition(": ")[2] for said in (notices.faults(), notices.text()) if said)
+        raise SceneError(f"{path}: the file holds no triangles{causes and '; '}{shown(causes, _LONGEST)}")
     notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
 
