@@ -108,9 +108,7 @@ class Table:
 
     def _checked(self, array: Any, *, part: bool = False) -> NDArray[Any]:
         data = self._fitting(array, part=part)
-        foreign = hasattr(array, "__dlpack__") and not isinstance(
-            array, np.ndarray
-        )  # whose memory numpy does not compare
+        foreign = not isinstance(array, np.ndarray) and hasattr(array, "__dlpack__")  # numpy compares no such memory
         shared = foreign or np.may_share_memory(data, array)
         return data.copy() if shared and not is_constant(data) else data
 
@@ -204,9 +202,8 @@ class Table:
 
     def data(self, dtype: Any) -> TableData:
         """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
-        if self._taken and not is_constant(
-            self._array
-        ):  # its owner has made it writeable again, and may have changed it
+        if self._taken and not is_constant(self._array):
+            # Its owner has made it writeable again, and may have changed it.
             self._replace(self._array.copy())
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
         held = self._data.get(key)
