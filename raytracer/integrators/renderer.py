@@ -110,7 +110,7 @@ class Renderer:
         self._tracer = self._tracer_of(self.layout)
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
-        self._kinds: dict[tuple[str, bool], dict[str, Any]] = {}
+        self._kinds: dict[tuple[str, bool, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
         self._choose(scene.camera)
 
@@ -235,7 +235,8 @@ class Renderer:
 
     def _choose(self, camera: Camera) -> None:
         """Take the kernels for a camera's projection, compiled once."""
-        kind = camera.projection, bool(camera.aperture)
+        media = self._tracer.surfaces.media
+        kind = camera.projection, bool(camera.aperture), media is not None and media.wades
         if kind not in self._kinds:
             self._kinds[kind] = self._compiled(camera)
         self.__dict__.update(self._kinds[kind])
@@ -429,9 +430,12 @@ class Renderer:
         """Set the eye rays of a camera, None for the scene's."""
         camera = known(self.scene.camera if camera is None else camera)
         assert self.layout is not None
+        layout, media = self.layout, self._tracer.surfaces.media
+        values = camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype)
+        if media is not None:
+            media.look_from(*camera.origins(values, width, height))
         self._choose(camera)
-        layout = self.layout
-        for name, value in camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype).items():
+        for name, value in values.items():
             self.params[name].value = value
 
     def _aim_paths(self, camera: Camera | None, width: int, height: int) -> None:

@@ -36,7 +36,7 @@ class Appearance:
     `surfaces` are the distinct programs that describe them, `examined` the same ones as they were recorded. `gives` are
     the names of what textures and programs decide, `reads` what programs ask of a hit, `shades` the distinct programs
     that take the place of Phong's model, and `several` whether which one it is differs. `glowing` says of each material
-    whether a program decides its emission.
+    whether a program decides its emission, `clears` whether it may be clear.
     Raises SceneError and ShpyError for mistakes in a program, and for a mesh whose uv coordinates are missed.
     """
 
@@ -54,6 +54,11 @@ class Appearance:
         gives = {program: examined.gives for program, examined in zip(self.surfaces, found, strict=True)}
         self.glowing = [
             material.surface is not None and "emission" in gives[material.surface] for material in materials
+        ]
+        self.clears = [
+            material.numbers["transmission"] > 0
+            or (material.surface is not None and "transmission" in gives[material.surface])
+            for material in materials
         ]
         self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in found))
         reading = {p for p, examined in zip(self.surfaces, found, strict=True) if "uv" in examined.reads}

@@ -168,11 +168,14 @@ class Emitters:
             found.limit[:] = FAR
         found.around[:] = True
 
-    def density_of(self, hit: RayHit, ray: Any, face: Any) -> Any:
-        """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit."""
+    def density_of(self, hit: RayHit, ray: Any, face: Any, way: Any) -> Any:
+        """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit.
+
+        `way` is its distance from where the ray was scattered.
+        """
         if not self.shining:  # pictures or programs give no emission that is known before
             return sh.Attrib1f(0)
-        return self.per_glow * self.surfaces.glow_at(hit).w * hit.l * hit.l / abs(sh.dot(face, ray))
+        return self.per_glow * self.surfaces.glow_at(hit).w * way * way / abs(sh.dot(face, ray))
 
 
 class Environment:

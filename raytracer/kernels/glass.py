@@ -2,8 +2,9 @@
 
 Stage: kernel. The loop is that of `kernels.tracer`, with one call of the intersector. There is no recursion: one of the
 two rays is followed at once, the other waits on a stack of the element's own. A ray carries the share of the picture
-that it stands for. Shadow rays go straight through glass, which tints them; they take the surfaces in their order, so
-that the product is the same on every backend.
+that it stands for, and the bodies that hold it (`kernels.media`). Shadow rays go straight through glass, which tints
+them, from the medium of the surface on; they take the surfaces in their order, so that the product is the same on every
+backend.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.kernels.bsdf import largest
+from raytracer.kernels.media import Held
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
 from raytracer.kernels.walk import meet
+from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
-"""Rays that may wait. A mirrored ray that finds no place is not followed: `bounces` must exceed 8 for that."""
+"""Rays that have a place to wait, or the next power of two from `bounces` on: of as many rays, each has made another
+number of bounces."""
 LEAST = 2.0**-17
 """The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
 
@@ -34,28 +38,59 @@ class Waiting:
     left: sh.Attrib1i
 
 
+class Stack:
+    """The rays that wait, and how many; with media, also the bodies that hold each."""
+
+    def __init__(self, places: int, held: list[Any]) -> None:
+        self.rays, self.held = sh.Array(Waiting, places), held
+        count = sh.Attrib1i(0)
+        self.count = count
+
+    def push(self, ray: Waiting, held: Held | None) -> None:
+        """Let a ray wait."""
+        self.rays[self.count] = ray
+        for row, slot in zip(self.held, held.slots if held else (), strict=True):
+            row[self.count] = slot
+        self.count += 1
+
+    def pop(self, held: Held | None) -> Any:
+        """Return the ray that came last; `held` become its bodies."""
+        self.count -= 1
+        for row, slot in zip(self.held, held.slots if held else (), strict=True):
+            slot[:] = row[self.count]
+        return self.rays[self.count]
+
+
 class GlassTracer(Tracer):
     """The tracer of a scene in which something is clear."""
 
     scattered = True
 
+    def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
+        super().__init__(layout, background, ambient, bounces, backend)
+        self.places = max(WAITING, 1 << (bounces - 1).bit_length())
+
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
         path, surface, pixel = self.begin()
-        rays = pixel.rays
+        rays, media = pixel.rays, self.surfaces.media
         share = sh.Color3f(1, 1, 1)
-        waiting = sh.Array(Waiting, WAITING)
-        count = sh.Attrib1i(0)
+        held, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
+        waiting = Stack(self.places, rows)
         limit = sh.Attrib1f(far())
         lightcol = sh.Color3f(0, 0, 0)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
+        if media is not None:
+            media.begin(held, self.surfaces, self.intersector, eye)
         with SH_DO():
             with SH_IF(~through):
                 limit[:] = far()
                 lightcol[:] = 0
                 self.aim(path, surface, ray, eye, limit, lightcol)
+                if shadow is not None:
+                    shadow.take(held)
             hit = meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
             rays += sh.cond(limit > 0, 1, 0)
             with SH_IF(path.tracing):
@@ -69,7 +104,7 @@ class GlassTracer(Tracer):
                     reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
                     with SH_IF(pixel.object < 0):
                         self.note(pixel, hit, surface)
-                    share *= self.surfaces.kept(hit, ~surface.outside)
+                    share *= self.surfaces.reach(held, hit, surface)
                     reflected, turned = refracted(surface)
                     bent[:] = turned
                     opaque = 1 - surface.transmission
@@ -82,10 +117,10 @@ class GlassTracer(Tracer):
                     path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
             if self.lights.count:
                 with SH_ELSE():
-                    self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through)
+                    self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through, shadow)
             with SH_IF((path.shadows == 0) & ~through):
                 path.color += share * (local * path.scolor)
-                self.branch(path, surface, share, waiting, count, (mirror, clear, bent), ray, eye)
+                self.branch(path, surface, share, waiting, held, (mirror, clear, bent), ray, eye)
             SH_UNTIL(path.finished)
         return pixel
 
@@ -99,19 +134,31 @@ class GlassTracer(Tracer):
         limit: Any,
         lightcol: Any,
         through: Any,
+        shadow: Held | None,
     ) -> None:
         """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
         through[:] = False
         with SH_IF(hit.id >= 0):
-            lightcol *= self.surfaces.passed(hit, ray)
+            lightcol *= self.surfaces.passed(shadow, hit, ray)
             through[:] = sh.max(sh.max(lightcol.r, lightcol.g), lightcol.b) > 0
             limit -= hit.l
             eye[:] = self.surfaces.behind(hit, ray, eye)
         with SH_ELSE(), SH_IF(limit > 0):
+            if shadow is not None and self.lights.points:
+                assert self.surfaces.media is not None
+                lightcol *= self.surfaces.media.kept_to_light(shadow, limit)
             path.scolor += self.surfaces.shade(surface, ray) * lightcol
 
     def branch(
-        self, path: PathState, surface: Interaction, share: Any, waiting: Any, count: Any, rays: Any, ray: Any, eye: Any
+        self,
+        path: PathState,
+        surface: Interaction,
+        share: Any,
+        waiting: Stack,
+        held: Held | None,
+        rays: Any,
+        ray: Any,
+        eye: Any,
     ) -> None:
         """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits."""
         mirror, clear, bent = rays
@@ -122,8 +169,9 @@ class GlassTracer(Tracer):
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):
-                waiting[count] = Waiting(surface.inter, mirror_ray, mirror * share, path.r)
-                count[:] = sh.min(count + 1, len(waiting))
+                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, path.r), held)
+            if held is not None:
+                held.put(surface.body, surface.outside)
             ray[:] = bent
             eye[:] = surface.beyond
             share *= clear
@@ -133,13 +181,12 @@ class GlassTracer(Tracer):
                 eye[:] = surface.inter
                 share *= mirror
             with SH_ELSE():
-                path.finished[:] = count == 0
-                count -= 1
-                held = waiting[count]
-                ray[:] = held.direction
-                eye[:] = held.eye
-                share[:] = held.share
-                path.r[:] = held.left
+                path.finished[:] = waiting.count == 0
+                last = waiting.pop(held)
+                ray[:] = last.direction
+                eye[:] = last.eye
+                share[:] = last.share
+                path.r[:] = last.left
 
 
 def refracted(surface: Interaction) -> tuple[Any, Any]:
@@ -150,7 +197,7 @@ def refracted(surface: Interaction) -> tuple[Any, Any]:
     """
     ratio = sh.cond(surface.outside, surface.ior, 1 / surface.ior)  # behind the surface to before it
     cosine = sh.clamp(sh.dot(surface.view, surface.normal), 0, 1)
-    square = 1 - (1 - cosine * cosine) / (ratio * ratio)
+    square = (cosine * cosine + (ratio * ratio - 1)) / (ratio * ratio)  # where the ratio is 1, nothing is mirrored
     inner = sh.sqrt(sh.max(square, 0))
     across = (cosine - ratio * inner) / (cosine + ratio * inner)
     along = (ratio * cosine - inner) / (ratio * cosine + inner)

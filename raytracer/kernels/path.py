@@ -6,6 +6,10 @@ call of the intersector follows all samples of a pixel: an iteration traces the 
 to a light. Where many elements run side by side the next path begins where one ends, so that they do not wait for the
 longest one. Lanes of a packet, whose rays walk together, begin their paths together.
 
+A surface between equal media, or a thin wall of `ior` 1, lets light go straight on: neither the ray to a light ends
+there, nor does the path count it as a bounce, so that both ways find the same light. What is refracted ends a ray to a
+light. The medium travels with each ray (`kernels.media`).
+
 Random numbers are hashes of the seed, the pixel, the sample and the dimension. Samples are averaged in their order, by
 a running mean, so that a picture may be continued: it is the same whoever computes which samples.
 """
@@ -23,6 +27,7 @@ from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
+from raytracer.kernels.media import Media
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
@@ -35,6 +40,8 @@ ROULETTE = 4
 """The depth at which Russian roulette starts."""
 EYE, LIGHTS, DIMENSIONS = 4, 7, 13
 """The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
+STRAIGHT = 2**32 - 1
+"""What a path that has gone straight on hashes its key with, so that its next surface has numbers of its own."""
 
 
 class PathSample:
@@ -43,10 +50,15 @@ class PathSample:
     `color` is the light that it has brought, `weight` the part of what comes along the ray that reaches the eye;
     `depth` counts the surfaces that have scattered it. `density` is that of the ray's direction, per steradian, 0 where
     no light could have been aimed at instead. `lighting` says whether the next ray goes to a light, `mirror` and
-    `clear` whether the surface is taken for a mirror, or for glass.
+    `clear` whether the surface is taken for a mirror, or for glass. With `media`, `held` and `shadow` are the bodies
+    that hold the path's ray, and the ray to a light.
+
+    Where rays may go `straight` on: `through` says whether the ray to a light has done so, and `rest` how far it still
+    goes; `way` is how far the path has come since it was scattered, and `aimed` the density with which the direction to
+    the environment would have been chosen there.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, media: Media | None = None, straight: bool = False) -> None:
         color = sh.Color3f(0, 0, 0)
         throughput = sh.Color3f(1, 1, 1)
         density = sh.Attrib1f(0)
@@ -58,6 +70,11 @@ class PathSample:
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
+        self.held, self.shadow = (None, None) if media is None else (media.held(), media.held())
+        if straight:
+            through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
+            rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
+            self.through, self.goes_on, self.rest, self.way, self.aimed = through, goes_on, rest, way, aimed
 
     def word(self, dimension: int) -> Any:
         """Return a hashed word of the surface that the path has reached."""
@@ -104,6 +121,7 @@ class PathTracer:
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
         self.mirrors = self.surfaces.reflects
+        self.straight = self.surfaces.clear and self.surfaces.straight
         self.first_row = sh.Param(sh.Attrib1f, 0, name="top_row")
         self.seed = sh.Param(sh.Attrib1u, 0, name="seed")
         self.first_sample = sh.Param(sh.Attrib1i, 0, name="first_sample")
@@ -154,7 +172,8 @@ class PathTracer:
         row = row + self.first_row  # an exact float, so that bands make no difference
         rays = sh.Attrib1i(0)
         pixel = background_pixel(mean, rays)
-        path, surface = PathSample(), Interaction(clear=self.surfaces.clear)
+        path = PathSample(self.surfaces.media, self.straight)
+        surface = Interaction(clear=self.surfaces.clear)
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
         path.number[:] = self.first_sample
@@ -192,14 +211,19 @@ class PathTracer:
         """Trace the next ray of a path, and prepare the one after it."""
         limit = sh.Attrib1f(FAR)
         if self.emitters.count:
-            with SH_IF(path.lighting):
+            with SH_IF(path.lighting & ~path.through) if self.straight else SH_IF(path.lighting):
                 self.aim(path, surface, ray, eye, limit, pending, around)
-        hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, path.lighting)
+            if self.straight:
+                limit[:] = sh.cond(path.through, path.rest, limit)
+        any_hit = False if self.straight else path.lighting  # straight on, surfaces are taken in their order
+        hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, any_hit)
         pixel.rays[:] += sh.cond(limit > 0, 1, 0)
         with SH_IF((hit.id < 0) & (limit > 0)):
-            self.leave(path, surface, ray, pending, around)
+            self.leave(path, surface, ray, pending, around, limit)
         lighted = path.lighting.copy()
         path.lighting[:] = False
+        if self.straight and self.emitters.count:
+            self.pass_on(path, hit, ray, eye, limit, pending, lighted)
         with SH_IF(~lighted):
             with SH_IF(hit.id >= 0):
                 self.arrive(path, surface, pixel, hit, ray, eye)
@@ -219,6 +243,21 @@ class PathTracer:
         path.density[:] = 0
         path.depth[:] = 0
         path.finished[:] = False
+        if self.straight:
+            path.way[:] = 0
+        if path.held is not None:
+            assert self.surfaces.media is not None
+            self.surfaces.media.begin(path.held, self.surfaces, self.intersector, eye)
+
+    def pass_on(self, path: PathSample, hit: RayHit, ray: Any, eye: Any, limit: Any, pending: Any, lighted: Any) -> None:
+        """Send a ray to a light straight on through the clear surface that it has met."""
+        path.through[:] = False
+        with SH_IF(lighted & (hit.id >= 0)):
+            pending *= self.surfaces.passed(path.shadow, hit, ray, straight=True)
+            path.through[:] = largest(abs(pending)) > 0
+            path.lighting[:] = path.through
+            path.rest[:] = limit - hit.l
+            eye[:] = self.surfaces.behind(hit, ray, eye)
 
     def aim(
         self, path: PathSample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
@@ -232,9 +271,14 @@ class PathTracer:
         eye[:] = surface.inter
         limit[:] = sh.cond(largest(abs(pending)) > 0, found.limit, 0.0)  # a light may be negative
         around[:] = found.around
+        if path.shadow is not None:
+            path.shadow.take(path.held)
 
-    def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any) -> None:
+    def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any, limit: Any) -> None:
         """Take in the light of a ray that has met nothing."""
+        if path.shadow is not None and self.emitters.count:
+            assert self.surfaces.media is not None
+            pending *= self.surfaces.media.kept_to_light(path.shadow, limit)
         brought = sh.Color3f(path.throughput)
         of_light = path.lighting
         if self.emitters.around is None:
@@ -243,26 +287,34 @@ class PathTracer:
             path.color += sh.cond(of_light, pending, brought)
             return
         with SH_IF(path.density > 0):
-            other = self.emitters.share_around * self.emitters.around.density_at(ray, surface)
+            other = path.aimed if self.straight else self.density_around(ray, surface)
             brought *= self.met_share(path.density, other)
         brought[:] = sh.cond(of_light, pending, brought)
         with SH_IF(~of_light | around):
             brought *= self.emitters.around.radiance(ray)
         path.color += brought
 
+    def density_around(self, ray: Any, surface: Interaction) -> Any:
+        """Return the density with which a surface chooses a direction to the environment."""
+        assert self.emitters.around is not None
+        return self.emitters.share_around * self.emitters.around.density_at(ray, surface)
+
     def arrive(self, path: PathSample, surface: Interaction, pixel: Pixel, hit: RayHit, ray: Any, eye: Any) -> None:
         """Take in the light of the surface that was hit, and prepare what comes next."""
         emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
-        if self.surfaces.clear:
-            path.throughput *= self.surfaces.kept(hit, ~surface.outside)
-        with SH_IF((path.depth == 0) & (path.number == self.first_sample)):
+        if path.held is not None:
+            path.throughput *= self.surfaces.reach(path.held, hit, surface)
+        with SH_IF(self.is_first(path)):
             pixel.depth[:] = hit.l
             pixel.normal[:] = surface.normal
             pixel.object[:] = self.surfaces.object_at(hit)
+        if self.straight:
+            path.way += hit.l
         if emission is not None:
             with SH_IF(largest(abs(emission)) > 0):
-                other = self.emitters.density_of(hit, ray, surface.face)
+                way = path.way if self.straight else hit.l
+                other = self.emitters.density_of(hit, ray, surface.face, way)
                 share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
                 path.color += path.throughput * emission * share
         path.finished[:] = path.depth >= self.bounces
@@ -270,8 +322,17 @@ class PathTracer:
             path.mirror[:] = path.random(0) < reflectivity
         if self.surfaces.clear:
             path.clear[:] = path.random(5) < surface.transmission
+        if self.straight:
+            path.goes_on[:] = path.clear & (surface.ior == 1)
+            path.finished &= ~path.goes_on
         if self.emitters.count:
             path.lighting[:] = ~(path.finished | path.mirror | path.clear)
+
+    def is_first(self, path: PathSample) -> Any:
+        """Return whether a hit is what the eye sees in the first sample, which the layers show."""
+        if self.straight:
+            return (path.depth == 0) & (path.number == self.first_sample) & (path.way == 0)
+        return (path.depth == 0) & (path.number == self.first_sample)
 
     def scatter(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on in a direction that the surface chooses, or end."""
@@ -279,16 +340,26 @@ class PathTracer:
             self.diffuse(path, surface, ray, eye)
         if self.mirrors or self.surfaces.clear:
             with SH_ELSE():
+                density = path.density.copy() if self.straight else None
                 ray[:] = mirrored(surface)
                 eye[:] = surface.inter
                 path.density[:] = 0
                 if self.surfaces.clear:
                     self.refract(path, surface, ray, eye)
+                if density is not None:
+                    path.density[:] = sh.cond(path.goes_on, density, 0.0)
         with SH_IF(path.depth >= ROULETTE):
             staying = sh.min(largest(path.throughput), 1.0)
             path.throughput /= sh.max(staying, 2.0**-60)
             path.finished |= path.random(4) >= staying
-        path.depth += 1
+        if not self.straight:
+            path.depth += 1
+            return
+        with SH_IF(path.goes_on):
+            path.key[:] = sh.hash(path.key, STRAIGHT)
+        with SH_ELSE():
+            path.way[:] = 0
+            path.depth += 1
 
     def refract(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Make the mirrored ray of a clear surface the refracted one, by the share that Fresnel's equations leave."""
@@ -296,6 +367,8 @@ class PathTracer:
         with SH_IF(path.clear & (path.random(6) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
+            if path.held is not None:
+                path.held.put(surface.body, surface.outside)
 
     def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""
@@ -305,3 +378,5 @@ class PathTracer:
         path.finished[:] = ~((largest(value) > 0) & (density > 0))
         path.throughput *= value / sh.max(density, 2.0**-100)
         path.density[:] = density
+        if self.straight and self.emitters.around is not None:
+            path.aimed[:] = self.density_around(ray, surface)

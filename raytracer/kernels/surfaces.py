@@ -20,8 +20,10 @@ from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
 from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
+from raytracer.kernels.media import Held, Media
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
+from raytracer.scene.bodies import Bodies
 from raytracer.scene.layout import Change, Layout, is_programmed, kinds_of
 from shpy import SH_ELSE, SH_IF
 
@@ -58,13 +60,16 @@ class Interaction:
         if clear:  # `beyond` is moved off the surface to the other side; `outside` where the ray came from
             beyond, transmission, ior, outside = sh.Point3f(), sh.Attrib1f(), sh.Attrib1f(), sh.Attrib1b()
             self.beyond, self.transmission, self.ior, self.outside = beyond, transmission, ior, outside
+            body = sh.Attrib1i(0)  # to whose surface it belongs
+            self.body = body
 
 
 class MaterialKinds(NamedTuple):
     """The features of a kernel that the numbers of materials decide: True for those that it has code for.
 
     `glows`: emission; `highlights`: the glossy lobe; `clear`: glass; `black`: highlights of surfaces that send no other
-    light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors.
+    light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors; `media`: bodies that refract
+    or absorb; `straight`: clear surfaces that let light go straight on.
     """
 
     glows: bool
@@ -73,18 +78,24 @@ class MaterialKinds(NamedTuple):
     black: bool
     dark: bool
     reflects: bool
+    media: bool
+    straight: bool
 
     @classmethod
     def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
         """Return the kinds of a layout, whose materials have this appearance."""
         lobes, gives = layout.material_rows[1::2, :2], appearance.gives
+        clear = np.array(appearance.clears)
+        indices, absorptions = layout.glass[::2, 1][clear], layout.glass[1::2][clear]
         return cls(
             glows=bool(glow_rows(layout, appearance)[:, 3].any()) or "emission" in gives,
             highlights=bool((lobes[:, 1] > 0).any()) or "specular" in gives,
-            clear=bool((layout.glass[::2, 0] > 0).any()) or "transmission" in gives,
+            clear=bool(clear.any()),
             black=bool(appearance) or is_black(layout),
             dark=bool((lobes == 0).all(axis=1).any()) and not appearance.shades,
             reflects=bool((layout.material_rows[::2, 3] > 0).any()) or "reflectivity" in gives,
+            media=bool((indices != 1).any() or absorptions.any() or (clear.any() and "ior" in gives)),
+            straight=bool((indices == 1).any() or (clear.any() and "ior" in gives)),
         )
 
 
@@ -107,9 +118,14 @@ class SurfaceTables:
         self.layout = layout
         self.glow = glow_rows(layout, self.appearance)
         self.kinds = MaterialKinds.of(layout, self.appearance)
-        self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects = self.kinds
+        self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects, *_ = self.kinds
+        self.media: Media | None = None
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
+        if self.kinds.media:
+            self.media = Media(Bodies.of(layout, self.appearance.clears), self.scale)
+        # A surface between equal media lets light go straight on.
+        self.straight = self.kinds.straight or (self.media is not None and self.media.bodies.slots > 1)
         self.materials = sh.Table(layout.material_rows, sh.Attrib4f, "materials")
         several = len(layout.material_rows) > 2
         self.material_of = sh.Table(layout.material_of, sh.Attrib1i, "material_of") if several else None
@@ -127,11 +143,23 @@ class SurfaceTables:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
         if self.sampled is not None:
             self.sampled.renew([(change.first, change.past) for change in changes])
+        if self.media is not None and any(self.media.bodies.has(change.first, change.past) for change in changes):
+            bodies = self.bodies_of(layout)
+            if not self.media.suit(bodies):
+                return False
+            self.media.renew(bodies)
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
 
     def suit(self, layout: Layout) -> bool:
         """Return whether the materials of another layout fit the kernel; `Layout.painted` compares the rest."""
-        return MaterialKinds.of(layout, self.appearance) == self.kinds
+        if MaterialKinds.of(layout, self.appearance) != self.kinds:
+            return False
+        return self.media is None or self.media.suit(self.bodies_of(layout))
+
+    def bodies_of(self, layout: Layout) -> Bodies:
+        """Return the bodies of another layout, whose clear meshes are in the same places."""
+        assert self.media is not None
+        return Bodies.of(layout, self.appearance.clears, self.media.bodies.shells)
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]]) -> None:
         """Update the materials from a layout that fits the kernel, and the colours of these ranges of triangles."""
@@ -143,6 +171,8 @@ class SurfaceTables:
         self.materials.update(layout.material_rows)
         if self.clear:
             self.glass.update(layout.glass)
+        if self.media is not None:
+            self.media.renew(self.bodies_of(layout))
         if self.glows:
             self.emissions.update(self.glow)
         if self.sampled is not None:
@@ -234,23 +264,41 @@ class SurfaceTables:
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
-    def passed(self, hit: RayHit, ray: Any) -> Any:
-        """Return the share (r, g, b) of the light at a hit that went through the material and leaves by the surface."""
+    def reach(self, held: Held | None, hit: RayHit, surface: Interaction) -> Any:
+        """Return the share (r, g, b) of light that the way to a hit has left, in the medium that the ray was in.
+
+        It also sets the surface's body, and makes its `ior` relative to what is around the body there.
+        """
+        if self.media is None or held is None:
+            return sh.Color3f(1, 1, 1)
+        kept, body, around = self.media.reach(held, hit, surface.outside)
+        surface.body[:] = body
+        surface.ior[:] = self.media.ratio(surface.ior, body, around)
+        return kept
+
+    def passed(self, held: Held | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
+        """Return the share (r, g, b) of light that comes to a hit and goes straight on, in the medium behind it.
+
+        `straight`: only where it would not be refracted.
+        """
         material = self.material_at(hit)
-        clear = self.glass[2 * material].x
+        row = self.glass[2 * material]
+        clear = row.x
         if "transmission" in self.appearance.textured:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
-        return clear * self.kept(hit, self.comes_from_inside(hit, ray))
+        if self.media is None or held is None:
+            return clear * sh.cond(row.y == 1, sh.Color3f(1, 1, 1), 0.0) if straight else clear * sh.Color3f(1, 1, 1)
+        outside = ~self.comes_from_inside(hit, ray)
+        kept, body, around = self.media.reach(held, hit, outside)
+        held.put(body, outside)
+        if straight:
+            clear = sh.cond(self.media.ratio(row.y, body, around) == 1, clear, 0.0)
+        return clear * kept
 
     def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
         corners = self.triangles[hit.id]
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
-
-    def kept(self, hit: RayHit, inside: Any) -> Any:
-        """Return the share of the light that a path inside a material transmits, by Beer's law; 1 outside."""
-        absorption = self.glass[2 * self.material_at(hit) + 1].rgb
-        return sh.cond(inside, sh.exp(-(hit.l / self.scale) * absorption), sh.Color3f(1, 1, 1))
 
     def place(self, hit: RayHit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
         """Return the point that was hit, and how far it may be off the triangle's plane.

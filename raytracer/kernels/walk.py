@@ -125,6 +125,15 @@ def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, 
     return hit
 
 
+def meet_first(walk: Walk | SplitWalk, ray: Any, eye: Any, limit: Any) -> RayHit:
+    """Find the nearest hit of a ray before `limit`, exactly, whatever the ray is for."""
+    if not isinstance(walk, SplitWalk):
+        return walk(ray, eye, 0.0, limit, False)
+    hit = RayHit(limit, walk.accept)
+    walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
+    return hit
+
+
 def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
     """Return the walk through a structure over `triangles` (see `triangle_rows`) in the way that suits a backend.
 

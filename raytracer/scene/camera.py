@@ -201,6 +201,15 @@ class Camera:
             }
         return found
 
+    def origins(self, uniforms: dict[str, Any], width: int, height: int) -> tuple[Vector, Vector]:
+        """Return the middle of the box in which eye rays start, and half its size; `uniforms` are those of a picture."""
+        if self.projection == "orthographic":
+            across, down = uniforms["across"] * (width / 2), uniforms["down"] * (height / 2)
+            return uniforms["eye"] + across + down, abs(across) + abs(down)
+        if self.projection == "perspective" and self.aperture:
+            return uniforms["eye"], abs(uniforms["lens_right"]) + abs(uniforms["lens_above"])
+        return uniforms["eye"], np.zeros(3)
+
     @classmethod
     def from_intrinsics(
         cls, K: ArrayLike, pose: ArrayLike, size: tuple[int, int], *, aperture: float = 0.0, focus: float | None = None
