@@ -42,7 +42,7 @@ class Material:
     mirrors what Fresnel's equations say and refracts the rest, and `color` and `reflectivity` are those of the other
     share. `absorption` (r, g, b) is how much light is lost inside, per unit of length (Beer's law: exp(-absorption
     distance) is left). Light goes in where the corners of a triangle run counter-clockwise, and out where they do not:
-    a mesh of glass is closed.
+    a mesh of glass is closed. It is a body of a medium, in which other things may lie: see docs/raytracer.md, Media.
 
     `emission` (r, g, b) is the linear radiance that the surface sends out, on both sides: it is an area light for
     `integrator="path"`; for the other integrator it is a colour that is seen and lights nothing.

@@ -17,7 +17,6 @@ from raytracer.kernels.bsdf import largest
 from raytracer.kernels.media import Held
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
-from raytracer.kernels.walk import meet
 from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -76,22 +75,18 @@ class GlassTracer(Tracer):
         rays, media = pixel.rays, self.surfaces.media
         share = sh.Color3f(1, 1, 1)
         held, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
-        waiting = Stack(self.places, rows)
-        limit = sh.Attrib1f(far())
-        lightcol = sh.Color3f(0, 0, 0)
+        waiting, limit, lightcol = Stack(self.places, rows), sh.Attrib1f(far()), sh.Color3f(0, 0, 0)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
-        if media is not None:
-            media.begin(held, self.surfaces, self.intersector, eye)
+        self.surfaces.begin(held, self.intersector, eye)
         with SH_DO():
             with SH_IF(~through):
                 limit[:] = far()
                 lightcol[:] = 0
                 self.aim(path, surface, ray, eye, limit, lightcol)
-                if shadow is not None:
-                    shadow.take(held)
-            hit = meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
+                self.surfaces.take(shadow, held)
+            hit = self.surfaces.meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
             rays += sh.cond(limit > 0, 1, 0)
             with SH_IF(path.tracing):
                 path.tracing[:] = False
@@ -105,8 +100,7 @@ class GlassTracer(Tracer):
                     with SH_IF(pixel.object < 0):
                         self.note(pixel, hit, surface)
                     share *= self.surfaces.reach(held, hit, surface)
-                    reflected, turned = refracted(surface)
-                    bent[:] = turned
+                    reflected, bent[:] = refracted(surface)
                     opaque = 1 - surface.transmission
                     local[:] = opaque * (1 - reflectivity)
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
@@ -171,7 +165,7 @@ class GlassTracer(Tracer):
             with SH_IF(reflects):
                 waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, path.r), held)
             if held is not None:
-                held.put(surface.body, surface.outside)
+                held.cross()
             ray[:] = bent
             eye[:] = surface.beyond
             share *= clear

@@ -9,45 +9,61 @@ that a ray corrects what rounding, or an open mesh, has made wrong.
 
 from __future__ import annotations
 
+import functools
+import operator
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
 from raytracer.accel.bounds import far
-from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import meet_first
+from raytracer.kernels.triangle import AheadBound, PlaneView, RayHit, TouchingHit, Triangles
 from raytracer.scene.bodies import Bodies
+from raytracer.scene.layout import Change
 from shpy import SH_DO, SH_IF, SH_UNTIL
+
+MOST_TOUCHING = 3
+"""Surfaces that may touch another one at a place and are seen there."""
+TOUCHING = 2.0**-12
+"""The part of its distance by which a hit can be farther than another one and be taken for the same place."""
 
 
 class Held:
-    """The bodies that hold a ray: their numbers, 0 in the `slots` that are free."""
+    """The bodies that hold a ray: their numbers, 0 in the `slots` that are free.
 
-    def __init__(self, slots: list[Any]) -> None:
-        self.slots = slots
+    `beyond`, if it is there, are those behind the surface that the ray hit last.
+    """
+
+    def __init__(self, slots: list[Any], beyond: Held | None = None) -> None:
+        self.slots, self.beyond = slots, beyond
 
     def take(self, other: Held) -> None:
         """Become equal to another one."""
         for slot, value in zip(self.slots, other.slots, strict=True):
             slot[:] = value
 
-    def innermost(self, without: Any = None) -> Any:
-        """Return the innermost body, of those but `without`."""
-        found: Any = 0
-        for slot in self.slots:
-            found = sh.max(found, slot if without is None else sh.cond(slot == without, 0, slot))
-        return found
+    def cross(self) -> None:
+        """Go through the surface that the ray hit last."""
+        assert self.beyond is not None
+        self.take(self.beyond)
+
+    def innermost(self) -> Any:
+        """Return the innermost body, 0 for the empty space around all."""
+        first, *others = self.slots
+        for slot in others:
+            first = sh.max(first, slot)
+        return first
 
     def put(self, body: Any, inside: Any) -> None:
         """Let the ray be inside a body, or outside; 0 is none. Of too many bodies the last slot forgets one."""
-        missing = sh.Attrib1b(inside & (body > 0))
+        missing = inside & (body > 0)
         for slot in self.slots:
             slot[:] = sh.cond(slot == body, 0, slot)
         for slot in self.slots[:-1]:
             here = missing & (slot == 0)
             slot[:] = sh.cond(here, body, slot)
-            missing &= ~here
+            missing = missing & ~here
         self.slots[-1][:] = sh.cond(missing, body, self.slots[-1])
 
 
@@ -58,12 +74,14 @@ class Media:
     several media: `wades` says so, and an eye ray goes from there to its own origin first.
     """
 
-    def __init__(self, bodies: Bodies, scale: Any) -> None:
-        self.bodies, self.scale = bodies, scale
+    def __init__(self, bodies: Bodies, triangles: Triangles, scale: Any, roundoff: float) -> None:
+        self.bodies, self.triangles, self.scale = bodies, triangles, scale
+        self.ahead = AheadBound(roundoff)
         self.rows = sh.Table(bodies.rows, sh.Attrib4f, "media")
         self.body_of = sh.Table(bodies.body_of, sh.Attrib1i, "body_of")
         self.start = [sh.Param(sh.Attrib1i, 0, name=f"eye_body_{k}") for k in range(bodies.slots)]
         self.reference = sh.Param(sh.Point3f, (0, 0, 0), name="reference")
+        self.touches = bodies.touches
         self.wades = False
 
     def renew(self, bodies: Bodies) -> None:
@@ -74,11 +92,16 @@ class Media:
             self.rows.update(bodies.rows)
         self.bodies = bodies
 
+    def heeds(self, changes: Sequence[Change]) -> bool:
+        """Return whether bodies can differ after changes of triangles."""
+        return not self.touches or any(self.bodies.has(change.first, change.past) for change in changes)
+
     def suit(self, bodies: Bodies | None) -> bool:
         """Return whether `renew` can take other bodies."""
         if bodies is None:
             return False
-        return bodies.slots <= self.bodies.slots and bodies.rows.shape == self.bodies.rows.shape
+        fits = len(self.start) >= bodies.slots and self.touches >= bodies.touches
+        return fits and bodies.rows.shape == self.bodies.rows.shape
 
     def look_from(self, middle: Any, half: Any) -> None:
         """Set the bodies in which eye rays start; their origins lie in a box round `middle`, `half` to each side."""
@@ -91,14 +114,49 @@ class Media:
 
     def held(self) -> Held:
         """Return the variables of a ray that is in no body."""
-        return Held([sh.Attrib1i(0) for _ in range(self.bodies.slots)])
+        slots, beyond = ([sh.Attrib1i(0) for _ in self.start] for _ in range(2))
+        return Held(slots, Held(beyond))
 
     def of_rays(self, waiting: int) -> tuple[Held, Held, list[Any]]:
         """Return the bodies of a ray and of its shadow ray, and for each slot an array for those of rays that wait."""
-        return self.held(), self.held(), [sh.Array(sh.Attrib1i, waiting) for _ in range(self.bodies.slots)]
+        return self.held(), self.held(), [sh.Array(sh.Attrib1i, waiting) for _ in self.start]
 
-    def begin(self, held: Held, surfaces: Any, walk: Any, eye: Any) -> None:
-        """Let `held` be the bodies in which an eye ray from `eye` starts."""
+    def surface_of(self, number: Any, ray: Any) -> Any:
+        """Return twice the body to whose surface a triangle belongs, and 1 more where the ray leaves it."""
+        face = sh.Vector3f(*(row.w for row in self.triangles[number]))
+        return 2 * self.body_of[number] + sh.cond(sh.dot(face, ray) > 0, 1, 0)
+
+    def touching(self, limit: Any, ray: Any, accept: Any) -> TouchingHit:
+        """Return the hit of a ray that looks for what touches the nearest surface."""
+        return TouchingHit(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
+
+    def merge(self, hit: RayHit, ray: Any, behind: Callable[[], Any]) -> None:
+        """Keep the other surfaces of a hit that touch the nearest one, and forget those that do not.
+
+        A ray that goes on from the nearest one, at `behind()`, would miss them. What is opaque takes the hit.
+        """
+        if not isinstance(hit, TouchingHit):
+            return
+        reach, clear = hit.l + TOUCHING * hit.l, hit.surface >= 0
+        near = [(other.id >= 0) & clear & (other.l <= reach) for other in hit.others]
+        together = [sh.Attrib1b(False) for _ in hit.others]
+        with SH_IF(functools.reduce(operator.or_, near)):
+            place = behind()
+            for other, is_near, touches in zip(hit.others, near, together, strict=True):
+                rows = self.triangles[sh.max(other.id, 0)]
+                normal = [row.w for row in rows]
+                plane = PlaneView(normal, self.triangles.levels[sh.max(other.id, 0)], ray, place)
+                touches[:] = is_near & ~self.ahead(plane, normal, rows[0].xyz - place)
+        for other, touches in zip(hit.others, together, strict=True):
+            with SH_IF(touches & (other.surface < 0) & (hit.surface >= 0)):
+                hit.places[0].take(other)
+            other.surface[:] = sh.cond(touches & (other.surface > 0), other.surface, 0)
+
+    def begin(self, held: Held, meet: Callable[..., RayHit], behind: Callable[..., Any], eye: Any) -> None:
+        """Let `held` be the bodies in which an eye ray from `eye` starts.
+
+        `meet(ray, eye, limit)` finds a hit, and `behind(hit, ray, eye)` is where the ray goes on.
+        """
         for slot, start in zip(held.slots, self.start, strict=True):
             slot[:] = start
         if not self.wades:
@@ -108,28 +166,38 @@ class Media:
         left = sh.Attrib1f(sh.length(way))
         ray = sh.Vector3f(sh.cond(left > 0, way / left, sh.Vector3f(0, 0, 1)))
         with SH_DO():
-            hit = meet_first(walk, ray, place, left)
+            hit = meet(ray, place, left)
             with SH_IF(hit.id >= 0):
-                held.put(self.body_of[hit.id], ~surfaces.comes_from_inside(hit, ray))
-                place[:] = surfaces.behind(hit, ray, place)
+                self.reach(held, hit, (self.surface_of(hit.id, ray) & 1) == 0, 1.0)
+                held.cross()
+                place[:] = behind(hit, ray, place)
             left[:] = sh.cond(hit.id >= 0, left - hit.l, 0.0)
             SH_UNTIL(left <= 0)
 
-    def reach(self, held: Held, hit: RayHit, outside: Any) -> tuple[Any, Any, Any]:
-        """Correct `held` by a hit of a body's surface from `outside`, or from inside.
+    def reach(self, held: Held, hit: RayHit, outside: Any, ior: Any) -> tuple[Any, Any]:
+        """Take in a hit of a surface from `outside`, or from inside, whose body has the refractive index `ior`.
 
-        Return the share of light that the way to the hit has left; the body; and the body around its surface there.
+        `held` is corrected by it. Return the share of light that the way to the hit has left, and the refractive index
+        inside relative to that outside: 1 where the medium does not change.
         """
-        body = self.body_of[hit.id]
-        around = held.innermost(without=body) if len(self.start) > 1 else 0
+        if isinstance(hit, TouchingHit):
+            body, others = sh.max(hit.surface >> 1, 0), [other.surface for other in hit.others]
+        else:
+            body, others = sh.max(self.body_of[hit.id], 0), []
         held.put(body, ~outside)
-        return self.kept(held, hit.l), body, around
+        for other in others:
+            held.put(sh.cond(other >> 1 == body, 0, other >> 1), (other & 1) == 1)
+        assert held.beyond is not None
+        held.beyond.take(held)
+        held.beyond.put(body, outside)
+        for other in others:
+            held.beyond.put(other >> 1, (other & 1) == 0)
+        before, after = (self.index_in(part.innermost(), body, ior) for part in (held, held.beyond))
+        return self.kept(held, hit.l), sh.cond(outside, after / before, before / after)
 
-    def ratio(self, ior: Any, body: Any, around: Any) -> Any:
-        """Return the refractive index of a surface's body, `ior`, to that around it; 1 where both are hidden."""
-        if len(self.start) == 1:
-            return ior
-        return sh.cond(body > around, ior / self.rows[around].a, 1.0)
+    def index_in(self, medium: Any, body: Any, ior: Any) -> Any:
+        """Return the refractive index of a medium: `ior` for the body that was hit, as a program may say it."""
+        return sh.cond(medium == body, sh.cond(body > 0, ior, 1.0), self.rows[medium].a)
 
     def kept(self, held: Held, way: Any) -> Any:
         """Return the share (r, g, b) of light that a way in the ray's medium leaves, by Beer's law."""

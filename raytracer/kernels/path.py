@@ -27,11 +27,11 @@ from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
-from raytracer.kernels.media import Media
+from raytracer.kernels.media import Held, Media
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import TOGETHER, meet, renew_walk, scene_walk
+from raytracer.kernels.walk import TOGETHER, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout
 from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -41,7 +41,7 @@ ROULETTE = 4
 EYE, LIGHTS, DIMENSIONS = 4, 7, 13
 """The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
 STRAIGHT = 2**32 - 1
-"""What a path that has gone straight on hashes its key with, so that its next surface has numbers of its own."""
+"""A path that has gone straight on hashes its key with this word, so that its next surface has numbers of its own."""
 
 
 class PathSample:
@@ -70,7 +70,8 @@ class PathSample:
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
-        self.held, self.shadow = (None, None) if media is None else (media.held(), media.held())
+        self.held: Held | None = None if media is None else media.held()
+        self.shadow: Held | None = None if media is None else media.held()
         if straight:
             through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
             rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
@@ -216,7 +217,7 @@ class PathTracer:
             if self.straight:
                 limit[:] = sh.cond(path.through, path.rest, limit)
         any_hit = False if self.straight else path.lighting  # straight on, surfaces are taken in their order
-        hit = meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, any_hit)
+        hit = self.surfaces.meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, any_hit)
         pixel.rays[:] += sh.cond(limit > 0, 1, 0)
         with SH_IF((hit.id < 0) & (limit > 0)):
             self.leave(path, surface, ray, pending, around, limit)
@@ -245,11 +246,11 @@ class PathTracer:
         path.finished[:] = False
         if self.straight:
             path.way[:] = 0
-        if path.held is not None:
-            assert self.surfaces.media is not None
-            self.surfaces.media.begin(path.held, self.surfaces, self.intersector, eye)
+        self.surfaces.begin(path.held, self.intersector, eye)
 
-    def pass_on(self, path: PathSample, hit: RayHit, ray: Any, eye: Any, limit: Any, pending: Any, lighted: Any) -> None:
+    def pass_on(
+        self, path: PathSample, hit: RayHit, ray: Any, eye: Any, limit: Any, pending: Any, lighted: Any
+    ) -> None:
         """Send a ray to a light straight on through the clear surface that it has met."""
         path.through[:] = False
         with SH_IF(lighted & (hit.id >= 0)):
@@ -271,8 +272,7 @@ class PathTracer:
         eye[:] = surface.inter
         limit[:] = sh.cond(largest(abs(pending)) > 0, found.limit, 0.0)  # a light may be negative
         around[:] = found.around
-        if path.shadow is not None:
-            path.shadow.take(path.held)
+        self.surfaces.take(path.shadow, path.held)
 
     def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any, limit: Any) -> None:
         """Take in the light of a ray that has met nothing."""
@@ -368,7 +368,7 @@ class PathTracer:
             ray[:] = bent
             eye[:] = surface.beyond
             if path.held is not None:
-                path.held.put(surface.body, surface.outside)
+                path.held.cross()
 
     def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""

@@ -1,20 +1,20 @@
-"""The surface that a ray hits, and the lights that shine on it.
+"""The surface that a ray hits.
 
-Stage: kernel. The tracer's `readTables` and `getLightValues`. A scene of one material or light reads the first row
-without an index. No number of a scene is a constant of its kernel, so scenes with the same features share one kernel.
+Stage: kernel. The tracer's `readTables`. A scene of one material or light reads the first row without an index. No
+number of a scene is a constant of its kernel, so scenes with the same features share one kernel.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from contextlib import nullcontext
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import shpy as sh
-from raytracer.accel.bounds import far, highest
+from raytracer.accel.bounds import highest
 from raytracer.accel.space import Rows
 from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
@@ -23,8 +23,9 @@ from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.media import Held, Media
 from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
+from raytracer.kernels.walk import meet
 from raytracer.scene.bodies import Bodies
-from raytracer.scene.layout import Change, Layout, is_programmed, kinds_of
+from raytracer.scene.layout import Change, Layout, is_programmed
 from shpy import SH_ELSE, SH_IF
 
 ROUNDINGS = 7
@@ -60,8 +61,6 @@ class Interaction:
         if clear:  # `beyond` is moved off the surface to the other side; `outside` where the ray came from
             beyond, transmission, ior, outside = sh.Point3f(), sh.Attrib1f(), sh.Attrib1f(), sh.Attrib1b()
             self.beyond, self.transmission, self.ior, self.outside = beyond, transmission, ior, outside
-            body = sh.Attrib1i(0)  # to whose surface it belongs
-            self.body = body
 
 
 class MaterialKinds(NamedTuple):
@@ -123,7 +122,8 @@ class SurfaceTables:
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
         if self.kinds.media:
-            self.media = Media(Bodies.of(layout, self.appearance.clears), self.scale)
+            bodies = Bodies.of(layout, self.appearance.clears)
+            self.media = Media(bodies, triangles, self.scale, layout.roundoff)
         # A surface between equal media lets light go straight on.
         self.straight = self.kinds.straight or (self.media is not None and self.media.bodies.slots > 1)
         self.materials = sh.Table(layout.material_rows, sh.Attrib4f, "materials")
@@ -143,9 +143,8 @@ class SurfaceTables:
                     table.update(rows[3 * first : 3 * past], start=3 * first)
         if self.sampled is not None:
             self.sampled.renew([(change.first, change.past) for change in changes])
-        if self.media is not None and any(self.media.bodies.has(change.first, change.past) for change in changes):
-            bodies = self.bodies_of(layout)
-            if not self.media.suit(bodies):
+        if self.media is not None and self.media.heeds(changes):
+            if not self.media.suit(bodies := self.bodies_of(layout)):
                 return False
             self.media.renew(bodies)
         return self.suit(layout) if any("colors" in change.stale for change in changes) else True
@@ -178,7 +177,7 @@ class SurfaceTables:
         if self.sampled is not None:
             self.sampled.renew()
 
-    @cached_property
+    @functools.cached_property
     def scale(self) -> Any:
         """The factor of the scene's lengths; SceneError where a Param does not hold it."""
         if self.layout.scale > float(np.finfo(np.float32).max):
@@ -188,7 +187,7 @@ class SurfaceTables:
             )
         return sh.Param(sh.Attrib1f, self.layout.scale, name="scale")
 
-    @cached_property
+    @functools.cached_property
     def origin(self) -> Any:
         """The place in the scene that is 0 in the kernel; None if it is the scene's own."""
         return sh.Param(sh.Point3f, self.layout.origin, name="origin") if self.layout.origin.any() else None
@@ -267,13 +266,12 @@ class SurfaceTables:
     def reach(self, held: Held | None, hit: RayHit, surface: Interaction) -> Any:
         """Return the share (r, g, b) of light that the way to a hit has left, in the medium that the ray was in.
 
-        It also sets the surface's body, and makes its `ior` relative to what is around the body there.
+        It also makes the surface's `ior` that inside relative to that outside.
         """
         if self.media is None or held is None:
             return sh.Color3f(1, 1, 1)
-        kept, body, around = self.media.reach(held, hit, surface.outside)
-        surface.body[:] = body
-        surface.ior[:] = self.media.ratio(surface.ior, body, around)
+        kept, ratio = self.media.reach(held, hit, surface.outside, surface.ior)
+        surface.ior[:] = ratio
         return kept
 
     def passed(self, held: Held | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
@@ -288,12 +286,31 @@ class SurfaceTables:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
         if self.media is None or held is None:
             return clear * sh.cond(row.y == 1, sh.Color3f(1, 1, 1), 0.0) if straight else clear * sh.Color3f(1, 1, 1)
-        outside = ~self.comes_from_inside(hit, ray)
-        kept, body, around = self.media.reach(held, hit, outside)
-        held.put(body, outside)
+        kept, ratio = self.media.reach(held, hit, ~self.comes_from_inside(hit, ray), row.y)
+        held.cross()
         if straight:
-            clear = sh.cond(self.media.ratio(row.y, body, around) == 1, clear, 0.0)
+            clear = sh.cond(ratio == 1, clear, 0.0)
         return clear * kept
+
+    def meet(self, walk: Any, is_eye: Any, ray: Any, eye: Any, limit: Any, any_hit: Any = False) -> RayHit:
+        """Find the nearest hit as `kernels.walk.meet`, and with media what touches it."""
+        media = self.media
+        if media is None or not media.touches:
+            return meet(walk, is_eye, ray, eye, limit, any_hit)
+        hit = meet(walk, is_eye, ray, eye, limit, any_hit, lambda accept: media.touching(limit, ray, accept))
+        media.merge(hit, ray, lambda: self.behind(hit, ray, eye))
+        return hit
+
+    def take(self, shadow: Held | None, held: Held | None) -> None:
+        """Let a shadow ray start in the medium of a ray."""
+        if shadow is not None and held is not None:
+            shadow.take(held)
+
+    def begin(self, held: Held | None, walk: Any, eye: Any) -> None:
+        """Let `held` be the bodies in which an eye ray from `eye` starts."""
+        if self.media is not None and held is not None:
+            eyes = functools.partial(self.meet, walk, lambda: sh.Attrib1b(True))
+            self.media.begin(held, eyes, self.behind, eye)
 
     def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
@@ -442,39 +459,6 @@ class SurfaceTables:
             shine = highlight(surface.view, surface.normal, light, shininess)
             shade += specular * (sh.cond(shine > FAINT, shine, 0.0) if self.black else shine)
         return shade
-
-
-class LightList:
-    """The lights of a scene: `count` of them; `number` is a uniform of that value if there are several."""
-
-    def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
-        self.count, self.points, self.directions, self.fades = kinds_of(rows)
-        self.number = sh.Param(sh.Attrib1i, self.count, name="lights_count") if self.count > 1 else self.count
-        self.surfaces = surfaces
-        self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
-
-    def renew(self, rows: Rows) -> None:
-        """Replace the lights by as many others of the same kinds."""
-        if self.table is not None:
-            self.table.update(rows)
-
-    def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
-        """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
-        assert self.table is not None  # else no ray is aimed
-        first = 2 * n if self.count > 1 else 0
-        place, color = self.table[first], self.table[first + 1]
-        toward = sh.Vector3f(place.xyz)
-        distance = sh.Attrib1f(far())
-        if self.points:
-            toward -= place.w * surface.inter
-            distance[:] = sh.cond(place.w > 0, sh.length(toward), far())
-        ray[:] = sh.normalize(toward)
-        eye[:] = surface.inter
-        limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
-        lightcol[:] = color.rgb
-        if self.fades:
-            way = distance / self.surfaces.scale
-            lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
 
 
 def is_black(layout: Layout) -> bool:

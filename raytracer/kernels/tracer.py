@@ -21,7 +21,8 @@ import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.kernels.deferred import surface_tables
-from raytracer.kernels.surfaces import Interaction, LightList
+from raytracer.kernels.lights import LightList
+from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout

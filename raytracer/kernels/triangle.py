@@ -107,6 +107,67 @@ class RayHit:
         return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole)))
 
 
+class Place:
+    """A hit in a list of them: distance, weights, triangle, -1 for none, and its surface."""
+
+    def __init__(self, l: Any, uv: Any, id: Any, surface: Any) -> None:  # noqa: E741 - as in RayHit
+        self.parts = l, uv, id, surface
+        self.l, self.uv, self.id, self.surface = self.parts
+
+    def take(self, other: Place) -> None:
+        """Become equal to another one."""
+        for part, value in zip(self.parts, other.parts, strict=True):
+            part[:] = value
+
+    def copy(self) -> Place:
+        """Return a copy, of variables without a name."""
+        return Place(*(part.copy() for part in self.parts))
+
+
+class TouchingHit(RayHit):
+    """A `RayHit`, and the nearest hits of `count` other surfaces, in `others`, by their distance.
+
+    Surfaces differ where `surface_of(number, ray)` does; `surface` is the nearest one's. A walk offers all that lies
+    within the part `REACH` behind the nearest hit, so those within less than that are the same in whatever order it
+    goes.
+    """
+
+    def __init__(
+        self, limit: Any, accept: Accept | None, surface_of: Callable[[Any, Any], Any], ray: Any, count: int
+    ) -> None:
+        super().__init__(limit, accept)
+        self.surface_of, self.ray = surface_of, ray
+        surface = sh.Attrib1i(0)
+        self.surface = surface
+        self.others = [
+            Place(sh.Attrib1f(limit), sh.TexCoord2f(0, 0), sh.Attrib1i(-1), sh.Attrib1i(0)) for _ in range(count)
+        ]
+
+    @property
+    def places(self) -> list[Place]:
+        """The nearest hit and the others."""
+        return [Place(self.l, self.uv, self.id, self.surface), *self.others]
+
+    def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
+        """Take the triangle `number` into the list, which has one hit of each surface, the nearest."""
+        last = self.others[-1]
+        before_last = (t < last.l) | ((t == last.l) & (number < last.id))
+        with SH_IF(met & before_last & (t <= farther(self.l))), self.accepting(number, weights):
+            wb, wc, whole = weights
+            surface = sh.Attrib1i(self.surface_of(number, self.ray))
+            carried = Place(sh.Attrib1f(t), sh.TexCoord2f(wb, wc) / whole, sh.Attrib1i(number), surface).copy()
+            moved, placed = sh.Attrib1b(False), sh.Attrib1b(False)
+            for place in self.places:
+                nearer = (carried.l < place.l) | ((carried.l == place.l) & (carried.id < place.id))
+                same = ((place.surface == surface) & (place.id >= 0)).copy()
+                with SH_IF(~placed & (moved | (place.id < 0) | nearer)):
+                    moved[:] = True
+                    held = place.copy()
+                    place.take(carried)
+                    carried.take(held)
+                placed |= same
+
+
 class Sight:
     """The view along a ray, its axes turned so that z is the ray's largest component.
 

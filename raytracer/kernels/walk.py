@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from raytracer.accel.grid import Grid
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
-from raytracer.kernels.triangle import Accept, AheadBound, RayHit, Triangles, Walk
+from raytracer.kernels.triangle import Accept, AheadBound, RayHit, TouchingHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
@@ -67,13 +67,30 @@ class AloneWalk:
 
         self.find = find
 
+    def find_touching(self, hit: TouchingHit) -> Any:
+        """Return the walk for hits such as this one, whose result has all of their variables."""
+        kinds = [sh.Attrib1f, sh.TexCoord2f, sh.Attrib1i, sh.Attrib1i]
+        fields = [(f"part_{k}", kinds[k % 4]) for k in range(4 * len(hit.places))]
+        found_places = cast(Any, NamedTuple("FoundPlaces", fields))
+
+        def find(ray: Any, eye: Any, limit: Any, any_hit: Any) -> Any:
+            found = TouchingHit(limit, hit.accept, hit.surface_of, ray, len(hit.others))
+            self.walk.collect(found, ray, eye, 0.0, 0.0, any_hit)
+            return found_places(*(part for place in found.places for part in place.parts))
+
+        inputs = {"ray": sh.Vector3f, "eye": sh.Point3f, "limit": sh.Attrib1f, "any_hit": sh.Attrib1b}
+        find.__annotations__ = inputs | {"return": found_places}
+        return sh.subroutine(alone=True)(find)
+
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Offer to `hit` each triangle that is met at a distance in [near, hit.l), boxes from `begin` on."""
         self.walk.accept = hit.accept
-        found = self.find(ray, eye, hit.l, sh.Attrib1b(any_hit))
-        hit.l[:] = found.l
-        hit.id[:] = found.id
-        hit.uv[:] = found.uv
+        touching = isinstance(hit, TouchingHit)
+        find = self.find_touching(hit) if touching else self.find
+        found = find(ray, eye, hit.l, sh.Attrib1b(any_hit))
+        parts = [part for place in hit.places for part in place.parts] if touching else (hit.l, hit.id, hit.uv)
+        for part, value in zip(parts, found, strict=True):
+            part[:] = value
 
 
 def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk | SplitWalk:
@@ -111,8 +128,22 @@ def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]
     walk.renew(layout.forest, changes)
 
 
-def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, limit: Any, any_hit: Any) -> RayHit:
-    """Find the nearest hit of a ray before `limit`; `is_eye` tells eye rays from others, `any_hit` as in `Walk`."""
+def meet(
+    walk: Walk | SplitWalk,
+    is_eye: Callable[[], Any],
+    ray: Any,
+    eye: Any,
+    limit: Any,
+    any_hit: Any,
+    touching: Callable[[Any], TouchingHit] | None = None,
+) -> RayHit:
+    """Find the nearest hit of a ray before `limit`; `is_eye` tells eye rays from others, `any_hit` as in `Walk`.
+
+    With `touching`, which makes one of the filter of hits, it is a `TouchingHit`, unless rays go through a layered
+    depth cube.
+    """
+    if touching is not None and not (isinstance(walk, SplitWalk) and isinstance(walk.secondary, LayeredIntersector)):
+        return _meet_touching(walk, is_eye, touching(walk.accept), ray, eye, any_hit)
     if not isinstance(walk, SplitWalk):
         return walk(ray, eye, 0.0, limit, any_hit)
     hit = RayHit(limit, walk.accept)
@@ -125,12 +156,17 @@ def meet(walk: Walk | SplitWalk, is_eye: Callable[[], Any], ray: Any, eye: Any, 
     return hit
 
 
-def meet_first(walk: Walk | SplitWalk, ray: Any, eye: Any, limit: Any) -> RayHit:
-    """Find the nearest hit of a ray before `limit`, exactly, whatever the ray is for."""
+def _meet_touching(
+    walk: Walk | SplitWalk, is_eye: Callable[[], Any], hit: TouchingHit, ray: Any, eye: Any, any_hit: Any
+) -> TouchingHit:
+    """Find the nearest hits of several surfaces."""
     if not isinstance(walk, SplitWalk):
-        return walk(ray, eye, 0.0, limit, False)
-    hit = RayHit(limit, walk.accept)
-    walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
+        walk.collect(hit, ray, eye, 0.0, 0.0, any_hit)
+        return hit
+    with SH_IF(is_eye()):
+        walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
+    with SH_ELSE():
+        walk.secondary.collect(hit, ray, eye, 0.0, 0.0, any_hit)
     return hit
 
 

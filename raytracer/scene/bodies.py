@@ -38,6 +38,8 @@ _CELL = 2.0**-18 * 0.7371
 """The size, as a part of the mesh, within which corners are one vertex: rounding moves the poles of a sphere apart."""
 _TOUCHING = 2.0**-16
 """The part of a box by which it is grown before boxes are compared: bodies that touch meet."""
+_MOST_PAIRS = 1 << 28
+"""Boxes of bodies and triangles that are compared; more are taken to meet, which costs rays a few operations."""
 
 
 class Shells(NamedTuple):
@@ -128,8 +130,9 @@ class Bodies:
     """The bodies of a scene, numbered from 1; 0 is the empty space around them.
 
     `rows` (1 + B, 4) are the absorption and the refractive index of each; `body_of` (N,) int32 is the body to whose
-    surface a triangle belongs, 0 for none. `slots` is how many bodies can hold a ray at once, at least 1. `low` and
-    `high` (1 + B, 3) are their boxes, in the kernel's coordinates, infinite for open meshes.
+    surface a triangle belongs, 0 for a thin wall, -1 for what is opaque. `slots` is how many bodies can hold a ray at
+    once, at least 1. `low` and `high` (1 + B, 3) are their boxes, in the kernel's coordinates, infinite for open
+    meshes. `touches` says whether one may touch another, or something opaque.
     """
 
     shells: Shells
@@ -139,6 +142,7 @@ class Bodies:
     slots: int
     low: Floats
     high: Floats
+    touches: bool
 
     @classmethod
     def of(cls, layout: Layout, clear: Sequence[bool], shells: Shells | None = None) -> Bodies:
@@ -160,14 +164,16 @@ class Bodies:
         heads = heads[np.lexsort((heads, -size))]
         number = np.zeros(len(volume), np.int64)
         number[heads] = np.arange(1, len(heads) + 1)
-        body_of = np.zeros(len(layout.material_of), np.int32)
+        body_of = np.full(len(layout.material_of), -1, np.int32)
         body_of[shells.triangles] = number[body_of_shell[shells.shell]]
         rows = np.concatenate([[(0.0, 0.0, 0.0, 1.0)], medium[shells.material[heads]]])
         low = np.where(endless[:, None], -inf, low)[heads]
         high = np.where(endless[:, None], inf, high)[heads]
+        slots = _slots(low, high)
         return cls(
-            shells, corners, rows, body_of, _slots(low, high),
+            shells, corners, rows, body_of, slots,
             np.concatenate([np.full((1, 3), -inf), low]), np.concatenate([np.full((1, 3), inf), high]),
+            slots > 1 or _meet_opaque(layout, body_of, low, high),
         )  # fmt: skip
 
     def around(self, point: Floats) -> list[int]:
@@ -235,6 +241,23 @@ def _slots(low: Floats, high: Floats) -> int:
             stacklevel=2,
         )
     return min(most, MOST_SLOTS)
+
+
+def _meet_opaque(layout: Layout, body_of: NDArray[np.int32], low: Floats, high: Floats) -> bool:
+    """Return whether the box of an opaque triangle meets one of the boxes (B, 3) of bodies that have an end."""
+    ends = np.isfinite(low[:, 0])
+    grown = (high[ends] - low[ends]) * _TOUCHING
+    low, high = low[ends] - grown, high[ends] + grown
+    opaque = np.flatnonzero(body_of < 0)
+    if not (len(low) and len(opaque)):
+        return False
+    corners = layout.triangles.reshape(-1, 3, 4)[opaque, :, :3]
+    least, most = corners.min(axis=1), corners.max(axis=1)
+    near = ((least <= high.max(axis=0)) & (low.min(axis=0) <= most)).all(axis=1)
+    least, most = least[near], most[near]
+    if len(low) * len(least) > _MOST_PAIRS:
+        return True
+    return any(((least <= b) & (a <= most)).all(axis=1).any() for a, b in zip(low, high, strict=True))
 
 
 def winding(corners: Floats, point: Floats) -> float:

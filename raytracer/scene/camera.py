@@ -202,7 +202,7 @@ class Camera:
         return found
 
     def origins(self, uniforms: dict[str, Any], width: int, height: int) -> tuple[Vector, Vector]:
-        """Return the middle of the box in which eye rays start, and half its size; `uniforms` are those of a picture."""
+        """Return the middle of the box in which a picture's eye rays start, and half its size, by its `uniforms`."""
         if self.projection == "orthographic":
             across, down = uniforms["across"] * (width / 2), uniforms["down"] * (height / 2)
             return uniforms["eye"] + across + down, abs(across) + abs(down)
