@@ -288,6 +288,20 @@ def test_a_ray_that_leaves_a_surface_does_not_hit_it(hit):
     assert found.occluded(places, outward).mean() > 0.2
 
 
+@pytest.mark.parametrize(("hit", "conservative"), [("plane", False), ("plane", True), ("sample", False)])
+def test_how_near_a_ray_that_leaves_a_surface_hits_another_one(hit, conservative):
+    """It takes `CLOSER` texels for planes of triangles that cover the centre of one, and `CLOSE` for other samples."""
+    near = 2.0 if hit == "plane" and not conservative else 4.0
+    texel = 4 / 64
+    places = np.random.default_rng(2).uniform(-1.5, 1.5, (200, 3)) * (1, 0, 1)
+    for factor, seen in ((0.9, False), (1.1, True)):
+        lower, upper = floor(4), floor(4).moved((0, factor * near * texel, 0))
+        mesh = Mesh(np.concatenate([lower.vertices, upper.vertices]), np.concatenate([lower.faces, upper.faces + 4]))
+        cube = LayeredCube.of(mesh, 64, hit=hit, conservative=conservative, backend="numpy")
+        found = Intersector(mesh, cube, "numpy").occluded(places, np.full((200, 3), (0.0, 1.0, 0.0)), leaving=True)
+        assert (found == seen).all()
+
+
 def test_pictures_and_the_command(tmp_path):
     """Exact where hits are, by the command and by a cube; the features say so."""
     scene = Scene.builtin("boxes")

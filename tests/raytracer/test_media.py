@@ -10,13 +10,14 @@ import itertools
 import numpy as np
 import pytest
 from test_glass import fresnel, rays_of
-from test_surfaces import BACKENDS
+from test_surfaces import BACKENDS, same
 
 from raytracer import (
     Camera,
     DirectionalLight,
     EnvironmentLight,
     Material,
+    Mesh,
     Path,
     PointLight,
     Renderer,
@@ -25,7 +26,7 @@ from raytracer import (
     Whitted,
     render,
 )
-from raytracer.meshes.shapes import box, floor, sphere
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 EVERY = [pytest.param(backend, marks=pytest.mark.slow) for backend in BACKENDS[1:]]
 CLEAR = Material((0, 0, 0), diffuse=0, specular=0, transmission=1.0, ior=1.0)
@@ -258,6 +259,42 @@ def test_scenes_of_thin_walls_have_no_media():
     pane = Scene([floor(3, tinted((0, 0, 0), transmission=0.9)), box()])
     assert "media" not in Renderer(pane, backend="numpy").program.tables
     assert "media" in Renderer(Scene([box(material=tinted(A)), box()]), backend="numpy").program.tables
+
+
+@pytest.mark.parametrize("name", ["whitted", "path"])
+def test_the_first_triangle_casts_a_shadow_in_a_scene_with_glass(name):
+    """The scene's triangle 0 is opaque and alone; the light of a lamp above falls on the floor beside it only."""
+    screen = Mesh([(-1, 1, -1), (-1, 1, 1), (1, 1, -1)], [(0, 1, 2)])
+    pane = box((0.5, 0.5, 0.5), dataclasses.replace(CLEAR, ior=1.5 if name == "whitted" else 1.0)).moved((30, 0, 0))
+    camera = Camera((0, 0.9, 0), (0, 0, 0), up=(0, 0, -1), fov=150)
+    scene = Scene([screen, floor(9, WHITE), pane], [DirectionalLight((0, -1, 0))], camera, (0, 0, 0), 0.0)
+    options = {"samples": 1, "bounces": 1} if name == "path" else {}
+    found = render(scene, (24, 24), backend="numpy", integrator=name, **options)
+    row, column = np.mgrid[:24, :24]
+    x, z = column - 11.5, row - 11.5
+    width = 0.9 * np.tan(np.radians(75)) / 12  # of a pixel on the floor
+    shade = (x * width > -1 + width) & (z * width > -1 + width) & ((x + z) * width < -2 * width)
+    floor_seen = found.object_id == 1
+    assert shade.sum() > 5
+    assert not found.pixels[shade & floor_seen].any()
+    assert found.pixels[floor_seen & ((x + z) * width > 2 * width)].min() > 0.1
+
+
+def test_a_scene_without_lights_moves_and_is_shown_again_under_path():
+    """Only the background shines, of which mirrors show what they see."""
+
+    def made(color, place):
+        ball = dataclasses.replace(icosahedron(1, Material(color, reflectivity=0.5)).moved((place, 0, 0)), name="ball")
+        return Scene([ball, floor(9, WHITE).moved((0, -1, 0))], (), Camera((0, 1, 6)), (0.2, 0.4, 0.8))
+
+    integrator = Path(samples=2, bounces=3)
+    renderer = Renderer(made((1, 0, 0), 0), backend="numpy", integrator=integrator)
+    renderer.show(made((0, 1, 0), 0))
+    same(renderer.render((16, 12)), render(made((0, 1, 0), 0), (16, 12), backend="numpy", integrator=integrator))
+    place = np.eye(4)
+    place[0, 3] = 1.0
+    renderer.move("ball", place)
+    same(renderer.render((16, 12)), render(made((0, 1, 0), 1), (16, 12), backend="numpy", integrator=integrator))
 
 
 def check(seed, count, name, backend):
