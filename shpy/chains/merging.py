@@ -7,7 +7,7 @@ was written, so that the host need not wait for the counts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 from shpy.ir.nodes import Status
@@ -32,7 +32,7 @@ def merge_of(types: Sequence[type[Value]], stops: bool) -> Program:
     return _merge_of(tuple((cls.size, cls.base) for cls in types), stops)
 
 
-@cache
+@lru_cache(maxsize=256)
 def _merge_of(kinds: tuple[tuple[int, Base], ...], stops: bool) -> Program:
     leaves = [Leaf(CLASSES["Attrib", size, base]) for size, base in kinds]
     inputs: dict[str, InputType] = {"status": Leaf(COUNT)}

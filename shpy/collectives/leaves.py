@@ -8,7 +8,7 @@ any device. They read but never write by index, since fragment shaders cannot: t
 
 from __future__ import annotations
 
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,8 @@ class Leaves:
         if self._own.order is not None:
             return self._own.order(keys, descending, below)  # type: ignore[no-any-return]
         if below is not None:
-            keys = _memory(self._run(_clamping(element_class(keys), below), keys.count, key=self._stream(keys)))
+            given, last = self._stream(keys), np.array([below - 1], keys.dtype)
+            keys = _memory(self._run(_clamping(given.type), keys.count, key=given, last=last))
         return _memory(self._in_order(keys, descending)[1])
 
     def tally(self, numbers: Memory, bins: int) -> Memory:
@@ -210,9 +211,9 @@ def _taking(element: Any, index: Any) -> Program:
     return annotated(take, index=index, source=TableType(element, 1), out=element)
 
 
-@lru_cache(64)
-def _clamping(element: Any, below: int) -> Program:
-    return annotated(lambda key: clamp(key, 0, below - 1), key=element, out=element)
+@cache
+def _clamping(element: Any) -> Program:
+    return annotated(lambda key, last: clamp(key, 0, last), key=element, last=element, out=element)
 
 
 def is_mapped(place: Place, element: Any) -> bool:

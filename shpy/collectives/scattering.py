@@ -8,7 +8,7 @@ Stage: run. An index counts the elements of a stream in C order, whatever its ax
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -146,7 +146,7 @@ def _adding() -> Program:
     return annotated(lambda a, b: a + b, a=Attrib1i, b=Attrib1i, out=Attrib1i)
 
 
-@cache
+@lru_cache(maxsize=256)
 def _folding(combine: Program, element: Any) -> Program:
     """Record the program that combines up to _AT_ONCE values of each place, from the one numbered `first`.
 

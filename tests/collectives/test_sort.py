@@ -17,7 +17,9 @@ from collectives.generated import (
 )
 
 import shpy as sh
+from shpy.backend.glsl.device.context import Context
 from shpy.backend.opencl.device import collective as opencl
+from shpy.backend.opencl.device.driver import Machine
 
 __all__ = ["by_programs", "computed", "moved"]
 
@@ -116,6 +118,23 @@ def test_keys_below_a_number(moved, below):
             for descending in (False, True):
                 order = order_of(x.clip(0, below - 1), descending).astype(np.int32)
                 assert_same_bits(sh.argsort(stream(x, cls, moved), below=below, descending=descending), order)
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+@pytest.mark.parametrize("cls", [sh.Attrib1i, sh.Attrib1u])
+def test_another_bound_takes_the_same_programs(cls, backend, monkeypatch):
+    """A bound is an argument: a number of cells may differ in each frame."""
+    x = stream(np.arange(300, dtype=np.int32 if cls is sh.Attrib1i else np.uint32), cls, backend)
+    for n in (250, 251):
+        sh.argsort(x, below=n)
+    built = []
+    for owner, name in ((Machine, "_compiled"), (Context, "program")):
+        make = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, make=make, name=name: (built.append(name), make(*a))[1])
+    for n in (1, 7, 99, 180, 254):
+        wanted = np.argsort(np.arange(300).clip(0, n - 1), kind="stable")
+        assert np.array_equal(sh.argsort(x, below=n).numpy(), wanted)
+    assert built == []
 
 
 def test_below_takes_fewer_passes(monkeypatch):

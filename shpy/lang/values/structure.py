@@ -452,7 +452,7 @@ def _describes(cls: Any, group: Group) -> bool:
         return False
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _class_like(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], module: str, name: str) -> Any:
     """Return a struct or NamedTuple of these parts: one class for the same parts and name."""
     types = {n: type_of(part) for n, part in zip(names, parts, strict=True)}

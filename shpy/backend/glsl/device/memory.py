@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.base import Array, Collectives, Counts
+from shpy.backend.device.recent import Recent
 from shpy.backend.glsl.device.context import VERTEX, Context, check
 from shpy.backend.glsl.device.textures import (
     FORMATS,
@@ -36,6 +37,10 @@ from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
 
+PROGRAMS: Final = 256
+"""Programs of the space's own that are kept: those used last."""
+DEPTHS: Final = 16
+"""Sizes of which a depth buffer is kept. A run holds its own as an attachment of its framebuffer."""
 _AHEAD: Final = 64
 """Draws that are started before the host waits for them."""
 _BLOCK: Final = 32
@@ -168,8 +173,8 @@ class GlslSpace:
         self._store = store
         self._context = store.context
         self.collectives = collectives(self, self._context)
-        self._programs: dict[tuple[str, str], Any] = {}
-        self._depths: dict[tuple[int, int], Any] = {}
+        self._programs = Recent[tuple[str, str], tuple[Any, Any]](PROGRAMS, _release_all)
+        self._depths = Recent[tuple[int, int], Any](DEPTHS, lambda depth: depth.release())
         self._started = 0
 
     def call(self, job: Callable[[], Any]) -> Any:
@@ -259,9 +264,7 @@ class GlslSpace:
 
     def depth(self, size: tuple[int, int]) -> Any:
         """Return the depth buffer of a size. Every run that tests depths writes them first, so all runs share it."""
-        if size not in self._depths:
-            self._depths[size] = self._context.gl.depth_renderbuffer(size)
-        return self._depths[size]
+        return self._depths.get(size, lambda: self._context.gl.depth_renderbuffer(size))
 
     def folded(self, memory: GlslMemory) -> GlslMemory:
         """Return the memory itself, or a copy in rows of FOLD where its rows have another length."""
@@ -323,10 +326,12 @@ class GlslSpace:
         """
         gl, moderngl = self._context.gl, self._context.moderngl
         vertex, count = points or (VERTEX, 3)
-        if (vertex, text) not in self._programs:
+
+        def make() -> tuple[Any, Any]:
             program = self._context.program(text, vertex)
-            self._programs[vertex, text] = (program, gl.vertex_array(program, []))
-        program, vertices = self._programs[vertex, text]
+            return program, gl.vertex_array(program, [])
+
+        program, vertices = self._programs.get((vertex, text), make)
         for unit, (name, memory) in enumerate(sources.items()):
             if name in program:
                 program[name].value = unit
@@ -358,6 +363,11 @@ class GlslSpace:
     def finish(self) -> None:
         """Wait until everything that was started has ended."""
         self.call(self._context.gl.finish)
+
+
+def _release_all(things: tuple[Any, ...]) -> None:
+    for thing in things:
+        thing.release()
 
 
 def own(memory: Any) -> GlslMemory:

@@ -134,13 +134,14 @@ class _OpenCLCollectives:
     def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
         """Sort scalars digit by digit; return them and, if `indexed`, the indices that they had."""
         text, bits = self._ordering(keys, descending, below)
+        last = 0 if below is None else below - 1  # an argument, so that each bound takes the same kernel
         chunks, chunk = self._chunks(keys.count)
         counts = self._allocate(chunks << self._digit, Base.U)
         given, indices = keys, None
         for shift in range(0, bits, self._digit):
             moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I) if indexed else None
-            self._digits(text, given, chunks, chunk, shift, counts)
-            args = (given, keys.count, chunk, shift, counts, moved)
+            self._digits(text, given, chunks, chunk, shift, last, counts)
+            args = (given, keys.count, chunk, shift, last, counts, moved)
             if indexed:
                 self._run(text, "move_pairs", chunks, *args, indices, moved_indices)
             else:
@@ -148,9 +149,9 @@ class _OpenCLCollectives:
             given, indices = moved, moved_indices
         return given, indices
 
-    def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, counts: Any) -> None:
+    def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, last: int, counts: Any) -> None:
         """Compute the first place in the sorted order of each digit of each chunk."""
-        self._run(text, "count_digits", chunks, given, given.count, chunk, shift, counts)
+        self._run(text, "count_digits", chunks, given, given.count, chunk, shift, last, counts)
         self._run(text, "sum_before", 1, counts, chunks << self._digit)
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
@@ -159,7 +160,7 @@ class _OpenCLCollectives:
         word = WORDS[kept.itemsize]
         key = _KEYS[kept.str[1:]]
         if below is not None:
-            key = f"(uint)clamp((int)x, 0, {below - 1})" if keys.type.base is Base.I else f"min(x, {below - 1}u)"
+            key = "(uint)clamp((int)x, 0, (int)last)" if keys.type.base is Base.I else "min(x, last)"
         if descending:
             key = f"({word})~({key})"
         text = _ORDER.replace("KEY", key).replace("RADIX", str(1 << self._digit)).replace("WORD", word)

@@ -22,6 +22,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Collectives, Counts, too_large
 from shpy.backend.device.pool import Kind
+from shpy.backend.device.recent import Recent
 from shpy.backend.opencl.device.dispatch import LOCAL_SIZE
 from shpy.backend.opencl.device.driver import ANY_SIZE, Machine
 from shpy.errors import ShpyTypeError
@@ -68,6 +69,8 @@ __kernel void count_statuses(__global const int *status, uint total, __global vo
 }
 """
 _STRIDE: Final = 4096
+KERNELS: Final = 256
+"""Kernels of the space's own that are kept: those used last."""
 _AHEAD: Final = 256
 """The most runs that are started before the host waits."""
 
@@ -168,7 +171,7 @@ class OpenCLSpace:
         """Open the memory of a device; `collectives` returns the collective operations that run on it."""
         self.machine = machine
         self.collectives = collectives(self)
-        self._kernels: dict[tuple[str, str], Any] = {}
+        self._kernels = Recent[tuple[str, str], Any](KERNELS)
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return a buffer for `count` elements, not initialised; ShpyError if the device has not that much memory."""
@@ -262,11 +265,16 @@ class OpenCLSpace:
         """
         machine = self.machine
         with machine.lock:
-            kernel = self._kernels.get((name, text))
-            if kernel is None:  # to make one takes PoCL far longer than to run it
-                kernel = self._kernels[name, text] = machine.cl.Kernel(machine.build(text), name)
-                if group > 1:
-                    items = max(items, ANY_SIZE)
+            made = False
+
+            def make() -> Any:  # takes PoCL far longer than to run it
+                nonlocal made
+                made = True
+                return machine.cl.Kernel(machine.build(text), name)
+
+            kernel = self._kernels.get((name, text), make)
+            if made and group > 1:
+                items = max(items, ANY_SIZE)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (-(-items // group) * group,), (group,))
             machine.may_take_long |= not brief
