@@ -234,6 +234,10 @@ class Space(Protocol):
     """True if `Memory.native` is an array of numpy, whose slices cost less than reads by index."""
 
     @property
+    def flushes(self) -> bool:
+        """Return whether the device takes denormals of binary32 for zeros, so that only their bits tell them apart."""
+
+    @property
     def collectives(self) -> Collectives:
         """The collective operations that the device does itself."""
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shpy.collectives.arguments import check_stream, indices_at, shaped
-from shpy.collectives.leaves import Leaves, element_class, is_mapped, mapped, over_leaf, run_over
-from shpy.collectives.programs import annotated
+from shpy.collectives.leaves import Leaves, element_class, is_mapped, over_leaf, run_over
+from shpy.collectives.programs import annotated, mapped
 from shpy.collectives.sorting import keys_of
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic

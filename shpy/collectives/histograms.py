@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.collectives.arguments import check_stream
-from shpy.collectives.leaves import Leaves, is_mapped, mapped, mapping, run_over
-from shpy.collectives.programs import annotated
+from shpy.collectives.leaves import Leaves, is_mapped, mapping, run_over
+from shpy.collectives.programs import annotated, mapped
 from shpy.collectives.trees import retyped
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from shpy.backend.base import Collectives, Memory, overlap
-from shpy.collectives.programs import annotated
+from shpy.collectives.programs import annotated, mapped
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.programs.control import SH_BREAK, SH_ELSE, SH_FOR, SH_IF
-from shpy.lang.values.builtins import bits_from_float, clamp, cond, grid_index, isnan, max as largest, min as least
+from shpy.lang.values.builtins import clamp, cond, grid_index, isnan, max as largest, min as least
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u
 from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
@@ -219,14 +219,6 @@ def _clamping(element: Any) -> Program:
 def is_mapped(place: Place, element: Any) -> bool:
     """Return whether keys of a class are compared as ints, since a device may flush denormals of 32 bits to 0."""
     return element.base is Base.F and place.precision == "f32"
-
-
-def mapped(x: Any) -> Any:
-    """Return an unsigned int with the order of the 32-bit float x; NaN is the greatest, and -0 equals +0."""
-    bits = bits_from_float(x)
-    size = bits & 0x7FFFFFFF
-    key = cond(bits > size, ~bits, bits | 0x80000000)
-    return cond(size > 0x7F800000, Attrib1u(0xFFFFFFFF), cond(size == 0, Attrib1u(0x80000000), key))
 
 
 @cache

@@ -282,19 +282,25 @@ def _compensated_sums(cls: Any) -> Reduction:
 
 
 @lru_cache(maxsize=256)
-def extremes(size: int, base: Base, least: bool) -> Reduction:
-    """Return the reduction that keeps the least element, or the largest one; the first of those that are equal."""
+def extremes(size: int, base: Base, least: bool, by_bits: bool = False) -> Reduction:
+    """Return the reduction that keeps the least element, or the largest one; the first of those that are equal.
+
+    `by_bits`: the bits of 32-bit floats are compared, for a device that flushes denormals.
+    """
     cls = CLASSES["Attrib", size, base]
 
     def keep(a: Any, b: Any) -> Any:
-        return cond(_exceeds(b, a, least), b, a)
+        return cond(_exceeds(b, a, least, by_bits), b, a)
 
     return Reduction(annotated(keep, a=cls, b=cls, out=cls), cls)
 
 
 @lru_cache(maxsize=256)
-def places(size: int, base: Base, least: bool) -> Reduction:
-    """Return the reduction that keeps the index of the least element, or of the largest one, beside it."""
+def places(size: int, base: Base, least: bool, by_bits: bool = False) -> Reduction:
+    """Return the reduction that keeps the index of the least element, or of the largest one, beside it.
+
+    `by_bits` as in `extremes`.
+    """
     cls = CLASSES["Attrib", size, Base.I if base is Base.B else base]
     index = CLASSES["Attrib", size, Base.I]
     entry = struct(type("Entry", (), {"__annotations__": {"value": cls, "index": index}}))
@@ -303,27 +309,31 @@ def places(size: int, base: Base, least: bool) -> Reduction:
         return entry(cls(_ones(x, i) if base is Base.B else x), index(i))
 
     def keep(a: Any, b: Any) -> Any:
-        exceeds = _exceeds(b.value, a.value, least)
+        exceeds = _exceeds(b.value, a.value, least, by_bits)
         return entry(cond(exceeds, b.value, a.value), cond(exceeds, b.index, a.index))
 
     return Reduction(annotated(keep, a=entry, b=entry, out=entry), entry, start, leaf=1)
 
 
 @lru_cache(maxsize=256)
-def counts(size: int) -> Reduction:
-    """Return the reduction that counts the elements that are not zero."""
-    return Reduction(sums(size, Base.I, "pairwise").combine, CLASSES["Attrib", size, Base.I], _ones)
+def counts(size: int, by_bits: bool = False) -> Reduction:
+    """Return the reduction that counts the elements that are not zero; `by_bits` as in `extremes`."""
+    lift = _ones_by_bits if by_bits else _ones
+    return Reduction(sums(size, Base.I, "pairwise").combine, CLASSES["Attrib", size, Base.I], lift)
 
 
 @lru_cache(maxsize=256)
-def logic(size: int, every: bool) -> Reduction:
-    """Return the reduction to whether any element is not zero, or, for `every`, whether none is zero."""
+def logic(size: int, every: bool, by_bits: bool = False) -> Reduction:
+    """Return the reduction to whether any element is not zero, or, for `every`, whether none is zero.
+
+    `by_bits` as in `extremes`.
+    """
     cls = CLASSES["Attrib", size, Base.B]
 
     def join(a: Any, b: Any) -> Any:
         return a & b if every else a | b
 
-    return Reduction(annotated(join, a=cls, b=cls, out=cls), cls, _holds)
+    return Reduction(annotated(join, a=cls, b=cls, out=cls), cls, _holds_by_bits if by_bits else _holds)
 
 
 @lru_cache(maxsize=64)
@@ -389,10 +399,31 @@ def accumulating(rank: int) -> Program:
     return annotated(accumulate, data=TableType(Attrib1f, rank), out=words)
 
 
-def _exceeds(b: Any, a: Any, least: bool) -> Any:
+def mapped(x: Any) -> Any:
+    """Return an unsigned int with the order of the 32-bit float x; NaN is the greatest, and -0 equals +0."""
+    cls = CLASSES["Attrib", x.size, Base.U]
+    bits = bits_from_float(x)
+    size = bits & 0x7FFFFFFF
+    key = cond(bits > size, ~bits, bits | 0x80000000)
+    return cond(size > 0x7F800000, cls(Attrib1u(0xFFFFFFFF)), cond(size == 0, cls(Attrib1u(0x80000000)), key))
+
+
+def _exceeds(b: Any, a: Any, least: bool, by_bits: bool) -> Any:
     """Return whether b precedes a; NaN precedes every number."""
+    if by_bits:
+        key, other = mapped(b), mapped(a)
+        # NaN is the greatest key: 1 more makes it the least.
+        return key + 1 < other + 1 if least else key > other
     before = b < a if least else b > a
     return before | (isnan(b) & ~isnan(a)) if b.base in FLOATS else before
+
+
+def _holds_by_bits(x: Any, i: Any) -> Any:
+    return (bits_from_float(x) & 0x7FFFFFFF) != 0
+
+
+def _ones_by_bits(x: Any, i: Any) -> Any:
+    return cond(_holds_by_bits(x, i), 1, 0)
 
 
 def _holds(x: Any, i: Any) -> Any:

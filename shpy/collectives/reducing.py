@@ -141,23 +141,31 @@ def _sums_on_device(rows: Stream) -> NDArray[Any]:
 
 def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
     size, base = _element(stream, name)
-    kind = logic(size, name == "min") if base is Base.B else extremes(size, base, name == "min")
+    least = name == "min"
+    kind = logic(size, least) if base is Base.B else extremes(size, base, least, _by_bits(stream, base))
     return _reduced(stream, axis, kind, stream.type, None, name)
 
 
 def _place(stream: Stream, axis: int | None, name: str) -> Any:
     size, base = _element(stream, name)
-    return _reduced(stream, axis, places(size, base, name == "argmin"), CLASSES["Attrib", size, Base.I], None, name)
+    kind = places(size, base, name == "argmin", _by_bits(stream, base))
+    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.I], None, name)
 
 
 def _logic(stream: Stream, axis: int | None, name: str) -> Any:
-    size, _ = _element(stream, name)
-    return _reduced(stream, axis, logic(size, name == "all"), CLASSES["Attrib", size, Base.B], name == "all")
+    size, base = _element(stream, name)
+    kind = logic(size, name == "all", _by_bits(stream, base))
+    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.B], name == "all")
 
 
 def _count(stream: Stream, axis: int | None) -> Any:
-    size, _ = _element(stream, "count")
-    return _reduced(stream, axis, counts(size), CLASSES["Attrib", size, Base.I], 0)
+    size, base = _element(stream, "count")
+    return _reduced(stream, axis, counts(size, _by_bits(stream, base)), CLASSES["Attrib", size, Base.I], 0)
+
+
+def _by_bits(stream: Stream, base: Base) -> bool:
+    """Return whether elements are compared by their bits, since the device takes denormals of 32 bits for zeros."""
+    return base is Base.F and stream.precision == "f32" and stream.place.space.flushes
 
 
 bind_reductions(

@@ -60,6 +60,32 @@ def specials(n, seed, backend):
     return x
 
 
+TINY = np.float32(
+    [0, -0.0, 1.4e-45, -1.4e-45, 1e-39, -1e-39, 1.1754944e-38, -1.1754944e-38, 1, np.inf, -np.inf, np.nan]
+)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_denormals_are_no_zeros(backend):
+    """Also for a device that flushes them: their bits are compared there."""
+    rng = np.random.default_rng(38)
+    for case in range(40):
+        few = rng.choice(TINY[: rng.integers(2, len(TINY) + 1)], (rng.integers(1, 60), 3))
+        size = 1 if case % 2 else 3
+        x = np.ascontiguousarray(few[:, 0] if size == 1 else few)
+        s = sh.Stream(x, sh.Attrib1f if size == 1 else sh.Attrib3f, backend=backend)
+        for name in ("min", "max"):
+            at = getattr(np, f"arg{name}")(x, axis=0)
+            assert np.array_equal(getattr(s, f"arg{name}")(), at), (name, x)
+            wanted = np.take_along_axis(x, at[None], axis=0)[0] if size == 3 else x[at]
+            assert not differs(getattr(s, name)(), wanted).any(), (name, x)
+        for name in ("any", "all"):
+            assert np.array_equal(getattr(s, name)(), getattr(x, name)(axis=0)), (name, x)
+        assert np.array_equal(s.count(), np.count_nonzero(x, axis=0)), x
+        along = sh.Stream(np.stack([few[:, 0], few[:, 1]]), sh.Attrib1f, backend=backend)
+        assert np.array_equal(along.argmax(axis=0).numpy(), np.argmax(along.numpy(), axis=0))
+
+
 def test_sizes_around_blocks_and_parts(trees):
     for n in AROUND:
         for seed, x in enumerate((columns(n, 21, trees)[:, 3].copy(), specials(n, 22, trees))):

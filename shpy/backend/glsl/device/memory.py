@@ -177,6 +177,11 @@ class GlslSpace:
         self._depths = Recent[tuple[int, int], Any](DEPTHS, lambda depth: depth.release())
         self._started = 0
 
+    @property
+    def flushes(self) -> bool:
+        """Return whether the device takes denormals of binary32 for zeros."""
+        return not self._context.limits.keeps_denormals
+
     def call(self, job: Callable[[], Any]) -> Any:
         """Run a job on the context's thread."""
         return self._context.call(job)

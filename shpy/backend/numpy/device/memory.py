@@ -63,6 +63,7 @@ class NumpySpace:
 
     overwrites = True
     on_host = True
+    flushes = False
 
     def __init__(self, collectives: Collectives) -> None:
         self.collectives = collectives

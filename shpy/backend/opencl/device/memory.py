@@ -173,6 +173,11 @@ class OpenCLSpace:
         self.collectives = collectives(self)
         self._kernels = Recent[tuple[str, str], Any](KERNELS)
 
+    @property
+    def flushes(self) -> bool:
+        """Return whether the device takes denormals of binary32 for zeros."""
+        return "denormals" in self.machine.wrong
+
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return a buffer for `count` elements, not initialised; ShpyError if the device has not that much memory."""
         machine = self.machine
