@@ -7,7 +7,8 @@ a checksum of key and binary, and the binary: an entry that was cut, or copied t
 The folder is SHPY_CACHE_DIR, in which `~` is the home folder, or `shpy` in the user's cache folder; if the variable is
 empty, nothing is kept. A driver runs what it is given, so folders and entries count only if they belong to this user
 and nobody else can write them. The folder may hold other files: only files that carry our name and our magic are ever
-removed. Where the folder cannot be used, a ShpyWarning says why, once, and kernels are compiled anew.
+removed. Where the folder cannot be used, or the system lacks the functions of POSIX that this takes, a ShpyWarning says
+why, once, and kernels are compiled anew.
 
     key = store.key(text, options, device, driver)
     binary = store.load(key)               # None where there is none
@@ -43,6 +44,8 @@ _STALE: Final = 3600.0
 """Seconds after which a temporary file can only be left of a writer that was killed."""
 _SKEW: Final = 60.0
 """Seconds by which the clock of a network's disk may be ahead."""
+_NEEDED: Final = ("O_DIRECTORY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "geteuid")
+"""Names of `os` by which a folder is opened once, and judged by what was opened."""
 _told: set[str] = set()
 
 
@@ -134,7 +137,10 @@ def _opened_folder() -> Iterator[int | None]:
     descriptor = None
     try:
         path = _place()
-        if path is not None:
+        missing = None if path is None else _missing()
+        if missing is not None:
+            tell(f"they can only be kept safely with {missing}, which Python lacks on this system", "")
+        elif path is not None:
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             fault = _fault(path, os.fstat(descriptor))
@@ -151,6 +157,17 @@ def _opened_folder() -> Iterator[int | None]:
             os.close(descriptor)
 
 
+def _missing() -> str | None:
+    """Return a name of `os` that the store needs and this system lacks, as Windows does; None if all are there."""
+    for name in _NEEDED:
+        if not hasattr(os, name):
+            return f"os.{name}"
+    for function in (os.open, os.stat, os.unlink, os.rename, os.utime):
+        if function not in os.supports_dir_fd:
+            return f"dir_fd of os.{function.__name__}"
+    return None if os.listdir in os.supports_fd else "os.listdir of a descriptor"
+
+
 def _place_named() -> str:
     try:
         return str(_place())
@@ -165,13 +182,16 @@ def _fault(path: Path, state: os.stat_result) -> str | None:
     return "can be written by other users" if state.st_mode & 0o022 else None
 
 
-def tell(reason: str) -> None:
-    """Warn, once for each reason, that kernels are not kept for other processes: each compiles them anew."""
+def tell(reason: str, cure: str = "to a folder that only you can write, or ") -> None:
+    """Warn, once for each reason, that kernels are not kept for other processes: each compiles them anew.
+
+    `cure`: the value of SHPY_CACHE_DIR with which they are kept, or nothing where there is none.
+    """
     if reason not in _told:
         _told.add(reason)
         warn(
-            f"compiled kernels are not kept for the next process: {reason}; set SHPY_CACHE_DIR to a folder "
-            "that only you can write, or to nothing if none are to be kept"
+            f"compiled kernels are not kept for the next process: {reason}; set SHPY_CACHE_DIR {cure}to nothing "
+            "if none are to be kept"
         )
 
 
