@@ -24,6 +24,7 @@ from collectives.definition import (
 
 import shpy as sh
 from shpy.backend.opencl.device import trees as opencl_trees
+from shpy.backend.opencl.device.driver import Machine
 from shpy.backend.opencl.device.memory import OpenCLSpace
 from shpy.collectives.trees import own_tree
 
@@ -96,6 +97,30 @@ def test_sizes_around_blocks_and_parts(trees):
                 assert getattr(s, f"arg{name}")() == at, (n, name)
                 assert not differs(getattr(s, name)(), x[at]).any(), (n, name)
             assert (s.count(), s.any(), s.all()) == (np.count_nonzero(x), x.any(), x.all()), n
+
+
+def test_parts_are_joined_by_a_launch_of_their_own_where_stores_have_no_order(monkeypatch):
+    """On other processors than x86: the bits are the same, and the second launch reads what the first one stored."""
+    started, enqueue = [], OpenCLSpace.enqueue
+
+    def counted(space, text, name, *args, **options):
+        started.append(name)
+        enqueue(space, text, name, *args, **options)
+
+    monkeypatch.setattr(Machine, "orders_stores", False)
+    monkeypatch.setattr(OpenCLSpace, "enqueue", counted)
+    own_tree.cache_clear()
+    try:
+        for n in (64, 2**16 + 1, 300_007):
+            x = columns(n, 46, "opencl")[:, 0].copy()
+            s = sh.Stream(x, sh.Attrib1f, "opencl")
+            started.clear()
+            assert not differs(s.sum(), tree(x, add)).any(), n
+            assert started == (["sh_fold", "sh_join"] if n > 2**16 else ["sh_fold"])
+            assert s.argmax() == np.argmax(x)
+            assert s.count() == np.count_nonzero(x)
+    finally:
+        own_tree.cache_clear()
 
 
 def test_a_reduction_of_any_size_is_one_dispatch(monkeypatch):

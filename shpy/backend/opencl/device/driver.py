@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
+from platform import machine as architecture
 from typing import Any, ClassVar, Final
 from weakref import WeakSet, WeakValueDictionary
 
@@ -460,6 +461,14 @@ class Machine:
         """
         tried = max((size for size in SIZES if name_of(size) in self._succeeded), default=0)
         return most_private(tried, thread_stack()) if self.shares_stack else max(tried, SIZES[0])
+
+    @property
+    def orders_stores(self) -> bool:
+        """Return whether a work group that sees a counter sees what was stored before it counted.
+
+        OpenCL 1.2 promises it for no device. x86 processors keep the order of stores, and so of `mem_fence`.
+        """
+        return self.shares_stack and architecture().lower() in ("x86_64", "amd64", "i386", "i686")
 
     @property
     def shares_stack(self) -> bool:

@@ -19,7 +19,7 @@ from shpy.backend.device.probe import refuse_wrong
 from shpy.backend.opencl.device.driver import Machine
 from shpy.backend.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backend.opencl.device.targets import PACKET_TARGET
-from shpy.backend.opencl.packets.prologue_trees import FOLD, SCAN, tree_block
+from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
 from shpy.backend.opencl.packets.trees import print_trees
 from shpy.errors import warn
 from shpy.ir.constants import DTYPES
@@ -74,10 +74,20 @@ class OpenCLTree:
         self._fold(given, made, None, made)
 
     def reduce(self, given: Sequence[Any]) -> list[Array]:
-        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7."""
+        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7.
+
+        Where a work group may not see what another has stored, there are two.
+        """
+        count = given[0].count
         with self.space.machine.lock:
-            several = given[0].count > self.each(given[0].count)
-            self._fold(given, self.parts, self.done.buffer, self.results) if several else self.fold(given, self.results)
+            if count <= self.each(count):
+                self.fold(given, self.results)
+            elif self.space.machine.orders_stores:
+                self._fold(given, self.parts, self.done.buffer, self.results)
+            else:
+                self.fold(given, self.parts)
+                parts = np.uint32(-(-count // self.each(count)))
+                self._run(JOIN, 1, int(parts), [*_buffers(self.parts), parts, *_buffers(self.results)])
             return [memory.read() for memory in self.results]
 
     def _fold(self, given: Sequence[Any], parts: Sequence[Any], done: Any, made: Sequence[Any]) -> None:
@@ -117,7 +127,9 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
-    kernel = print_trees(prepared.module, types, lanes, machine.abilities, faults=machine.wrong)
+    kernel = print_trees(
+        prepared.module, types, lanes, machine.abilities, joins=not machine.orders_stores, faults=machine.wrong
+    )
     if kernel is None or (kernel.doubles and not machine.doubles):
         return None
     if not _builds(machine, kernel.text):

@@ -107,7 +107,8 @@ INLINE sh_node sh_joined(MADE, uint parts) {
 }
 
 // The tree over each part of `each` elements. `done` counts the finished parts: the work item that finishes the last
-// one continues with the tree over all parts, and resets the counter to 0.
+// one continues with the tree over all parts, and resets the counter to 0. Without `done` the parts are all that it
+// makes: OpenCL 1.2 does not promise that a work group sees what another one has stored.
 __kernel void sh_fold(GIVEN, ulong count, ulong each, MADE, __global volatile uint *done, OUT) {
     ulong part = get_global_id(0), at = part * each;
     uint parts = get_global_size(0);

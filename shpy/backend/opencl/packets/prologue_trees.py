@@ -28,6 +28,7 @@ from shpy.ir.types import Base, Type
 
 FOLD: Final = "sh_fold"
 SCAN: Final = "sh_scan"
+JOIN: Final = "sh_join"
 _BLOCK_NUMBERS: Final = 1024
 """Numbers of a block: the nodes of its levels stay in the cache next to a core."""
 _AHEAD: Final = 16384
@@ -37,7 +38,7 @@ _LINE: Final = 64
 
 # In these files GIVEN, MADE, OUT and ABOVE are the parameters of streams, and with _ARGS the arguments. WIDTH are the
 # lanes.
-_TREE, _SCAN = ((resources.files(__package__) / file).read_text() for file in ("fold.cl", "scan.cl"))
+_TREE, _SCAN, _JOIN = ((resources.files(__package__) / file).read_text() for file in ("fold.cl", "scan.cl", "join.cl"))
 
 
 def tree_block(types: NodeTypes) -> int:
@@ -49,8 +50,9 @@ def tree_block(types: NodeTypes) -> int:
 class TreePrologue:
     """The writer of the kernels that call a program of two nodes, whose numbers are packets."""
 
-    def __init__(self, prologue: PacketPrologue, types: NodeTypes) -> None:
-        self.prologue, self.node_types, self.lanes = prologue, types, prologue.lanes
+    def __init__(self, prologue: PacketPrologue, types: NodeTypes, *, joins: bool = False) -> None:
+        """Write kernels for nodes of these types; with `joins` there is one that joins the parts, too."""
+        self.prologue, self.node_types, self.lanes, self.joins = prologue, types, prologue.lanes, joins
         self.parts = [lanes_of(t.base, self.lanes) for t in types.made for _ in range(t.size)]
 
     def text(self, inner: str) -> str:
@@ -58,6 +60,8 @@ class TreePrologue:
         texts = [self._node(), self._calls(inner), self._reads(inner), self._ahead(), self._writes(), _TREE]
         if not self.node_types.lifted:
             texts.append(_SCAN)
+        if self.joins:
+            texts.append(_JOIN)
         text = "\n".join(texts)
         for word, meant in self._words().items():
             text = re.sub(rf"\b{word}\b", meant, text)

@@ -20,12 +20,18 @@ from shpy.ir.types import Base
 
 
 def print_trees(
-    module: Module, types: NodeTypes, lanes: int, abilities: Abilities, *, faults: Collection[str] = ()
+    module: Module,
+    types: NodeTypes,
+    lanes: int,
+    abilities: Abilities,
+    *,
+    joins: bool = False,
+    faults: Collection[str] = (),
 ) -> Kernel | None:
     """Return the kernels of a prepared program of two nodes; None with tables, params, binary16 or uniform outputs.
 
     The inputs are the parts of two nodes, and the outputs are those of one. If elements are lifted, an element and its
-    index precede these inputs, and the node of that element precedes the result. `faults`: see `print_packets`.
+    index precede these inputs, and the node of that element precedes the result. `joins`: see `TreePrologue`; `faults`: see `print_packets`.
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
         return None
@@ -33,4 +39,4 @@ def print_trees(
     if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
         return None
     maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, faults=faults)
-    return maker.kernels_around(TreePrologue(maker.prologue, types).text)
+    return maker.kernels_around(TreePrologue(maker.prologue, types, joins=joins).text)
