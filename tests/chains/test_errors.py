@@ -176,6 +176,40 @@ def test_shapes():
     )
 
 
+@sh.program
+def move(p: sh.Point3f, v: sh.Vector3f) -> sh.Point3f:
+    return p + v
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
+def test_an_output_replaces_the_stream_of_its_own_kind(backend):
+    """A vector has three floats, too, and is no point."""
+    start, speed = np.float32([[1, 2, 3], [4, 5, 6]]), np.float32([[1, 0, 0], [0, 2, 0]])
+    streams = sh.repeat(move, 3).run(p=start, v=speed, backend=backend).streams
+    assert np.array_equal(streams["p"].numpy(), start + 3 * speed)
+
+
+def test_a_shape_beside_an_output_of_a_new_name():
+    """The second program runs over what the first one makes, whose shape the streams give."""
+
+    @sh.program
+    def double(u: sh.Attrib1f):
+        return {"w": u * 2}
+
+    @sh.program
+    def add(w: sh.Attrib1f):
+        return {"w": w + 1}
+
+    chain = sh.sequence(double, add)
+    given = np.zeros(4, np.float32)
+    assert chain.run(u=given, shape=(4,)).streams["w"].shape == (4,)
+    for shape in ((5,), (2, 2), (1,)):
+        said = message(lambda shape=shape: chain.run(u=given, shape=shape))
+        assert f"shape={shape}" in said
+        assert "of the shape (4,)" in said
+        assert said.endswith("no shape=: it is for kernels that read no stream by element")
+
+
 def test_devices():
     stream = sh.Stream(np.zeros(4), sh.Attrib1f, backend="numpy")
     assert message(lambda: sh.sequence(grow).run(x=stream, backend="opencl")) == (

@@ -127,9 +127,8 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
         return None
     refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
-    kernel = print_trees(
-        prepared.module, types, lanes, machine.abilities, joins=not machine.orders_stores, faults=machine.wrong
-    )
+    joins = not machine.orders_stores
+    kernel = print_trees(prepared.module, types, lanes, machine.abilities, joins=joins, faults=machine.wrong)
     if kernel is None or (kernel.doubles and not machine.doubles):
         return None
     if not _builds(machine, kernel.text):

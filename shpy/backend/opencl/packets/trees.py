@@ -31,7 +31,8 @@ def print_trees(
     """Return the kernels of a prepared program of two nodes; None with tables, params, binary16 or uniform outputs.
 
     The inputs are the parts of two nodes, and the outputs are those of one. If elements are lifted, an element and its
-    index precede these inputs, and the node of that element precedes the result. `joins`: see `TreePrologue`; `faults`: see `print_packets`.
+    index precede these inputs, and the node of that element precedes the result. `joins`: see `TreePrologue`;
+    `faults`: see `print_packets`.
     """
     if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
         return None
