@@ -1,4 +1,4 @@
-"""What no result shows: repeated calls skip their checks, and parts of streams are read alone."""
+"""Work that no result shows: repeated calls skip their checks, and parts of streams are read alone."""
 
 import numpy as np
 import pytest
