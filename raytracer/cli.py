@@ -39,6 +39,7 @@ from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
 from raytracer.view import command as view
+from raytracer.view.opening import scene_at
 
 _SAVING = 10.0
 """Seconds after which a picture that takes long is written, though it is not finished."""
@@ -163,6 +164,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
 
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
+    _add_time(command)
     command.add_argument("-o", "--output", type=Path, help="a .png, .jpg, .webp, .exr or .npy file (SCENE.png)")
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
     command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
@@ -212,6 +214,13 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_render)
 
 
+def _add_time(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--time", type=float, metavar="SECONDS", help="of what moves: a GLB or glTF file, a Python file, `animated`"
+    )
+    command.add_argument("--clip", metavar="NAME", help="with --time: which animation of the file (the first one)")
+
+
 def _add_math(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
@@ -253,7 +262,7 @@ def _render(options: argparse.Namespace) -> int:
     said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     wanted = integrator.chosen(options.integrator, said)
     viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path), framed=options.scene not in SCENES)
-    scene = viewing.scene_of(options)
+    scene = viewing.scene_of(options) if options.time is None else scene_at(options, options.time)
     title, found = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(wanted, integrator.Path):
         title, found = f"{title}, {wanted.samples:,} samples", _begun(options, output)

@@ -41,6 +41,15 @@ def encoded(pixels: Array) -> Array:
     return sh.screen.srgb(pixels.astype(np.float64))
 
 
+def srgb_bytes(pixels: Array) -> NDArray[np.uint8]:
+    """Convert linear RGB (H, W, 3), clipped to [0, 1], to bytes of sRGB."""
+    found = np.empty(pixels.shape, dtype=np.uint8)
+    rows = max(1, _ENCODED // max(1, pixels.shape[1]))
+    for top in range(0, len(found), rows):
+        found[top : top + rows] = np.rint(encoded(pixels[top : top + rows]) * 255)
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class Stats:
     """The cost of a picture: times in seconds, numbers of rays and triangles, and the `features` of its kernel.
@@ -91,11 +100,7 @@ class Image:
     @property
     def srgb(self) -> NDArray[np.uint8]:
         """The pixels as sRGB bytes (IEC 61966-2-1), clipped to [0, 1]."""
-        found = np.empty(self.pixels.shape, dtype=np.uint8)
-        rows = max(1, _ENCODED // max(1, self.pixels.shape[1]))
-        for top in range(0, len(found), rows):
-            found[top : top + rows] = np.rint(encoded(self.pixels[top : top + rows]) * 255)
-        return found
+        return srgb_bytes(self.pixels)
 
     def srgb8(self) -> NDArray[np.uint8]:
         """Return the pixels as sRGB bytes (H, W, 3), clipped to [0, 1] (IEC 61966-2-1): `srgb`, as a method."""

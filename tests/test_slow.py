@@ -68,6 +68,21 @@ def test_quiet_and_quick_compilations_say_nothing(capfd, monkeypatch):
     assert threading.active_count() == threads
 
 
+def test_whoever_hears_is_told_of_each_compilation_and_of_its_end(monkeypatch):
+    heard = []
+    monkeypatch.setattr(slow, "_hearing", [heard.append])
+    first, second = recorded().ir, recorded().ir
+    with slow.announced(first, "opencl"):
+        with slow.announced(second, "glsl"):
+            pass
+    assert heard == [
+        "compiling 109 operations for OpenCL",
+        "compiling 109 operations for GLSL",
+        "compiling 109 operations for OpenCL",
+        "",
+    ]
+
+
 def test_the_line_names_the_function_with_most_operations():
     text = """module m
 input x: Attrib1f

@@ -1,22 +1,18 @@
-"""Questions about the picture of a view: the surface of a pixel, and the camera as text.
+"""Questions about the picture of a view: the surface of a pixel.
 
 Stage: the command line, in the worker.
 
     surface(drawer, camera, (512, 512), [200, 300])      # object, position, normal, distance
-    camera_texts(camera, options, integrator)            # {"code": "Camera(…)", "command": "raytracer render …"}
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import shlex
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.integrators.integrator import Integrator, Path
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 
@@ -58,61 +54,3 @@ def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple
         "normal": found["normal"][0, at[1]],
         "distance": distance,
     }
-
-
-def camera_texts(
-    camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float, *, moving: bool
-) -> dict[str, str]:
-    """Return the camera as Python code, and as the command line that renders or animates what the page shows.
-
-    A calibrated camera is the scene's own: no options of the command line have its intrinsics.
-    """
-    command = [*_first(options, moving=moving), *_seen(camera, options, integrator, stops)]
-    if camera.intrinsics is not None:
-        return {"code": "scene.camera  # calibrated: the scene has its intrinsics", "command": shlex.join(command)}
-    words: dict[str, Any] = {"position": camera.position, "target": camera.target, "up": camera.up}
-    words |= {"projection": camera.projection} if camera.projection != "perspective" else {}
-    words |= {"span": camera.span} if camera.projection == "orthographic" else {}
-    words |= {"fov": camera.fov} if camera.projection == "perspective" else {}
-    words |= {"aspect": camera.aspect} if camera.aspect != 1 else {}
-    words |= {"aperture": camera.aperture, "focus": camera.focus} if camera.aperture else {}
-    code = f"Camera({', '.join(f'{name}={_code(value)}' for name, value in words.items())})"
-    return {"code": code, "command": shlex.join(command)}
-
-
-def _code(value: Any) -> str:
-    return f"({', '.join(f'{x!r}' for x in value)})" if isinstance(value, tuple) else repr(value)
-
-
-def _first(options: argparse.Namespace, *, moving: bool) -> list[str]:
-    """Return the first words of the command line."""
-    if not moving:
-        return ["raytracer", "render", options.scene]
-    return ["raytracer", "animate", options.scene, *(["--clip", options.clip] if options.clip else [])]
-
-
-def _seen(camera: Camera, options: argparse.Namespace, integrator: Integrator, stops: float) -> list[str]:
-    """Return the options of the command line that show the present view, without those at their default."""
-    found = []
-    if camera.intrinsics is None:
-        found += ["--camera", _numbers(camera.position)]
-        found += ["--target", _numbers(camera.target), "--up", _numbers(camera.up)]
-        if camera.projection == "perspective":
-            found += ["--fov", f"{camera.fov:.9g}"]
-    if isinstance(integrator, Path):
-        found += ["--integrator", "path"]
-    if stops:
-        found += ["--exposure", f"{stops:g}"]
-    if options.no_floor:
-        found.append("--no-floor")
-    if options.strict:
-        found.append("--strict")
-    if options.background is not None:
-        found += ["--background", _numbers(options.background)]
-    if options.environment is not None:
-        found += ["--environment", str(options.environment)]
-    return found
-
-
-def _numbers(values: Any) -> str:
-    return ",".join(f"{x:.9g}" for x in values)

@@ -113,6 +113,17 @@ class Edits:
             self._applied = scene, dataclasses.replace(scene, meshes=meshes, lights=lights)
         return self._applied[1]
 
+    def changed(self, scene: Scene) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Return the changed fields of materials, with their meshes' numbers, and those of lights with theirs."""
+        meshes: dict[str, list[int]] = {}
+        for number in range(len(scene.meshes)):
+            meshes.setdefault(self.label(scene, number), []).append(number)
+        values = {label: self._values(f"material.{label}.", scene.meshes[n[0]].material) for label, n in meshes.items()}
+        known = ((k, light) for k, light in enumerate(scene.lights) if not isinstance(light, EnvironmentLight))
+        lights = ((number, self._values(f"light.{number}.", light)) for number, light in known)
+        placed = tuple((tuple(meshes[label]), found) for label, found in values.items() if found)
+        return placed, tuple((number, found) for number, found in lights if found)
+
     def label(self, scene: Scene, number: int) -> str:
         """Return the name of a mesh's material; of a mesh that came later, that of a mesh with the same one."""
         if number < len(self.labels):

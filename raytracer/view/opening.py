@@ -49,6 +49,16 @@ def open_scene(options: argparse.Namespace) -> Opened:
     return Opened(make, seconds, tuple(notices))
 
 
+def scene_at(options: argparse.Namespace, time: float) -> Scene:
+    """Return the scene of a command, with its options, at a time in seconds; SceneError for one that does not move."""
+    opened = open_scene(argparse.Namespace(**{"seconds": 1.0, **vars(options)}))
+    for notice in opened.notices:
+        warnings.warn(notice, sh.ShpyWarning, stacklevel=2)
+    if not opened.seconds:
+        raise SceneError(f"--time is for scenes that move, and {options.scene} stands still: leave it out")
+    return opened.make(time)
+
+
 def _function_of_time(options: argparse.Namespace, notices: list[str]) -> tuple[Callable[[float], Scene], float]:
     """Return the function that gives the scene at a time, and its length in seconds."""
     path = Path(options.scene)

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-import shpy as sh
+from raytracer.image import srgb_bytes
 from raytracer.integrators.integrator import Path
 from raytracer.integrators.layers import unset
 from raytracer.integrators.renderer import Renderer
@@ -197,7 +197,8 @@ class Refinement:
     def _develop(self, top: int, past: int) -> None:
         """Recompute rows of `shown` from `layers`."""
         light = self.layers["pixels"][top:past] * np.float32(2.0**self.stops)
-        self.shown[top:past] = sh.screen.pixels(light, encode=True)
+        self.shown[top:past, :, :3] = srgb_bytes(light)  # the bytes that a file would have
+        self.shown[top:past, :, 3] = 255
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from raytracer.view.editing import Edits
 from raytracer.view.opening import open_scene
 from raytracer.view.refining import Piece, Refinement
 from raytracer.view.renderers import Drawer, Form, Renderers
+from raytracer.view.texts import Shown
 
 _REST: Final = 0.15
 """Seconds without a change until a coarse picture is refined: a piece that is under way delays the next answer."""
@@ -60,7 +61,7 @@ class Session:
         self.request, self.options = request, options_of(request)
         with sh.view.noted(Path(request["path"])):
             self.opened = open_scene(self.options)
-        self.size, self.time, self.frame, self.playing = (512, 512), 0.0, 0, False
+        self.size, self.time, self.frame, self.playing, self.mark = (512, 512), 0.0, 0, False, False
         first = self.opened.make(0.0)
         self.edits = Edits(first)
         self._integrators = {kind: chosen(self.options, kind) for kind in INTEGRATORS}
@@ -128,14 +129,16 @@ class Session:
         self._backend = changes.get("backend") or self._backend
         self.time = float(changes.get("time", self.time))
         self.frame = int(changes.get("frame", self.frame))
-        self.playing = changes.get("playing", self.playing)
+        self.playing, mark = changes.get("playing", self.playing), changes.get("mark", self.mark)
+        self._exposed |= mark != self.mark
+        self.mark = mark
         if "scene" in changes:
             try:
                 self._look(changes["scene"])
             except (SceneError, KeyError, TypeError, ValueError) as error:
                 refused.append(str(error))
         self._clock = self._moved = time.monotonic()
-        self._changed |= set(changes) != {"params"} or bool(params)
+        self._changed |= bool(set(changes) - {"params", "mark"}) or bool(params) or not changes
         return refused
 
     def _look(self, scene: dict[str, Any]) -> None:
@@ -244,9 +247,11 @@ class Session:
             "of": drawer.form.integrator.samples,
             "share": last.share,
             "finished": refinement.finished,
+            "odd": sh.view.counts(refinement.layers["pixels"]) if refinement.layers else {"nan": 0, "infinite": 0},
             "stamp": self.stamp,
         }
-        return header, refinement.shown
+        shown = refinement.shown
+        return header, sh.view.marked(shown, refinement.layers["pixels"]) if self.mark else shown
 
     # Questions
 
@@ -262,6 +267,10 @@ class Session:
                 return self._surface(question["at"]), b""
             case "camera":
                 return self._camera_texts(), b""
+            case "picture":
+                return {}, sh.view.png_of(self._refinement.shown if self._refinement else np.zeros((1, 1, 4), np.uint8))
+            case "text":
+                return self._texts(), b""
             case other:
                 return {"problem": f"there is no answer about {other}"}, b""
 
@@ -284,9 +293,31 @@ class Session:
         found = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
         return found if found["number"] is None else {**found, **self._names(found["number"])}
 
-    def _camera_texts(self) -> dict[str, str]:
-        moving, integrator = bool(self.opened.seconds), self.form.integrator
-        return asking.camera_texts(self.seen, self.options, integrator, self.stops, moving=moving)
+    def _camera_texts(self) -> dict[str, Any]:
+        meshes, lights = self.edits.changed(self._scene)
+        length = self.opened.seconds or None
+        shown = Shown(
+            self.options,
+            self.size,
+            self._backend,
+            self.form.integrator,
+            self.camera,
+            self.seen,
+            self.stops,
+            time=self.time if length else None,
+            length=length,
+            meshes=meshes,
+            lights=lights,
+        )
+        texts = {"code": shown.camera(), "command": shown.command(), "picture": shown.code(), "note": shown.note()}
+        return {**texts, "animation": shown.animation()}
+
+    def _texts(self) -> dict[str, Any]:
+        """Return the text that is emitted for the tracer."""
+        if self._drawer is None:
+            return {"problem": "nothing is compiled yet"}
+        kernel = self._drawer.renderer.kernel
+        return {"form": str(self._drawer.form), "texts": [{"name": kernel.recorded.module.name, "text": kernel.source}]}
 
     def _names(self, number: int) -> dict[str, Any]:
         return {"object": self._scene.meshes[number].name, "material": self.edits.label(self._scene, number)}

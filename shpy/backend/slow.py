@@ -1,6 +1,7 @@
 """Says that a compilation takes long, and what makes it long, while it lasts.
 
-Stage: emit. Takes a module that is being compiled; prints one line to standard error, or nothing.
+Stage: emit. Takes a module that is being compiled; prints one line to standard error, or nothing. The live pages `hear`
+of every compilation.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from shpy.ir.nodes import Module
@@ -23,6 +24,51 @@ PATIENCE = 5.0
 @contextmanager
 def announced(module: Module, backend: str) -> Iterator[None]:
     """Announce a compilation that takes longer than `PATIENCE`, once, unless SHPY_QUIET is set."""
+    with _told(module, backend), _printed(module, backend):
+        yield
+
+
+Heard = Callable[[str], None]
+_hearing: list[Heard] = []
+_lasting: list[str] = []
+"""The compilations that last, in the order in which they began."""
+_lock = threading.Lock()
+SPOKEN = {"numpy": "numpy", "opencl": "OpenCL", "glsl": "GLSL"}
+"""The names of backends as sentences have them."""
+
+
+def hear(heard: Heard) -> None:
+    """Call a function, from the thread that compiles, with what is being compiled, and with "" when that has ended.
+
+    hear(print)     # compiling 10,897 operations for OpenCL
+    """
+    _hearing.append(heard)
+
+
+@contextmanager
+def _told(module: Module, backend: str) -> Iterator[None]:
+    """Tell those who hear when a compilation begins and ends; of several that last, the one that began last."""
+    if not _hearing:
+        yield
+        return
+    text = f"compiling {sum(_work(module).values()):,} operations for {SPOKEN[backend]}"
+    _tell(lambda: _lasting.append(text))
+    try:
+        yield
+    finally:
+        _tell(lambda: _lasting.remove(text))
+
+
+def _tell(change: Callable[[], None]) -> None:
+    with _lock:
+        change()
+        for heard in _hearing:
+            heard(_lasting[-1] if _lasting else "")
+
+
+@contextmanager
+def _printed(module: Module, backend: str) -> Iterator[None]:
+    """Print a line where a compilation takes longer than `PATIENCE`, unless SHPY_QUIET is set."""
     if os.environ.get("SHPY_QUIET"):
         yield
         return
@@ -58,8 +104,7 @@ def describe(module: Module, backend: str) -> str:
 
     Operations count as often as their function is called, and calls of a function that calls others count theirs too.
     """
-    times = copies_of(module)
-    work = {f.name: times[f.name] * sum(callee_of(s) is None for s in walk(f.body)) for f in reversed(module.functions)}
+    times, work = copies_of(module), _work(module)
     told = f"{sum(work.values()):,} operations"
     # The deepest function that most of the work lies in: its callers do nothing but call it.
     called = (name for name in work if times[name] and name != module.entry.name)
@@ -67,3 +112,9 @@ def describe(module: Module, backend: str) -> str:
     if largest is not None:
         told += f"; {times[largest]:,} call{'s' * (times[largest] != 1)} of {largest} with {work[largest]:,} of them"
     return f"{module.name} for {backend} ({told})"
+
+
+def _work(module: Module) -> dict[str, int]:
+    """Return the operations of each function, as often as it is called."""
+    times = copies_of(module)
+    return {f.name: times[f.name] * sum(callee_of(s) is None for s in walk(f.body)) for f in reversed(module.functions)}

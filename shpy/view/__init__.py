@@ -15,13 +15,15 @@ Stage: above all others but the command line. Three parts know each other by mes
 In both directions a message is a header in JSON, followed by bytes (`wire`).
 
 Another package builds a view of its own with `sh.view.View`, `serve`, `add_serving` for its command line, the
-folder `PAGE` of the page's files, and for its sessions `explain`, `noted`, `files_read`, `available`, `preferred` and
-`warm`.
+folder `PAGE` of the page's files, and for its sessions `explain`, `noted`, `files_read`, `available`, `preferred`,
+`warm`, `counts`, `marked` and `png_of`.
 """
 
 from shpy.view.command import add_serving as add_serving
 from shpy.view.drawing import draw as draw
 from shpy.view.kernels import available as available, preferred as preferred, warm as warm
+from shpy.view.oddities import counts as counts, marked as marked
+from shpy.view.questions import png_of as png_of
 from shpy.view.reading import files_read as files_read, noted as noted
 from shpy.view.server import PAGE as PAGE, View as View, serve as serve
 from shpy.view.source import explain as explain

@@ -21,6 +21,7 @@ import threading
 import traceback
 from typing import Any, Final
 
+from shpy.backend.slow import hear
 from shpy.view.wire import Line
 
 _PR_SET_PDEATHSIG: Final = 1
@@ -152,6 +153,7 @@ def main(descriptor: int, name: str) -> None:
     except Exception:
         traceback.print_exc()  # a broken driver: the page says so when it is asked for
     line.send({"kind": "warm"})
+    hear(lambda text: line.send({"kind": "doing", "text": text}))
     worker.run()
 
 

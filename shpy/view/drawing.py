@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from shpy.command import whole
 from shpy.errors import ShpyError
 from shpy.files import check_writable, import_from, replacing
-from shpy.packages import install
 from shpy.passes.modes import Math
-from shpy.pictures import png
 from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 from shpy.view.kernels import Form, preferred
 from shpy.view.ongoing import Ongoing
+from shpy.view.questions import png_of
 from shpy.view.source import Opened
 from shpy.view.subject import subject_of
 
@@ -112,9 +111,7 @@ def write(options: argparse.Namespace, path: Path, program: str | None) -> int:
     try:
         check_writable(output)
         picture = draw(path, program, params=dict(options.params), **{name: getattr(options, name) for name in named})
-        file = png(picture)
-        if file is None:
-            raise ShpyError("a PNG file needs Pillow", cure=install("pillow"))
+        file = png_of(picture)
         with replacing(output) as unfinished:
             unfinished.write_bytes(file)
     except (ShpyError, OSError) as error:

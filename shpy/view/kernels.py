@@ -11,16 +11,13 @@ first frame is done, so that the two do not compete for the interpreter's lock.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, Final
 
 from shpy.backend.registry import backends
 from shpy.errors import ShpyError
-from shpy.ir.nodes import Module
-from shpy.passes.size import count_ops
 from shpy.programs import Program
 
 QUICK: Final = "numpy"
@@ -40,23 +37,6 @@ class Form:
         return self.backend if self.math == "strict" else f"{self.backend}, {self.math}"
 
 
-SPOKEN: Final = {"numpy": "numpy", "opencl": "OpenCL", "glsl": "GLSL"}
-"""The names of backends as sentences have them."""
-
-
-@dataclass(frozen=True, slots=True)
-class Waiting:
-    """The work of a driver: the number of operations that it compiles, the form, and the seconds so far."""
-
-    form: Form
-    operations: int
-    seconds: float
-
-    def __str__(self) -> str:
-        form = str(Form(SPOKEN[self.form.backend], self.form.math))
-        return f"compiling {self.operations:,} operations for {form}"
-
-
 class Kernels:
     """The kernels of one program by their form; a form that a target refuses keeps its error."""
 
@@ -65,7 +45,7 @@ class Kernels:
         self._wake = wake
         self._done = threading.Condition()
         self._found: dict[Form, Any] = {}
-        self._begun: dict[Form, float] = {}
+        self._begun: set[Form] = set()
         self._later: dict[Form, threading.Timer] = {}
 
     def best(self, wanted: Form) -> tuple[Any, Form]:
@@ -83,13 +63,6 @@ class Kernels:
         if wanted not in self._found:
             self._wait(Form(QUICK, wanted.math))
 
-    def waiting_for_any(self, wanted: Form) -> Waiting | None:
-        """Return what `wait_for_any` waits for; None where it does not wait."""
-        quick = Form(QUICK, wanted.math)
-        if wanted in self._found or quick in self._found:
-            return None
-        return Waiting(quick, self.operations, 0.0)
-
     def exactly(self, form: Form) -> Any:
         """Return the kernel of a form, after compiling it if need be; raise the error if it is refused."""
         found = self._wait(form)
@@ -102,17 +75,9 @@ class Kernels:
         found = self._found.get(form)
         return found if isinstance(found, Exception) else None
 
-    def waiting(self, form: Form) -> Waiting | None:
-        """Return for how long a form has been compiling; None if it is not compiling."""
-        begun = self._begun.get(form)
-        if form in self._found or (begun is None and form not in self._later):
-            return None
-        return Waiting(form, self.operations, time.monotonic() - begun if begun is not None else 0.0)
-
-    @cached_property
-    def operations(self) -> int:
-        """The number of operations of the program, each function counted once."""
-        return operations_of(self.program.ir)
+    def is_awaited(self, form: Form) -> bool:
+        """Return whether a form is compiling, or about to."""
+        return form not in self._found and (form in self._begun or form in self._later)
 
     def _wait(self, form: Form) -> Any:
         """Wait for a form; return its kernel or the error with which it was refused."""
@@ -135,7 +100,7 @@ class Kernels:
         with self._done:
             if form in self._begun:
                 return
-            self._begun[form] = time.monotonic()
+            self._begun.add(form)
         threading.Thread(target=self._compile, args=(form,), daemon=True).start()
 
     def _compile(self, form: Form) -> None:
@@ -147,11 +112,6 @@ class Kernels:
             self._found[form] = made
             self._done.notify_all()
         self._wake()
-
-
-def operations_of(module: Module) -> int:
-    """Return the number of operations of a module, each function counted once."""
-    return sum(count_ops(module).values())
 
 
 @cache

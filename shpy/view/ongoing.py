@@ -11,7 +11,6 @@ streams are brought to where the kernel is that reads them.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -26,7 +25,7 @@ from shpy.evolution import extent, given_to, last_stream, stepped
 from shpy.programs import Program
 from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
-from shpy.view.kernels import QUICK, Form, Kernels, Waiting, operations_of
+from shpy.view.kernels import QUICK, Form, Kernels
 from shpy.view.source import SHOW, START, Opened
 
 Key = tuple[Form, tuple[int, int]]
@@ -66,14 +65,12 @@ class Ongoing:
         """The Params of the chain."""
         self.params = self.stepping | (self.kernels.program.params if self.kernels else {})
         self._in_form = cache(self._compiled)
-        self._operations = sum(operations_of(module) for module in {id(p.module): p.module for p in programs}.values())
         self._wake = wake
         self._held: Held | None = None
         self._size: tuple[int, int] | None = None
         self._own: tuple[int, int] | None = None
         """The size of the streams, which `start` may choose itself."""
         self._ready: dict[Key, Exception | bool] = {}
-        self._begun: dict[Key, float] = {}
 
     @property
     def taken(self) -> Mapping[str, Any]:
@@ -144,7 +141,7 @@ class Ongoing:
     def _prepare(self, key: Key, moment: Moment, streams: Mapping[str, Any]) -> None:
         """Begin to compile a form, if that has not begun."""
         if key not in self._ready:
-            self._ready[key], self._begun[key] = False, time.monotonic()
+            self._ready[key] = False
             threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
 
     def _compile(self, key: Key, moment: Moment, streams: dict[str, Any]) -> None:
@@ -197,12 +194,10 @@ class Ongoing:
 
     # What the page asks
 
-    def waiting(self, wanted: Form) -> Waiting | None:
-        """Return what is compiled for the wanted form, of the chain or of `show`; None where nothing is."""
+    def is_awaited(self, wanted: Form) -> bool:
+        """Return whether the chain or `show` is compiled for the wanted form."""
         key = wanted, self._own or (0, 0)
-        if self._ready.get(key, True) is False:
-            return Waiting(wanted, self._operations, time.monotonic() - self._begun[key])
-        return self.kernels.waiting(wanted) if self.kernels else None
+        return self._ready.get(key, True) is False or (self.kernels is not None and self.kernels.is_awaited(wanted))
 
     def refused(self, wanted: Form) -> Exception | None:
         """Return the error with which a target refuses the chain or `show`; a quick form draws in its place."""

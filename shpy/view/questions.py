@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shpy.errors import ShpyError
 from shpy.lang.recording.text import written
@@ -108,10 +109,15 @@ def picture(session: Asked, frame: Any) -> tuple[dict[str, Any], bytes]:
     if frame.moment.size != frame.whole.size:
         with session.controls.at(frame.params):
             output = session.subject.exactly(frame.whole, frame.form)
-    file = png(pixels(output, encode=session.encode))
+    return {"frame": frame.moment.frame}, png_of(pixels(output, encode=session.encode))
+
+
+def png_of(levels: NDArray[np.uint8]) -> bytes:
+    """Return the PNG file of (height, width, 4) bytes; raise ShpyError where Pillow is missing."""
+    file = png(levels)
     if file is None:
         raise ShpyError("a PNG file needs Pillow", cure=install("pillow"))
-    return {"frame": frame.moment.frame}, file
+    return file
 
 
 def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from shpy.screen import Moment, pixels
 from shpy.view import oddities, questions
 from shpy.view.controls import Controls
 from shpy.view.frames import Frame, History
-from shpy.view.kernels import Form, Waiting, available, preferred, warm as warm_backends
+from shpy.view.kernels import Form, available, preferred, warm as warm_backends
 from shpy.view.ongoing import Ongoing
 from shpy.view.reading import files_read
 from shpy.view.searches import Searches
@@ -52,7 +52,6 @@ class Session:
     ) -> None:
         """Record the file; errors of its code pass through. `tell` sends a header to the server."""
         self.searches = Searches(tell)
-        self._tell, self._said = tell, ""
         begun = time.monotonic()
         self.request = request
         self.opened = open_file(Path(request["path"]))
@@ -137,9 +136,7 @@ class Session:
             return None
         moment = self._moment(self._coarse_size(extent) if self._changed else extent)
         if kernels is not None:
-            self._say(kernels.waiting_for_any(self.form))
             kernels.wait_for_any(self.form)  # not part of the frame's time
-        self._say(self.subject.waiting(self.form))
         begun = time.monotonic()
         output, form = self.subject.draw(moment, self.form)
         seconds = time.monotonic() - begun
@@ -155,9 +152,8 @@ class Session:
 
     def _header(self, output: Any, moment: Moment, form: Form, seconds: float) -> dict[str, Any]:
         """Return the header of a frame; begin a pause where the wanted kernel is still compiled."""
-        waiting, refused = self.subject.waiting(self.form), self.subject.refused(self.form)
-        self._say(waiting)
-        if form != self.form and waiting is not None:
+        awaited, refused = self.subject.is_awaited(self.form), self.subject.refused(self.form)
+        if form != self.form and awaited:
             self._pause(_REST * seconds)
         return {
             "width": moment.size[0],
@@ -169,7 +165,7 @@ class Session:
             "form": str(form),
             "coarse": moment.size != self._extent,
             "odd": oddities.counts(output),
-            "waiting": None if waiting is None else str(waiting),
+            "waiting": str(self.form) if awaited else None,
             "meanwhile": form != self.form,
             **({} if refused is None else {"refused": self.explain(refused)}),
         }
@@ -187,16 +183,9 @@ class Session:
         params = {name: value for name, value in self._stepped.items() if name in self.subject.stepping}
         return params, self.mouse if "mouse" in self.subject.read else None
 
-    def _say(self, waiting: Waiting | None) -> None:
-        """Tell the server what is compiled, where that has changed."""
-        text = "" if waiting is None else str(waiting)
-        if text != self._said:
-            self._said = text
-            self._tell({"kind": "doing", "text": text})
-
     def woken(self) -> None:
         """Compute the picture again if the wanted kernel has become ready; at the end of a pause do nothing."""
-        self._changed |= self._drawn != self.form and self.subject.waiting(self.form) is None
+        self._changed |= self._drawn != self.form and not self.subject.is_awaited(self.form)
 
     def _pause(self, seconds: float) -> None:
         """Compute no frame for these seconds, or until the wanted kernel is ready."""
@@ -207,7 +196,7 @@ class Session:
 
     def _rests(self) -> bool:
         """Return whether a pause lasts; it ends early if the wanted kernel is ready."""
-        return time.monotonic() < self._rest and self.subject.waiting(self.form) is not None
+        return time.monotonic() < self._rest and self.subject.is_awaited(self.form)
 
     def _go_on(self, extent: tuple[int, int]) -> bool:
         """Advance if that is due; return whether there is another frame to draw."""
@@ -216,7 +205,6 @@ class Session:
         lacking = self.subject.lacks_picture(self.size)
         if self.subject.moves and (self.playing or self._single or lacking):
             self._advance(extent)
-            self._say(self.subject.waiting(self.form))
         return (self._changed or self._refine) and not (lacking and self.subject.lacks_picture(self.size))
 
     def _advance(self, extent: tuple[int, int]) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from shpy.chains.chain import Chain
 from shpy.programs import Program
 from shpy.screen import Moment, filled, moves, run_at
-from shpy.view.kernels import Form, Kernels, Waiting
+from shpy.view.kernels import Form, Kernels
 from shpy.view.ongoing import Ongoing
 from shpy.view.source import Opened
 
@@ -58,8 +58,8 @@ class Subject(Protocol):
     def reset(self) -> None:
         """Restart from the first streams."""
 
-    def waiting(self, wanted: Form) -> Waiting | None:
-        """Return what is compiled for the wanted form; None where nothing is."""
+    def is_awaited(self, wanted: Form) -> bool:
+        """Return whether something is compiled for the wanted form."""
 
     def refused(self, wanted: Form) -> Exception | None:
         """Return the error with which a target refuses the wanted form; a quick form draws in its place."""
@@ -116,9 +116,9 @@ class Still:
         """Return False: a program of pixels needs no step."""
         return False
 
-    def waiting(self, wanted: Form) -> Waiting | None:
-        """Return what is compiled for the wanted form; None where nothing is."""
-        return self.kernels.waiting(wanted)
+    def is_awaited(self, wanted: Form) -> bool:
+        """Return whether something is compiled for the wanted form."""
+        return self.kernels.is_awaited(wanted)
 
     def refused(self, wanted: Form) -> Exception | None:
         """Return the error with which the target refuses the wanted form."""

@@ -180,9 +180,11 @@ def test_the_camera_is_saved_as_code_and_as_a_command_that_render_takes(session)
     texts, _ = session.answer({"about": "camera"})
     assert texts["code"] == "Camera(position=(-1.5, 3.0, 9.0), target=(0.0, 0.5, 0.0), up=(0.0, 1.0, 0.0), fov=50.0)"
     assert eval(texts["code"], {"Camera": rt.Camera}) == session.seen
-    command = "raytracer render boxes --camera -1.5,3,9 --target 0,0.5,0 --up 0,1,0 --fov 50 --exposure 1.5"
-    assert texts["command"] == command
-    options = _parser().parse_args(viewing.joined(command.split()[1:]))
+    command = (
+        "raytracer render boxes --size 24x16 --backend numpy --samples 4 --camera -1.5,3,9 --target 0,0.5,0 --up 0,1,0"
+    )
+    assert texts["command"] == f"{command} --fov 50.0 --exposure 1.5"
+    options = _parser().parse_args(viewing.joined(texts["command"].split()[1:]))
     assert viewing.scene_of(options).camera == session.seen
 
 
@@ -194,7 +196,7 @@ def test_a_calibrated_camera_stays_that_of_the_scene_until_it_is_turned(tmp_path
     session = opened(path, "--backend", "numpy")
     texts, _ = session.answer({"about": "camera"})
     assert texts["code"] == "scene.camera  # calibrated: the scene has its intrinsics"
-    assert texts["command"] == f"raytracer animate {path}"
+    assert texts["animation"] == f"raytracer animate {path} --size 512x512"
     session.set(turned())
     assert "--camera 0,3,9" in session.answer({"about": "camera"})[0]["command"]
     assert session.seen.intrinsics is None
@@ -217,7 +219,7 @@ def test_a_glb_file_plays_its_animation(tmp_path):
     assert not np.array_equal(first, later)
     session.reset()
     assert np.array_equal(last(session)[1], first)
-    assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera ")
+    assert session.answer({"about": "camera"})[0]["animation"].startswith(f"raytracer animate {path} --size ")
 
 
 def test_pictures_beside_a_scene_are_watched(tmp_path):
@@ -315,7 +317,7 @@ def test_a_scene_of_a_python_file_moves_steps_and_begins_anew(tmp_path):
     session.reset()
     assert last(session)[1][8, 8].tolist() == middle
     assert session.files() == [str(path)]
-    assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer animate {path} --camera 0,0,5 ")
+    assert session.answer({"about": "camera"})[0]["command"].startswith(f"raytracer render {path} --size 16x16 ")
 
 
 def test_a_scene_may_get_more_meshes_and_other_materials_with_time(tmp_path):

@@ -98,12 +98,12 @@ def test_the_wanted_kernel_compiles_behind_the_quick_one_s_first_frame(monkeypat
     found = Kernels(bright, lambda: None)
     assert found.best(WANTED)[1] == QUICK
     assert driver.asked == ["numpy"]
-    assert found.waiting(WANTED) is not None  # so that the page says that it is to come
+    assert found.is_awaited(WANTED)  # so that the page says that it is to come
     assert found.best(WANTED)[1] == QUICK
     wait_until(lambda: driver.asked == ["numpy", "opencl"])
     driver.ready.set()
     wait_until(lambda: found.best(WANTED)[1] == WANTED)
-    assert found.waiting(WANTED) is None
+    assert not found.is_awaited(WANTED)
     assert driver.asked == ["numpy", "opencl"]
 
 
@@ -149,7 +149,7 @@ def test_the_end_of_a_rest_computes_no_picture_again(monkeypatch, driver, opened
     view.set({"playing": False})
     assert form_of(view.next()) == "numpy"
     driver.ready.set()
-    wait_until(lambda: view.subject.waiting(WANTED) is None)
+    wait_until(lambda: not view.subject.is_awaited(WANTED))
     view.woken()
     assert form_of(view.next()) == "opencl"
     assert view.next() is None

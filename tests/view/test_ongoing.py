@@ -53,7 +53,6 @@ class Gate(Ongoing):
 
     def _prepare(self, key, moment, streams):
         self._ready.setdefault(key, False)
-        self._begun.setdefault(key, 0.0)
 
     def let(self, what, form):
         """Let the chain, or `show`, be compiled in a form."""

@@ -6,7 +6,8 @@ import { Controls } from "./controls.js";
 import { at, fill, fillSizes, list, make, onKeys, spoken } from "./elements.js";
 import { Handle } from "./handle.js";
 import { aimed, moved, nearer, turned } from "./orbit.js";
-import { showBusy, showLost, showProblem } from "./report.js";
+import { closePanel, openPanel, showBusy, showLost, showOdd, showProblem, showTexts } from "./report.js";
+import { copy, fullScreen, saveFile } from "./taking.js";
 
 const PLACES = ["position", "target", "up"];
 const state = { params: {}, scene: {} };
@@ -39,7 +40,7 @@ const panels = Object.fromEntries(["material", "light", "display"].map((kind) =>
     state.params[name] = value;
     connection.set({ params: { [name]: value } });
     handle.unmark();
-    if (name === "exposure") save();
+    save();
   }, "")]));
 
 function heard(header, bytes) {
@@ -53,18 +54,23 @@ function heard(header, bytes) {
     well: () => showProblem(null),
     busy: () => showBusy(header, { recording: "Reading the scene", running: "Computing the picture" }),
     remark: () => { at("status").textContent = header.text; },
-    answer: () => answered(header),
+    answer: () => answered(header, bytes),
   })[header.kind]?.(header);
 }
 
-function answered(header) {
+function answered(header, bytes) {
   if (header.about === "object") showObject(header);
   else if (header.about === "surface") showSurface(header);
   else if (header.about === "camera") {
     at("code").textContent = header.code ?? header.problem;
     at("command").textContent = header.command ?? "";
-    if (!--unanswered && !saving) at("camera-section").ariaBusy = "false";
-  }
+    at("picture-code").textContent = header.picture ?? "";
+    at("note").textContent = header.note ?? "";
+    at("animating").hidden = !header.animation;
+    at("animation").textContent = header.animation ?? "";
+    if (!--unanswered && !saving) for (const id of ["camera-section", "taking"]) at(id).ariaBusy = "false";
+  } else if (header.about === "picture") savePicture(header, bytes);
+  else if (header.about === "text") showTexts(header);
 }
 
 function merge({ params, ...changes }) {
@@ -151,6 +157,7 @@ function showState() {
   at("backend").value = state.backend ?? described.backend;
   at("integrator").value = state.scene.integrator ?? described.integrator;
   at("play").textContent = state.playing ? "Pause" : "Play";
+  at("mark-odd").checked = Boolean(state.mark);
   camera = state.scene.camera ?? described.camera;
   showCamera();
   save();
@@ -181,7 +188,7 @@ function typed(event) {
 // The camera as text, once it has come to rest.
 function save() {
   clearTimeout(saving);
-  at("camera-section").ariaBusy = "true";
+  for (const id of ["camera-section", "taking"]) at(id).ariaBusy = "true";
   saving = setTimeout(() => {
     saving = null;
     unanswered += 1;
@@ -204,8 +211,9 @@ function showFrame(header) {
   at("progress").classList.toggle("done", header.finished);
   at("time").textContent = `${header.time.toFixed(2)} s`;
   if (!scrubbing) at("scrub").value = header.time;
-  if (header.waiting) at("status").replaceChildren(make("span", { class: "wait" }, `${header.waiting} is compiling; ${header.form} draws meanwhile …`));
-  else if (at("status").querySelector(".wait")) showCount();
+  at("work").dataset.meanwhile = header.waiting ? `; ${header.form} draws meanwhile` : "";
+  showOdd(header.odd);
+  if (at("status").querySelector(".wait")) showCount();
 }
 
 function showObject({ at: [row, column], number, object, material, problem }) {
@@ -230,16 +238,9 @@ function showSurface(answer) {
   handle.mark(true);
 }
 
-async function copy(event, from) {
-  const button = event.target;
-  try {
-    await navigator.clipboard.writeText(at(from).textContent);
-    button.textContent = "Copied";
-  } catch { // a page that is not on this machine may not write there
-    getSelection().selectAllChildren(at(from));
-    button.textContent = "Selected";
-  }
-  setTimeout(() => { button.textContent = "Copy"; }, 1500);
+function savePicture({ problem, cure }, bytes) {
+  if (problem) return openPanel("Save as PNG", make("p", {}, problem), cure ? make("p", {}, make("code", {}, cure)) : "");
+  saveFile(bytes, `${at("name").textContent.split("/").pop().replace(/\.\w+$/, "")}.png`);
 }
 
 const { play, step, reset } = clockOf(connection, state, change);
@@ -256,6 +257,12 @@ at("scrub").onchange = () => { scrubbing = false; };
 at("stop").onclick = () => connection.send({ do: "stop" });
 at("home").onclick = home;
 at("aim").onclick = aim;
-at("copy-code").onclick = (event) => copy(event, "code");
-at("copy-command").onclick = (event) => copy(event, "command");
-onKeys((key) => ({ h: home, t: aim }[key] ?? (at("clock").hidden ? null : { " ": play, ".": step, 0: reset }[key])));
+for (const id of ["code", "command", "picture-code", "animation"]) at(`copy-${id}`).onclick = (event) => copy(event.target, at(id));
+const saveImage = () => connection.ask("picture", handle.shown);
+at("save").onclick = saveImage;
+at("full").onclick = fullScreen;
+at("text").onclick = () => connection.ask("text", handle.shown);
+at("mark-odd").onchange = (event) => change({ mark: event.target.checked });
+at("close").onclick = closePanel;
+addEventListener("keydown", (event) => { if (event.key === "Escape") closePanel(); });
+onKeys((key) => ({ h: home, t: aim, s: saveImage, f: fullScreen }[key] ?? (at("clock").hidden ? null : { " ": play, ".": step, 0: reset }[key])));

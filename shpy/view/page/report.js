@@ -1,6 +1,7 @@
 // Errors, the trace of a pixel, and the comparison of two forms.
 
 import { at, fileName, list, make, spoken, withFileNames } from "./elements.js";
+import { copied } from "./taking.js";
 
 const SEARCHING = "Searching for the first statement at which they diverge …";
 
@@ -91,6 +92,11 @@ export function showTrace({ at: place, program, frame, time, coarse, steps, cut,
     make("thead", {}, make("tr", {}, ...["Line", "Iteration", "Name", "Value", "Source"].map((text) => make("th", { scope: "col" }, text)))),
     make("tbody", {}, ...rows.flat())));
   at("panel").querySelector("tr.odd")?.scrollIntoView({ block: "center" });
+}
+
+export function showTexts({ form, texts, problem }) {
+  if (problem) return openPanel("Emitted text", make("p", {}, problem));
+  openPanel(`Emitted text for ${form}`, ...texts.map(({ name, text }) => copied(name, text, "emitted")));
 }
 
 // The pixels that are no colours, which the screen shows as black and white.

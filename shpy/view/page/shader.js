@@ -5,7 +5,7 @@ import { Connection } from "./connection.js";
 import { Controls } from "./controls.js";
 import { at, fill, fillSizes, make, onKeys } from "./elements.js";
 import { Picture } from "./picture.js";
-import { closePanel, endSearch, markStale, openPanel, showBusy, showComparison, showLost, showOdd, showPixel, showProblem, showTrace } from "./report.js";
+import { closePanel, endSearch, markStale, openPanel, showBusy, showComparison, showLost, showOdd, showPixel, showProblem, showTexts, showTrace } from "./report.js";
 import { copied, fullScreen, saveFile } from "./taking.js";
 
 const state = { params: {} };
@@ -163,11 +163,6 @@ function showFrame(header) {
 function savePicture({ frame, problem, cure }, bytes) {
   if (problem) return openPanel("Save as PNG", make("p", {}, problem), cure ? make("p", {}, make("code", {}, cure)) : "");
   saveFile(bytes, `${described.program}${described.moves ? `-${frame}` : ""}.png`);
-}
-
-function showTexts({ form, texts, problem }) {
-  if (problem) return openPanel("Emitted text", make("p", {}, problem));
-  openPanel(`Emitted text for ${form}`, ...texts.map(({ name, text }) => copied(name, text, "emitted")));
 }
 
 function showRecipe({ command, code, note, problem }) {
