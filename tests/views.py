@@ -18,6 +18,7 @@ __all__ = ["View", "as_at_first", "chromium", "new_page", "viewed", "watched"]
 def as_at_first(view, *params):
     """Undo what other tests have set: pages share the state of a view on numpy, in strict mode."""
     undone = {"params": dict.fromkeys(params), "backend": "numpy", "math": "strict", "playing": True, "steps": 1}
+    undone |= {"mark": False, "mouse": [0, 0, 0, 0]}
     with connect(view.url.replace("http", "ws") + "view", origin=view.url.rstrip("/")) as line:
         line.send(json.dumps({"do": "set", "changes": undone}))
 

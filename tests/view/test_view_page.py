@@ -1,8 +1,10 @@
 """The page of `shpy view` in a browser: saving, errors, controls, pixels, traces, comparisons, chains."""
 
+import numpy as np
 import pytest
 import views
 from patience import PAGE
+from PIL import Image
 from views import chromium, viewed
 
 from benchmarks.pages import wait_until
@@ -210,6 +212,74 @@ def test_a_pixel_shows_its_value_and_its_trace(page):
     assert [row[1:4] for row in rows if row[1] == "3" and row[2] == "level"] == [["3", "level", "0.53"]]
     page.keyboard.press("Escape")
     assert page.is_hidden("#panel")
+
+
+MOUSED = """
+import shpy as sh
+
+@sh.program
+def picture(uv: sh.TexCoord2f, mouse: sh.Attrib4f) -> sh.Color3f:
+    root = sh.sqrt(uv.x - 0.25)
+    return sh.Color3f(mouse.x / 48, mouse.y / 32, root)
+"""
+
+
+def test_a_click_leaves_the_mouse_alone_and_a_drag_moves_it(page, view):
+    view.save(MOUSED)
+    shows(page, (0, 0, 130))
+    box = page.locator("#picture").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.click(*middle)
+    page.wait_for_selector("#panel td:has-text('mouse')")
+    assert ["mouse", "0, 0, 0, 0"] in [row[2:4] for row in rows_of(page)]
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] + box["width"] / 4, middle[1], steps=4)
+    shows(page, (191, 128, 130))
+    page.mouse.up()
+    page.mouse.click(*middle)
+    page.wait_for_selector("#panel td:has-text('36, 16, -24, -16')")
+    shows(page, (191, 128, 130))
+    page.hover("#picture")
+    page.wait_for_selector("#pixel b:has-text('0.75, 0.5, 0.5103104')")
+    assert rows_of(page)[-1][3] == "0.75, 0.5, 0.5103104"  # the trace and the footer are of one frame
+
+
+def rows_of(page):
+    return [row.inner_text().split("\t") for row in page.query_selector_all("#panel tbody tr")]
+
+
+def test_pixels_that_are_no_colours_are_counted_marked_and_traced(page, view):
+    assert page.is_hidden("#odd")
+    view.save(MOUSED)
+    page.wait_for_selector("#odd-count:has-text('384 NaN pixels')")
+    page.click("#trace-odd")
+    page.wait_for_selector("#panel tr.odd")
+    assert page.inner_text("#panel tr.odd").split("\t")[2:4] == ["root", "nan"]
+    assert "0, 0" in page.inner_text("#panel-title")
+    page.check("#mark-odd")
+    shows(page, (0, 0, 32))  # the others are dark
+    page.uncheck("#mark-odd")
+    shows(page, (0, 0, 130))
+
+
+def test_the_picture_is_saved_and_its_texts_are_shown(page, view, tmp_path):
+    with page.expect_download() as found:
+        page.click("#save")
+    assert found.value.suggested_filename == "picture.png"
+    found.value.save_as(tmp_path / "saved.png")
+    saved = np.asarray(Image.open(tmp_path / "saved.png"))
+    assert saved.shape == (32, 48, 4)
+    assert saved[16, 24].tolist() == [135, 68, 0, 255]
+    page.click("#recipe")
+    page.wait_for_selector("#panel pre")
+    assert page.inner_text("#panel pre") == f"shpy draw {view.path} --size 48x32 --backend numpy"
+    page.click("#text")
+    page.wait_for_selector("#panel pre.emitted:has-text('def ')")
+    page.keyboard.press("f")
+    page.wait_for_function("() => document.fullscreenElement?.id === 'frame'")
+    page.keyboard.press("f")
+    page.wait_for_function("() => !document.fullscreenElement")
 
 
 def test_the_keyboard_chooses_pixels(page):
