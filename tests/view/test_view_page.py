@@ -232,6 +232,10 @@ def test_a_click_leaves_the_mouse_alone_and_a_drag_moves_it(page, view):
     page.mouse.click(*middle)
     page.wait_for_selector("#panel td:has-text('mouse')")
     assert ["mouse", "0, 0, 0, 0"] in [row[2:4] for row in rows_of(page)]
+    page.keyboard.press("Escape")  # the panel takes room from the picture
+    page.wait_for_selector("#panel", state="hidden")
+    box = page.locator("#picture").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(*middle)
     page.mouse.down()
     page.mouse.move(middle[0] + box["width"] / 4, middle[1], steps=4)
@@ -276,6 +280,7 @@ def test_the_picture_is_saved_and_its_texts_are_shown(page, view, tmp_path):
     assert page.inner_text("#panel pre") == f"shpy draw {view.path} --size 48x32 --backend numpy"
     page.click("#text")
     page.wait_for_selector("#panel pre.emitted:has-text('def ')")
+    page.locator("h1").click()
     page.keyboard.press("f")
     page.wait_for_function("() => document.fullscreenElement?.id === 'frame'")
     page.keyboard.press("f")
