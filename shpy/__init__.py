@@ -39,7 +39,7 @@ from shpy.lang.data.array import Array
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D
-from shpy.lang.library import hash, noise, unit_float
+from shpy.lang.library import hash, noise
 from shpy.lang.mistakes.foreign import module_cure as _module_cure
 from shpy.lang.programs.control import (
     SH_BREAK,

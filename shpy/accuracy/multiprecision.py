@@ -111,7 +111,7 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "max": lambda a, b: b if a < b else a,
     "sqrt": _sqrt,
     "ldexp": lambda x, n: MP.ldexp(x, int(n)),
-    "rsqrt": lambda x: 1 / _sqrt(x),
+    "rsqrt": lambda x: _div(MP.mpf(1), _sqrt(x)),
     "exp": _exp(MP.exp),
     "exp2": _exp(lambda x: MP.power(2, x)),
     "log": _real(MP.log, lambda x: x > 0),

@@ -167,6 +167,8 @@ class _Exactly(Compiler):
                 return lambda frame: exact(mp, read(frame))
             case "convert":
                 return self.convert(operands[0], type, args[0])
+            case "unit_float":
+                return lambda frame: exact(mp, OPS["unit_float"].meaning(frame[args[0]]))
             case "bits_from_float" | "float_from_bits" | "half":
                 return self.bits(let, args[0])
         if let.op in mp.OPERATIONS and any(t.is_float for t in (type, *operands)):

@@ -262,6 +262,28 @@ def sums(size: int, base: Base, method: str) -> Reduction:
     return Reduction(annotated(add, a=cls, b=cls, out=cls), cls, _ones if base is Base.B else None)
 
 
+@lru_cache(maxsize=64)
+def wide_sums(size: int, method: str) -> Reduction:
+    """Return the reduction that adds binary16 in binary32."""
+    kind, wide = sums(size, Base.F, method), CLASSES["Attrib", size, Base.F]
+
+    def widen(x: Any, i: Any) -> Any:
+        return wide(x) if kind.lift is None else kind.lift(wide(x), i)
+
+    return kind._replace(lift=widen)
+
+
+@lru_cache(maxsize=16)
+def conversion(size: int, source: Base, target: Base) -> Program:
+    """Record the program that converts scalars or vectors from one base to another."""
+    made = CLASSES["Attrib", size, target]
+
+    def convert(x: Any) -> Any:
+        return made(x)
+
+    return annotated(convert, x=CLASSES["Attrib", size, source], out=made)
+
+
 def _compensated_sums(cls: Any) -> Reduction:
     pair = struct(type("Sum", (), {"__annotations__": {"value": cls, "error": cls}}))
 

@@ -23,12 +23,14 @@ from shpy.collectives.programs import (
     WORDS,
     Reduction,
     accumulating,
+    conversion,
     counts,
     extremes,
     logic,
     places,
     quotient,
     sums,
+    wide_sums,
 )
 from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
@@ -43,7 +45,7 @@ from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
 from shpy.streams.elements import dtypes_at
 from shpy.streams.methods import bind_reductions
-from shpy.streams.stream import Stream
+from shpy.streams.stream import Place, Stream
 
 _METHODS = ("pairwise", "compensated", "exact")
 
@@ -78,8 +80,37 @@ def _sum(stream: Stream, method: str, axis: int | None) -> Any:
     size, base = _element(stream, "sum")
     if method == "exact" and base in FLOATS:
         return _exact(stream, axis, size)
-    kind = sums(size, base, method if base in FLOATS else "pairwise")
-    return _reduced(stream, axis, kind, _same_kind(stream, base), 0)
+    kind = method if base in FLOATS else "pairwise"
+    if stream.leaf_entries()[0].memory.dtype == np.float16:
+        return _narrowed(_reduced(_widened(stream, size), axis, wide_sums(size, kind), _float(size), 0), stream, axis)
+    return _reduced(stream, axis, sums(size, base, kind), _same_kind(stream, base), 0)
+
+
+def _widened(stream: Stream, size: int) -> Stream:
+    """Return a stream of binary16 as one of type h, whose kernels compute in binary32."""
+    if _element(stream, "sum")[1] is Base.F and stream.size:
+        stream = _finished(conversion(size, Base.F, Base.H), stream)
+    return _half(stream, size, stream.place._replace(precision="f32"))
+
+
+def _half(stream: Stream, size: int, place: Place) -> Stream:
+    """Return a stream of type h at a place of another precision, over the same memory."""
+    memories = [leaf.memory for leaf in stream.leaf_entries()]
+    return Stream.over(CLASSES["Attrib", size, Base.H], stream.shape, place, memories)
+
+
+def _float(size: int) -> Any:
+    return CLASSES["Attrib", size, Base.F]
+
+
+def _narrowed(found: Any, stream: Stream, axis: int | None) -> Any:
+    """Return results in binary32, of a stream of binary16, rounded to binary16."""
+    if axis is None:
+        with np.errstate(over="ignore"):
+            return found.astype(np.float16)
+    size, base = _element(stream, "sum")
+    halves = _half(_finished(conversion(size, Base.F, Base.H), found), size, stream.place)
+    return halves if base is Base.H else _finished(conversion(size, Base.H, Base.F), halves)
 
 
 def _mean(stream: Stream, axis: int | None) -> Any:
@@ -94,10 +125,21 @@ def _mean(stream: Stream, axis: int | None) -> Any:
     count = rows.shape[len(rows.shape) // 2]
     if not count:
         return _filled(stream, axis, stream.type, math.nan)
+    if rows.leaf_entries()[0].memory.dtype == np.float16:
+        return _narrowed(_wide_mean(stream, axis, size, count), stream, axis)
     total = _folded(rows, axis, sums(size, base, "pairwise").combine)
     if not _holds(total.leaf_entries()[0].memory.dtype, count):
         return _result(_divided_on_host(total, count), stream, axis, stream.type)
     return _result(_finished(quotient(size, base), total, float(count)), stream, axis, stream.type)
+
+
+def _wide_mean(stream: Stream, axis: int | None, size: int, count: int) -> Any:
+    """Return the mean of binary16 in binary32."""
+    kind, rows = wide_sums(size, "pairwise"), _rows(_widened(stream, size), axis)
+    total = _folded(rows, axis, kind.combine, kind.made, kind.lift)
+    if not _holds(np.dtype(np.float32), count):
+        return _result(_divided_on_host(total, count), stream, axis, total.type)
+    return _result(_finished(quotient(size, Base.F), total, float(count)), stream, axis, total.type)
 
 
 def _holds(dtype: np.dtype[Any], count: int) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -355,6 +356,8 @@ class Compiler:
                 return lambda frame: frame[args[0]].astype(np.float16).astype(dtype)
             case "call", str(name):
                 return self.application(self.functions[name], args)
+            case "unit_float":
+                return _apply(partial(meaning.unit_float, dtype=dtype), args, None)
         return _apply(OPS[let.op].meaning, args, dtype if let.op == "float_from_bits" else None)
 
     @staticmethod

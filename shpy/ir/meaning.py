@@ -155,6 +155,12 @@ def bits_from_float(x: Array) -> Array:
     return np.where(narrow != narrow, np.uint32(0x7FC00000), narrow.view(np.uint32))
 
 
+def unit_float(u: Array, dtype: type[np.floating[Any]] = np.float32) -> Array:
+    """Return the upper bits of a u as a fraction in [0, 1): 24 of them; 11 for binary16, which holds no more."""
+    bits = 11 if dtype is np.float16 else 24
+    return np.asarray((u >> np.uint32(32 - bits)).astype(dtype) * dtype(2.0**-bits))
+
+
 def float_from_bits(u: Array) -> Array:
     """Return the binary32 with these bits."""
     return u.view(np.float32)

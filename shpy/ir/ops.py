@@ -141,11 +141,23 @@ def _op(name: str, signature: str, meaning: Callable[..., Any], doc: str, says: 
     OPS[name] = Op(name, signature, meaning, doc, says, parameters, **traits)
 
 
-def _composite(signature: str, definition: Callable[..., Any], doc: str, *, exact: bool = False, **traits: Any) -> None:
-    """Add the row of an operation that others define: its definition gives the name, the parameters and `says`."""
+def _composite(
+    signature: str,
+    definition: Callable[..., Any],
+    doc: str,
+    *,
+    exact: bool = False,
+    once: bool = True,
+    **traits: Any,
+) -> None:
+    """Add the row of an operation that others define: its definition gives the name, the parameters and `says`.
+
+    `once`: of binary16 it is computed in binary32 and rounded once; otherwise each of its operations is rounded.
+    """
     parameters = " ".join(inspect.signature(definition).parameters)
     traits = {"definition": inspect.unwrap(definition), "parameters": parameters, "exact": exact, **traits}
-    _op(definition.__name__, signature, m.in_f32(definition), doc, str(definition.__doc__), **traits)
+    meaning = m.in_f32(definition) if once else definition
+    _op(definition.__name__, signature, meaning, doc, str(definition.__doc__), **traits)
 
 
 _geometry = partial(_composite, componentwise=False)
@@ -159,7 +171,7 @@ _op("div", "f: T T -> T", m.in_f32(np.divide), "correctly rounded", symbol="/")
 _op("floordiv", "i: T T -> T", m.floor_div_int, "floor(a / b); 0 for b = 0; INT_MIN // -1 is INT_MIN")
 _op("floormod", "i: T T -> T", m.floor_mod_int, "a - b * floor(a / b), sign of b; 0 for b = 0")
 _op("fma", "f: T T T -> T", m.fma, "a * b + c rounded once", "Return a * b + c, rounded once.", parameters="a b c")
-_composite("f: T T T -> T", m.mad, "a * b + c rounded twice", inline=True)
+_composite("f: T T T -> T", m.mad, "a * b + c rounded twice", inline=True, once=False)
 # Bits
 _op("and", "w: T T -> T", np.bitwise_and, "", symbol="&", commutative=True)
 _op("or", "w: T T -> T", np.bitwise_or, "", symbol="|", commutative=True)
@@ -218,6 +230,9 @@ _op("bits_from_float", "f: T -> U", m.bits_from_float, "binary32 bits; 0x7fc0000
     "Return the bits of the binary32 as u; 0x7fc00000 for every NaN.")  # fmt: skip
 _op("float_from_bits", "u: T -> F", m.float_from_bits, "the binary32 with these bits",
     "Return the binary32 with these bits of a u.", parameters="u")  # fmt: skip
+_op("unit_float", "u: T -> F", m.unit_float, "(u >> 8) * 2**-24; of binary16 (u >> 21) * 2**-11",
+    "Return a float in [0, 1) from the upper 24 bits of a u: (u >> 8) * 2**-24; at f16 from the upper 11 bits.",
+    parameters="u")  # fmt: skip
 # Geometry
 _geometry("f: T T -> S", m.dot, "summed from the first component on", commutative=True)
 _geometry("f: V3 V3 -> V3", m.cross, "")

@@ -4,7 +4,6 @@ Stage: record. Each is a subroutine, so it stays a function of its own in the em
 every target.
 
     sh.hash(3, 5)         # a pseudo-random u
-    sh.unit_float(u)      # a float in [0, 1)
     sh.noise(p)           # a float that changes slowly with the point p
 
 Sources: PCG: O'Neill 2014, in the form of Jarzynski and Olano 2020; gradient noise: Perlin 2002 (its fade curve), with
@@ -22,8 +21,8 @@ from shpy.ir.types import Base
 from shpy.lang.programs.subroutine import Subroutine
 from shpy.lang.recording.location import here
 from shpy.lang.values import arithmetic
-from shpy.lang.values.builtins import clamp, cond, dot, floor, fract, min, mix
-from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib3f
+from shpy.lang.values.builtins import clamp, cond, dot, floor, fract, min, mix, unit_float
+from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib1u, Attrib2f, Attrib2u, Attrib3f
 from shpy.lang.values.value import CLASSES, Value
 
 _STEP = 747796405
@@ -77,21 +76,12 @@ def _unsigned(x: Any) -> Any:
     return Attrib1u(x)
 
 
-def unit_float(u: Any) -> Any:
-    """Return a float in [0, 1) from the upper 24 bits of a u: (u >> 8) * 2**-24."""
-    operand = arithmetic.operand(u, "sh.unit_float")
-    if operand.base is not Base.U if isinstance(operand, Value) else operand.weak != "int":
-        raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
-    word = operand if isinstance(operand, Value) else Attrib1u(u)
-    return CLASSES["Attrib", word.size, Base.F](word >> 8) * 2.0**-24
-
-
 def _gradient1(h: Attrib1u) -> Any:
-    return Attrib1f(h >> 8) * 2.0**-23 - 1
+    return unit_float(h) * 2 - 1
 
 
 def _gradient2(h: Attrib1u) -> Any:
-    return Attrib2f(h & 0xFFFF, h >> 16) * 2.0**-15 - 1
+    return unit_float(Attrib2u(h << 16, h & 0xFFFF0000)) * 2 - 1
 
 
 def _gradient3(h: Attrib1u) -> Any:

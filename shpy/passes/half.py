@@ -8,7 +8,8 @@ Stage: improve, after the precision is fixed. Targets need no base h: each h bec
     %m = max %a, %b : h       ->   %m = max %a, %b : f       (one of its operands: nothing to round)
 
 The op table defines binary16 so. + - * / and sqrt are correctly rounded this way, since 24 >= 2 * 11 + 2 (Figueroa
-1995). Composites are rounded once at their end. In strict mode transcendentals are the exact value rounded once:
+1995). Composites but `mad` are computed in binary32 and rounded once at their end. In strict mode transcendentals are
+the exact value rounded once:
 
     %y = sin %x : h           ->   %s = call sin_portable(%x) : f    (or sin, where the target does it exactly)
                                    %y = call sin_half(%x, %s) : f    (rounds, but for a few inputs: `strict/halves.py`)
@@ -72,6 +73,12 @@ class _Half(Rebase):
         elif old.base is not Base.H or op in _EXACT:
             attr = rounded(old, let.attr) if op == "const" and isinstance(let.attr, tuple) else let.attr
             self.emit(Let(value, op, args, attr))
+        elif op == "mad":
+            product, rounded_product = self.value(value.type), self.value(value.type)
+            self.emit(Let(product, "mul", args[:2]))
+            self.emit(Let(rounded_product, "half", (product.id,)))
+            whole = self.make_unrounded("add", (rounded_product.id, args[2]), Let(value, "add", ()), value.type)
+            self.emit(Let(value, "half", (whole,)))
         elif op == "fma":
             callee = self.library.use("half_fma", (value.type,) * 3)
             self.emit(Let(value, "call", args, callee.name))

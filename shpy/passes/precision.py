@@ -7,6 +7,9 @@ Stage: improve, first of all. Takes a recorded module and returns one in which e
     f16   %a = sqrt %x : f                      ->  %a = sqrt %x : h                  (half.py does the h)
     f64   %a = float_from_bits %u : f           ->  %b = float_from_bits %u : f
                                                     %a = convert %b : d
+    f32   %a = unit_float %u : f                ->  %b = shr %u, 8 : u
+                                                    %c = convert %b : f
+                                                    %a = mul %c, 0x1p-24 : f          (f16: 21 and 0x1p-11)
     f64   %a = half %x : f                      ->  %b = convert %x : h
                                                     %a = convert %b : d
 
@@ -19,6 +22,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+
+import numpy as np
 
 from shpy.errors import CompileError
 from shpy.ir.constants import decode, from_array, to_array
@@ -102,12 +107,24 @@ class _Working(Rebase):
             bits = self.value(value.type.based(Base.F))
             self.emit(Let(bits, let.op, let.args))
             self.emit(Let(value, "convert", (bits.id,)))
+        elif let.op == "unit_float":
+            self._unit(let, value)
         elif let.op == "half" and value.type.base is Base.D:
             rounded_to_half = self.value(value.type.based(Base.H))
             self.emit(Let(rounded_to_half, "convert", let.args))
             self.emit(Let(value, "convert", (rounded_to_half.id,)))
         else:
             self.emit(let if value is let.value else Let(value, let.op, let.args, let.attr))
+
+    def _unit(self, let: Let, value: Value) -> None:
+        """Write a fraction of a u's upper bits: as many as the float holds, so that none is rounded up to 1."""
+        word, bits = self.old_types[let.args[0]], 11 if value.type.base is Base.H else 24
+        count, upper, whole, unit = map(self.value, (word, word, value.type, value.type))
+        self.emit(Let(count, "const", (), (32 - bits,) * word.size))
+        self.emit(Let(upper, "shr", (*let.args, count.id)))
+        self.emit(Let(whole, "convert", (upper.id,)))
+        self.emit(Let(unit, "const", (), from_array(unit.type, np.full(unit.type.size, 2.0**-bits))))
+        self.emit(Let(value, "mul", (whole.id, unit.id)))
 
 
 def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:

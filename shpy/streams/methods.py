@@ -58,12 +58,16 @@ class StreamReductions:
         cases. Nothing raises for infinities and NaN: a NaN, or infinities of both signs, give NaN; else infinities
         give infinity, as does an exact sum beyond the largest float. Sources: Knuth, The Art of Computer Programming
         4.2.2 (two-sum); Kulisch (superaccumulators).
+
+        Elements of 16 bits are converted to binary32 first; the sums are taken in binary32, along the same tree, and
+        the result is rounded to binary16 once, at the end.
         """
         return _bound["sum"](self, method=method, axis=axis)
 
     def mean(self, axis: int | None = None) -> Any:
         """Return the pairwise sum divided by the number of elements, which rounds once more; NaN for no elements.
 
+        Of elements of 16 bits, sum and quotient are taken in binary32, and the quotient is rounded to binary16.
         Raises ShpyTypeError for streams of ints and bools.
         """
         return _bound["mean"](self, axis=axis)

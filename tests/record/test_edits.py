@@ -134,3 +134,10 @@ def test_this_file_with_its_assertions_belongs_to_its_code() -> None:
     inner = compile("def f(x):\n    return x + 0.0\n", __file__, "exec").co_consts[0]
     assert text_of(inner) is None
     assert has_changed(inner)
+
+
+def test_a_helper_with_a_text_is_checked_for_a_program_without_one(tmp_path: Path) -> None:
+    helper = "def helper(x):\n    with SH_IF(x > 0):\n        return x\n    return x + 1\n"
+    program = "\n@sh.program\ndef step(x: sh.Attrib1f):\n    return helper(x * {}) * 2\n"
+    with pytest.raises(RecordError, match="Python's `return` inside"):
+        executed(tmp_path, HEAD + helper + program.format(3), HEAD + helper + program.format(4))

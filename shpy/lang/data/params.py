@@ -18,7 +18,7 @@ from shpy.ir.constants import decode, to_array
 from shpy.ir.metadata import NOTHING, About
 from shpy.ir.types import Base
 from shpy.lang.data.hostdata import as_base
-from shpy.lang.recording.emit import DEFERRED, Emitter, Handle
+from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, wide
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
@@ -274,7 +274,9 @@ def constant_of(cls: type[Value], value: Any, what: str) -> tuple[int, ...]:
 
 def _literal_of(value: Value) -> coerce.Literal:
     weak = "float" if value.type.is_float else "bool" if value.type.is_bool else "int"
-    return coerce.Literal(weak, tuple(np.atleast_1d(value._now()).tolist()))
+    known = not value._uniform and value.base is Base.F  # kept in binary64 until the precision is known
+    numbers = decode(value.type, wide(value._const)) if known else np.atleast_1d(value._now()).tolist()
+    return coerce.Literal(weak, tuple(numbers))
 
 
 # Matrices and structs

@@ -15,6 +15,7 @@ dicts and the attributes of objects are compared too, one level deep.
 
 from __future__ import annotations
 
+import contextlib
 import dis
 import re
 from collections.abc import Callable, Iterator
@@ -114,6 +115,26 @@ def _declaration(place: Place, old: Any, new: Any) -> str:
     made = f"sh.{type(new).__name__}" if isinstance(new, Value) else f"sh.Attrib1{kind}"
     local = place.attribute or str(place)  # what is stored into an object would outlive the recording
     return findings.stored(f"`{local} = {made}({old})`", f"{local}[:] = …")
+
+
+def called_by(function: FunctionType) -> list[object]:
+    """Return the functions that a function without text calls by their names, or as those of a module."""
+    code, found = function.__code__, list[object]()
+    cells = dict(zip(code.co_freevars, function.__closure__ or (), strict=True))
+    base: object = None
+    for instruction in _instructions(code):
+        name, before = instruction.argval, base
+        base = None
+        if instruction.opname == "LOAD_GLOBAL":
+            base = function.__globals__.get(name)
+        elif instruction.opname == "LOAD_DEREF" and name in cells:
+            with contextlib.suppress(ValueError):  # the cell is filled later
+                base = cells[name].cell_contents
+        elif instruction.opname in ("LOAD_METHOD", "LOAD_ATTR") and isinstance(before, ModuleType):
+            base = vars(before).get(name)
+        if isinstance(base, FunctionType):
+            found.append(base)
+    return found
 
 
 # Contents of a frame

@@ -22,6 +22,7 @@ from types import CodeType, FunctionType
 
 from shpy.errors import RecordError, warn
 from shpy.ir.nodes import Loc
+from shpy.lang.mistakes.bytecode import called_by
 from shpy.lang.mistakes.flow import Flow
 from shpy.lang.recording.location import enter_text, loc_in
 from shpy.lang.recording.scope import scope_of, unwrapped, uses_shpy
@@ -51,8 +52,10 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         if definition is not None:
             scope = scope_of(plain, *definition, given, is_value)
             waiting.extend(_called(Flow(definition[0], scope, is_program=is_program, function=plain), plain))
-        elif has_changed(plain.__code__):
-            _tell_of_change(plain.__code__)
+        else:
+            waiting.extend(called_by(plain))
+            if has_changed(plain.__code__):
+                _tell_of_change(plain.__code__)
         if is_program:
             _check_kind(plain.__code__)
 

@@ -1,59 +1,133 @@
 """Emitters: operations go into the recording under way or, outside of a recording, straight to their meaning.
 
-Stage: record. A handle is the id of an IR value in the first case and an array in the second; the code that types
-operands and picks operations is the same for both. Outside a recording, operations on uniforms are kept as an
+Stage: record. A handle is the id of an IR value in the first case and a number of the host in the second; the code that
+types operands and picks operations is the same for both. Outside a recording, operations on uniforms are kept as an
 expression, whose nodes are the handles: what they give is known only when a program runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shpy.ir import meaning
-from shpy.ir.constants import DTYPES, to_array
+from shpy.ir.constants import DTYPES, encode, from_array, to_array
 from shpy.ir.nodes import Attr
 from shpy.ir.ops import OPS, result_type
-from shpy.ir.types import Type
+from shpy.ir.types import Base, Type
 from shpy.lang.recording.recorder import Frame
 
 Handle = Any
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Computed:
+    """A number of the host: rounded to its type at each step and, of type f, in binary64 (`wide`)."""
+
+    narrow: NDArray[Any]
+    wide: NDArray[Any]
+
+
+class Constant(tuple[int, ...]):
+    """The `attr` of a constant of type f whose binary64, `wide`, does not round to its binary32.
+
+    A program chooses between the two when its precision is known: see `embed`.
+    """
+
+    wide: tuple[int, ...]
+
+    def __new__(cls, narrow: Iterable[int], wide: tuple[int, ...]) -> Constant:
+        """Return the constant of both."""
+        made = super().__new__(cls, narrow)
+        made.wide = wide
+        return made
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Constant) and tuple(self) == tuple(other) and self.wide == other.wide
+
+    def __hash__(self) -> int:
+        return hash((tuple(self), self.wide))
+
+    def __reduce__(self) -> Any:
+        return Constant, (tuple(self), self.wide)
+
+
 class HostEmitter:
-    """Evaluates at once, by the meanings in the op table."""
+    """Evaluates at once, by the meanings in the op table; numbers of type f in binary32 and in binary64."""
 
     def op(self, name: str, args: tuple[tuple[Handle, Type], ...]) -> tuple[Handle, Type]:
         """Execute the operation's meaning; raise TypeError if it does not take these types."""
         type = result_type(name, tuple(t for _, t in args))
-        with np.errstate(all="ignore"):
-            return np.asarray(OPS[name].meaning(*(h for h, _ in args))), type
+        return _both(type, OPS[name].meaning, [h for h, _ in args]), type
 
     def let(self, op: str, args: tuple[Handle, ...], type: Type, attr: Attr = None) -> Handle:
         """Execute a structural operation."""
-        match op:
-            case "splat":
-                return np.broadcast_to(args[0], (type.size,)).copy()
-            case "construct":
-                return np.concatenate([np.atleast_1d(a) for a in args])
-            case "swizzle":
-                assert isinstance(attr, tuple)
-                picked = np.atleast_1d(args[0])[list(attr)]
-                return picked if type.size > 1 else picked[0]
-            case "component":
-                vector = np.atleast_1d(args[0])
-                return vector[min(max(int(args[1]), 0), len(vector) - 1)]
-            case "convert":
-                with np.errstate(all="ignore"):
-                    return meaning.convert(np.asarray(args[0]), DTYPES[type.base])
-        raise AssertionError(f"{op} is recorded only")
+        if op == "convert":
+            narrow = _quiet(meaning.convert, args[0].narrow, DTYPES[type.base])
+            wide = _quiet(meaning.convert, args[0].wide, np.float64) if type.base is Base.F else narrow
+            return Computed(narrow, wide)
+        return _both(type, partial(_structural, op, type, attr), args)
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
-        """Return the constant as an array."""
-        return to_array(type, attr)
+        """Return the constant as arrays."""
+        narrow = to_array(type, attr)
+        return Computed(narrow, to_array(type.based(Base.D), wide(attr)) if type.base is Base.F else narrow)
+
+
+def _both(type: Type, f: Callable[..., Any], args: Sequence[Computed]) -> Computed:
+    narrow = _quiet(f, *(a.narrow for a in args))
+    return Computed(narrow, _quiet(f, *(a.wide for a in args)).astype(np.float64) if type.base is Base.F else narrow)
+
+
+def _quiet(f: Callable[..., Any], *args: Any) -> NDArray[Any]:
+    with np.errstate(all="ignore"):
+        return np.asarray(f(*args))
+
+
+def _structural(op: str, type: Type, attr: Attr, *args: Any) -> Any:
+    match op:
+        case "splat":
+            return np.broadcast_to(args[0], (type.size,)).copy()
+        case "construct":
+            return np.concatenate([np.atleast_1d(a) for a in args])
+        case "swizzle":
+            assert isinstance(attr, tuple)
+            picked = np.atleast_1d(args[0])[list(attr)]
+            return picked if type.size > 1 else picked[0]
+        case "component":
+            vector = np.atleast_1d(args[0])
+            return vector[min(max(int(args[1]), 0), len(vector) - 1)]
+    raise AssertionError(f"{op} is recorded only")
+
+
+def constant_of(type: Type, number: Computed) -> tuple[int, ...]:
+    """Return the `attr` of a number of the host: in binary64, where that rounds to what binary32 gives."""
+    narrow = from_array(type, number.narrow)
+    if type.base is not Base.F:
+        return narrow
+    wide = from_array(type, number.wide)
+    if not np.isfinite(number.narrow).all() or not (np.abs(number.wide) <= np.finfo(np.float32).max).all():
+        return narrow  # a program would refuse a number beyond binary32
+    return wide if from_array(type, to_array(type, wide)) == narrow else Constant(narrow, wide)
+
+
+def wide(const: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the `attr` of a constant in binary64."""
+    return const.wide if isinstance(const, Constant) else const
+
+
+def embed(emitter: Emitter, type: Type, const: tuple[int, ...]) -> Handle:
+    """Emit a constant; of a `Constant` the part that belongs to the working precision, which is known later."""
+    if not isinstance(const, Constant) or isinstance(emitter, HostEmitter):
+        return emitter.const(type, const)
+    above, one = (encode(type, [number] * type.size) for number in (1 + 2.0**-40, 1.0))
+    finer, unit, wide, narrow = ((emitter.const(type, attr), type) for attr in (above, one, const.wide, tuple(const)))
+    return emitter.op("cond", (emitter.op("gt", (finer, unit)), wide, narrow))[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,9 @@ from copy import deepcopy
 from typing import Any, ClassVar, NamedTuple, Self
 
 from shpy.errors import RecordError, ShpyTypeError
-from shpy.ir.constants import from_array
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
-from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
+from shpy.lang.recording.emit import DEFERRED, HOST, Constant, Emitter, Handle, constant_of, embed
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values.dependent import become_dependent
@@ -95,12 +94,15 @@ class AbstractValue(Symbolic):
             if emitter is DEFERRED:
                 become_dependent(self, handle)
             else:
-                set_(self, "_const", const if const is not None else from_array(self.type, handle))
+                set_(self, "_const", const if const is not None else constant_of(self.type, handle))
             return
         if emitter is HOST:
-            const = from_array(self.type, handle)
+            const = constant_of(self.type, handle)
         loc = here()
-        value = frame.let("const", (), self.type, const, loc) if const is not None else handle
+        if isinstance(const, Constant):
+            value = embed(frame, self.type, const)
+        else:
+            value = frame.let("const", (), self.type, const, loc) if const is not None else handle
         variable = frame.variable(self.type, loc=loc)
         set_(self, "_loc", loc)
         set_(self, "_variable", variable)
@@ -110,7 +112,7 @@ class AbstractValue(Symbolic):
     def _read(self, emitter: Emitter) -> Handle:
         """Return the value as a handle of the emitter: loads the slot, or embeds the constant."""
         if self._frame is None:
-            return emitter.const(self.type, self._const)
+            return embed(emitter, self.type, self._const)
         self._check(current_frame())
         return emitter.let("load", (), self.type, self._variable)
 

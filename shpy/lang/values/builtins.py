@@ -110,6 +110,14 @@ def _of_bits(row: Op, u: Any) -> Any:
     return _components(row, CLASSES["Attrib", bits.size, Base.U](u) if word else u)
 
 
+def _unit(row: Op, u: Any) -> Any:
+    word = operand(u, "sh.unit_float")
+    known = isinstance(word, Literal)
+    if word.weak != "int" if isinstance(word, Literal) else word.base is not Base.U:
+        raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
+    return _components(row, CLASSES["Attrib", word.size, Base.U](u) if known else u)
+
+
 _OWN: Final[Mapping[str, Callable[..., Any]]] = {
     "cond": _choice,
     "float_from_bits": _of_bits,
@@ -118,6 +126,7 @@ _OWN: Final[Mapping[str, Callable[..., Any]]] = {
     "min": _several,
     "mix": _mixed,
     "mod": _modulo,
+    "unit_float": _unit,
 }
 """Rows whose functions take more than the row does, or operands that do not meet in one type."""
 

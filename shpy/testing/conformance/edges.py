@@ -264,6 +264,14 @@ def floats_from_bits(u: sh.Attrib1u) -> sh.Attrib1f:
     return sh.float_from_bits(u)
 
 
+@case(
+    u=np.array([0, 0xFF, 0x100, 0x80000000, 0xFFFFFFFF]),
+    expected=f(0, 0, 2.0**-24, 0.5, 1 - 2.0**-24),
+)
+def unit_floats_stay_below_one(u: sh.Attrib1u) -> sh.Attrib1f:
+    return sh.unit_float(u)
+
+
 TIE = np.float32(1 + 2**-12)
 
 

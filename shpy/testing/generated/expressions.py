@@ -272,7 +272,8 @@ class Expressions:
         if type.base is Base.U and self.chance(30):
             return Apply(type, "bits_from_float", (self.expr(type.based(Base.F), depth),))
         if type.base is Base.F and self.chance(20):
-            return Apply(type, "float_from_bits", (self.expr(type.based(Base.U), depth),))
+            name = self.pick(("float_from_bits", "unit_float"))
+            return Apply(type, name, (self.expr(type.based(Base.U), depth),))
         others = {"f": "iub", "i": "fub", "u": "fib", "b": "ifu"}[type.base.value]
         return Convert(type, self.expr(type.based(Base(self.pick(others))), depth))
 

@@ -38,7 +38,7 @@ REDUCING: Final = pool(Base.B, "T", "b", componentwise=False)
 GEOMETRY: Final = tuple(name for name, row in OPS.items() if not row.componentwise and name not in REDUCING)
 FUNCTIONS: Final = tuple(sorted(TRANSCENDENTALS))
 
-_ALONE: Final = frozenset({"not", "cond", "ldexp", "bits_from_float", "float_from_bits"})
+_ALONE: Final = frozenset({"not", "cond", "ldexp", "bits_from_float", "float_from_bits", "unit_float"})
 """Operations that generators draw by their names."""
 
 
