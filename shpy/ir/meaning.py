@@ -121,11 +121,13 @@ def floor_mod_int(a: Array, b: Array) -> Array:
     return np.where(divisor == 0, 0, wide % safe).astype(a.dtype)
 
 
+@partial(operation, name="shl")
 def shift_left(a: Array, n: Array) -> Array:
     """Return a << (n mod 32)."""
     return np.asarray(np.left_shift(a, (n & n.dtype.type(31)).astype(a.dtype)))
 
 
+@partial(operation, name="shr")
 def shift_right(a: Array, n: Array) -> Array:
     """Return a >> (n mod 32), arithmetic for i, logical for u."""
     return np.asarray(np.right_shift(a, (n & n.dtype.type(31)).astype(a.dtype, copy=False)))
@@ -167,6 +169,30 @@ def float_from_bits(u: Array) -> Array:
 
 
 # Composite operations
+
+
+@operation
+def mulhi(a: Values, b: Values) -> Values:
+    """Return the upper 32 bits of the product of two ints, which has 64 bits; component-wise."""
+    low, half = number(0xFFFF, a), number(16, a)
+    a_low, a_high = a & low, shift_right(a, half)
+    b_low, b_high = b & low, shift_right(b, half)
+    middle = named("middle", a_high * b_low + (shift_right(a_low * b_low, half) & low))
+    other = named("other", a_low * b_high + (middle & low))
+    return a_high * b_high + shift_right(middle, half) + shift_right(other, half)
+
+
+@operation
+def rotl(x: Values, n: Values) -> Values:
+    """Rotate the bits of an int to the left by n mod 32, component-wise."""
+    lowest = ~shift_left(~number(0, x), n)
+    return shift_left(x, n) | (shift_right(x, -n) & lowest)
+
+
+@operation
+def rotr(x: Values, n: Values) -> Values:
+    """Rotate the bits of an int to the right by n mod 32, component-wise."""
+    return rotl(x, -n)
 
 
 @operation

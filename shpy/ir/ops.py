@@ -179,6 +179,9 @@ _op("xor", "w: T T -> T", np.bitwise_xor, "", symbol="^", commutative=True)
 _op("not", "w: T -> T", np.invert, "", symbol="~")
 _op("shl", "i: T X -> T", m.shift_left, "by n mod 32", symbol="<<")
 _op("shr", "i: T X -> T", m.shift_right, "by n mod 32; arithmetic for i", symbol=">>")
+_composite("i: T T -> T", m.mulhi, "the upper half of the product of 64 bits", commutative=True)
+_composite("i: T X -> T", m.rotl, "by n mod 32")
+_composite("i: T X -> T", m.rotr, "by n mod 32")
 _op("popcount", "i: T -> T", m.popcount, "number of one bits", "Count the one bits, component-wise.")
 _op("count_leading_zeros", "i: T -> T", m.count_leading_zeros, "number of zero bits above the highest one; 32 for 0",
     "Count the zero bits above the highest one bit, component-wise; 32 for 0.")  # fmt: skip

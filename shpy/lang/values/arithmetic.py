@@ -176,7 +176,7 @@ def binary(op: str, a: Any, b: Any, what: str) -> Any:
         return _floor_quotient(left, right, what)
     if op == "pow":
         return _power(left, right, what)
-    if op in ("shl", "shr"):
+    if op in ("shl", "shr", "rotl", "rotr"):
         return _shift(op, left, right, what)
     if op in ("add", "sub"):
         kind = sum_kind(op, getattr(left, "kind", "Attrib"), getattr(right, "kind", "Attrib"))

@@ -82,6 +82,10 @@ def _modulo(row: Op, x: Any, y: Any) -> Any:
     return arithmetic.binary("floormod", x, y, "sh.mod")
 
 
+def _rotated(row: Op, x: Any, n: Any) -> Any:
+    return arithmetic.binary(row.name, x, n, f"sh.{row.name}")
+
+
 def _choice(row: Op, c: Any, a: Any, b: Any) -> Any:
     return select(c, a, b)
 
@@ -126,6 +130,8 @@ _OWN: Final[Mapping[str, Callable[..., Any]]] = {
     "min": _several,
     "mix": _mixed,
     "mod": _modulo,
+    "rotl": _rotated,
+    "rotr": _rotated,
     "unit_float": _unit,
 }
 """Rows whose functions take more than the row does, or operands that do not meet in one type."""

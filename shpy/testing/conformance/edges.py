@@ -264,6 +264,41 @@ def floats_from_bits(u: sh.Attrib1u) -> sh.Attrib1f:
     return sh.float_from_bits(u)
 
 
+WORDS = np.array([0, 1, -1, 2, 0x12345678, 2**31 - 1, -(2**31), -(2**31) + 1, -7, 65535, 65536, -65536], np.int32)
+
+
+@case(
+    a=np.repeat(WORDS, 12),
+    b=np.tile(WORDS, 12),
+    expected=lambda a, b: (
+        (a.astype(np.int64) * b >> 32).astype(np.int32),
+        (a.astype(np.uint32).astype(np.uint64) * b.astype(np.uint32) >> np.uint64(32)).astype(np.uint32),
+    ),
+)
+def upper_halves_of_products(a: sh.Attrib1i, b: sh.Attrib1i):
+    return sh.mulhi(a, b), sh.mulhi(sh.Attrib1u(a), sh.Attrib1u(b))
+
+
+def _rotated(x, n):
+    word, count = x.astype(np.uint32).astype(np.uint64), (n & 31).astype(np.uint64)
+    return ((word << count | word >> (np.uint64(32) - count)) & np.uint64(0xFFFFFFFF)).astype(np.uint32)
+
+
+@case(
+    x=np.repeat(WORDS, 9),
+    n=np.tile([0, 1, 7, 31, 32, 33, -1, -32, 1000], 12),
+    expected=lambda x, n: (
+        _rotated(x, n).view(np.int32),
+        _rotated(x, n),
+        _rotated(x, -n).view(np.int32),
+        _rotated(x, -n),
+    ),
+)
+def rotations(x: sh.Attrib1i, n: sh.Attrib1i):
+    u, count = sh.Attrib1u(x), sh.Attrib1u(n)
+    return sh.rotl(x, n), sh.rotl(u, n), sh.rotr(x, count), sh.rotr(u, n)
+
+
 @case(
     u=np.array([0, 0xFF, 0x100, 0x80000000, 0xFFFFFFFF]),
     expected=f(0, 0, 2.0**-24, 0.5, 1 - 2.0**-24),

@@ -64,25 +64,25 @@ vec3 mix3(precise vec3 a, precise vec3 b, precise vec3 t) {
     return result;
 }
 
-vec3 sample_image(precise vec2 uv) {  // library.py:264
-    precise bool linear = (image_mode & 1) != 0;  // library.py:271
+vec3 sample_image(precise vec2 uv) {  // library.py:254
+    precise bool linear = (image_mode & 1) != 0;  // library.py:261
     precise bool repeat = (image_mode & 2) != 0;
-    int t = image_shape.x;  // library.py:273
+    int t = image_shape.x;  // library.py:263
     int extents = image_shape.y;
-    precise vec2 place = (repeat ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0))) * vec2(float(extents) + zero, float(t) + zero);  // library.py:232
-    precise float shift = linear ? 0.5 : zero;  // library.py:239
-    precise vec2 t2 = place - shift;  // library.py:240
+    precise vec2 place = (repeat ? uv - floor(uv) : sh_clamp(uv, vec2(-1.0), vec2(2.0))) * vec2(float(extents) + zero, float(t) + zero);  // library.py:222
+    precise float shift = linear ? 0.5 : zero;  // library.py:229
+    precise vec2 t2 = place - shift;  // library.py:230
     precise vec2 corner = floor(t2);
-    precise vec2 t_3 = t2 - corner;  // library.py:241
-    precise vec2 t_4 = linear ? t_3 : vec2(zero);  // library.py:243
-    ivec2 cell = sh_int(corner);  // library.py:244
-    precise vec3 t5 = image_at(ivec2(repeat ? sh_floormod(cell.y, t) : cell.y, repeat ? sh_floormod(cell.x, extents) : cell.x));  // library.py:274
-    ivec2 t6 = cell + ivec2(1, 0);  // library.py:249
-    precise vec3 t7 = image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x));  // library.py:274
-    ivec2 t8 = cell + ivec2(0, 1);  // library.py:249
-    precise vec3 t9 = image_at(ivec2(repeat ? sh_floormod(t8.y, t) : t8.y, repeat ? sh_floormod(t8.x, extents) : t8.x));  // library.py:274
-    ivec2 t10 = cell + 1;  // library.py:249
-    precise vec3 t11 = image_at(ivec2(repeat ? sh_floormod(t10.y, t) : t10.y, repeat ? sh_floormod(t10.x, extents) : t10.x));  // library.py:274
+    precise vec2 t_3 = t2 - corner;  // library.py:231
+    precise vec2 t_4 = linear ? t_3 : vec2(zero);  // library.py:233
+    ivec2 cell = sh_int(corner);  // library.py:234
+    precise vec3 t5 = image_at(ivec2(repeat ? sh_floormod(cell.y, t) : cell.y, repeat ? sh_floormod(cell.x, extents) : cell.x));  // library.py:264
+    ivec2 t6 = cell + ivec2(1, 0);  // library.py:239
+    precise vec3 t7 = image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x));  // library.py:264
+    ivec2 t8 = cell + ivec2(0, 1);  // library.py:239
+    precise vec3 t9 = image_at(ivec2(repeat ? sh_floormod(t8.y, t) : t8.y, repeat ? sh_floormod(t8.x, extents) : t8.x));  // library.py:264
+    ivec2 t10 = cell + 1;  // library.py:239
+    precise vec3 t11 = image_at(ivec2(repeat ? sh_floormod(t10.y, t) : t10.y, repeat ? sh_floormod(t10.x, extents) : t10.x));  // library.py:264
     precise vec3 result = mix3(mix3(t5, t7, vec3(t_4.x)), mix3(t9, t11, vec3(t_4.x)), vec3(t_4.y));
     return result;
 }

@@ -18,13 +18,13 @@ int sh_floormod_i(int a, int b) {
     return r != 0 && (r < 0) != (b < 0) ? r + b : r;
 }
 
-uint scramble(uint state) {  // library.py:32
-    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
-    return (word >> 22) ^ word;  // library.py:34
+uint scramble(uint state) {  // library.py:31
+    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:32
+    return (word >> 22) ^ word;  // library.py:33
 }
 
-uint pcg(uint x) {  // library.py:40
-    return scramble(x * 747796405u + 2891336453u);  // library.py:41
+uint pcg(uint x) {  // library.py:39
+    return scramble(x * 747796405u + 2891336453u);  // library.py:40
 }
 
 __kernel void whole_numbers(  // snapshot_programs.py:155
@@ -53,6 +53,6 @@ __kernel void whole_numbers(  // snapshot_programs.py:155
     result1_out[element] = sh_floormod_i(a, b);
     result2_out[element] = (a << 2) ^ (b & ~a);
     result3_out[element] = u >> 7;
-    result4_out[element] = (float)(pcg(u) >> 8) * 5.9604645e-08f;
+    result4_out[element] = (float)(pcg(u) >> 8u) * 5.9604645e-08f;
     result5_out[element] = (-2147483647 - 1) - (uint)a;
 }

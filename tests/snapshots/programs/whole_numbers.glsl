@@ -36,14 +36,14 @@ int sh_floormod(int a, int b) {
     return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
 }
 
-uint scramble(uint state) {  // library.py:32
-    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
-    uint result = (word >> 22) ^ word;  // library.py:34
+uint scramble(uint state) {  // library.py:31
+    uint word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:32
+    uint result = (word >> 22) ^ word;  // library.py:33
     return result;
 }
 
-uint pcg(uint x) {  // library.py:40
-    uint result = scramble(x * 747796405u + 2891336453u);  // library.py:41
+uint pcg(uint x) {  // library.py:39
+    uint result = scramble(x * 747796405u + 2891336453u);  // library.py:40
     return result;
 }
 
@@ -61,7 +61,7 @@ void whole_numbers(  // snapshot_programs.py:155
     result1 = sh_floormod(a, b);
     result2 = (a << 2) ^ (b & ~a);
     result3 = u >> 7;
-    result4 = (float(pcg(u) >> 8) + zero) * 5.9604645e-08;
+    result4 = (float(pcg(u) >> 8u) + zero) * 5.9604645e-08;
     result5 = (-2147483647 - 1) - a;
 }
 

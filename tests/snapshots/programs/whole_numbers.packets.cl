@@ -1,10 +1,10 @@
-uint8 scramble(uint8 state) {  // library.py:32
-    uint8 word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:33
-    return (word >> 22) ^ word;  // library.py:34
+uint8 scramble(uint8 state) {  // library.py:31
+    uint8 word = ((state >> ((state >> 28) + 4u)) ^ state) * 277803737u;  // library.py:32
+    return (word >> 22) ^ word;  // library.py:33
 }
 
-uint8 pcg(uint8 x) {  // library.py:40
-    return scramble(x * 747796405u + 2891336453u);  // library.py:41
+uint8 pcg(uint8 x) {  // library.py:39
+    return scramble(x * 747796405u + 2891336453u);  // library.py:40
 }
 
 __kernel void whole_numbers(  // snapshot_programs.py:155
@@ -34,7 +34,7 @@ __kernel void whole_numbers(  // snapshot_programs.py:155
     int8 result1 = sh_floormod_i8(a, b);
     int8 result2 = (a << 2) ^ (b & ~a);
     uint8 result3 = u >> 7;
-    float8 result4 = convert_float8(pcg(u) >> 8) * 5.9604645e-08f;
+    float8 result4 = convert_float8(pcg(u) >> 8u) * 5.9604645e-08f;
     int8 result5 = as_int8((uint)(-2147483647 - 1) - as_uint8(a));
     sh_write_i(result0_out, result0, packet);
     sh_write_i(result1_out, result1, packet);

@@ -4,12 +4,12 @@ from shpy.ir.meaning import floor_div_int, floor_mod_int
 
 
 def scramble(state):
-    word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737  # library.py:33
-    return (word >> 22) ^ word  # library.py:34
+    word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737  # library.py:32
+    return (word >> 22) ^ word  # library.py:33
 
 
 def pcg(x):
-    return scramble(x * 747796405 + 2891336453)  # library.py:41
+    return scramble(x * 747796405 + 2891336453)  # library.py:40
 
 
 def whole_numbers(a, b, u, lanes):
