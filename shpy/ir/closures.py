@@ -356,7 +356,7 @@ class Compiler:
                 return lambda frame: frame[args[0]].astype(np.float16).astype(dtype)
             case "call", str(name):
                 return self.application(self.functions[name], args)
-            case "unit_float":
+            case "unit_float", _:
                 return _apply(partial(meaning.unit_float, dtype=dtype), args, None)
         return _apply(OPS[let.op].meaning, args, dtype if let.op == "float_from_bits" else None)
 
