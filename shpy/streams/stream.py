@@ -31,6 +31,7 @@ from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layo
 from shpy.passes.modes import Precision
 from shpy.shown import Shown
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
+from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of
 
@@ -52,7 +53,7 @@ class Place(NamedTuple):
         return f"{self.backend}{at}{'' if self.precision == 'f32' else f', {self.precision}'}"
 
 
-class Stream(StreamReductions, Shown):
+class Stream(StreamReductions, StreamFields, Shown):
     """`Stream(array, type, backend=None, device=None)`: elements (*S, N), or (*S,) for N = 1, on one device.
 
     The type may be a matrix, from an array (*S, N, N), or a struct or NamedTuple, from a dict of fields, a structured
@@ -202,9 +203,11 @@ class Stream(StreamReductions, Shown):
         return found if dtype is None else found.astype(dtype)
 
     def __getitem__(self, key: Any) -> Any:
-        """Return the elements of an index, a slice or a mask, on the host."""
+        """Return the elements of an index, a slice or a mask, on the host; a struct's field by name is a Stream."""
+        if isinstance(key, str):
+            return field_of(self, key)
         entry = np.asarray(key) if isinstance(key, Stream) else key
-        rows = _rows_of(entry, self._shape[0]) if self._shape else None
+        rows = rows_of(entry, self._shape[0]) if self._shape else None
         if rows is None:
             arrays = [memory.read().reshape(self._shape + _tail(memory))[entry] for memory in self._memories]
         else:  # other rows stay on the device
@@ -469,17 +472,6 @@ def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[A
     for memory, array in zip(made._memories, arrays, strict=True):
         memory.write(array)
     return made
-
-
-def _rows_of(key: Any, count: int) -> range | None:
-    """Return the rows that an index or a slice of the first axis names, in order; None for any other key."""
-    if is_int(key) and -count <= key < count:
-        at = int(key) % count
-        return range(at, at + 1)
-    if isinstance(key, slice) and key.step in (None, 1):
-        rows = range(count)[key]
-        return range(rows.start, rows.start + len(rows))
-    return None
 
 
 def streams_in(values: Iterator[Any]) -> Iterator[Stream]:
