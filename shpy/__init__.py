@@ -21,7 +21,7 @@ from shpy.chains.chain import Chain, loop, repeat, sequence
 from shpy.chains.running import ChainResult
 from shpy.chains.share import share
 from shpy.choices import choice
-from shpy.collectives import argsort, compact, gather, histogram, reduce, scan, scatter, sort, top_k, unique
+from shpy.collectives import argsort, compact, expand, gather, histogram, reduce, scan, scatter, sort, top_k, unique
 from shpy.errors import (
     BackendUnavailable,
     CompileError,

@@ -38,6 +38,7 @@ from shpy.cluster import map_overlap as map_overlap
 from shpy.collectives.choosing import top_k as top_k
 from shpy.collectives.choosing import unique as unique
 from shpy.collectives.compaction import compact as compact
+from shpy.collectives.expansion import expand as expand
 from shpy.collectives.histograms import histogram as histogram
 from shpy.collectives.reducing import reduce as reduce
 from shpy.collectives.scanning import scan as scan
@@ -12256,6 +12257,7 @@ __all__ = [
     "dot",
     "exp",
     "exp2",
+    "expand",
     "faceforward",
     "floatBitsToUint",
     "float_from_bits",
