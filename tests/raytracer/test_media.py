@@ -291,9 +291,12 @@ def test_a_scene_without_lights_moves_and_is_shown_again_under_path():
     renderer = Renderer(made((1, 0, 0), 0), backend="numpy", integrator=integrator)
     renderer.show(made((0, 1, 0), 0))
     same(renderer.render((16, 12)), render(made((0, 1, 0), 0), (16, 12), backend="numpy", integrator=integrator))
+    assert renderer.builds == 1
     place = np.eye(4)
-    place[0, 3] = 1.0
-    renderer.move("ball", place)
+    for place[0, 3] in (2.0, 1.0):
+        renderer.move("ball", place)
+        renderer.render((16, 12))
+    assert renderer.builds == 2  # the first move alone
     same(renderer.render((16, 12)), render(made((0, 1, 0), 1), (16, 12), backend="numpy", integrator=integrator))
 
 
