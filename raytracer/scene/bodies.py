@@ -38,6 +38,8 @@ _CELL = 2.0**-18 * 0.7371
 """The size, as a part of the mesh, within which corners are one vertex: rounding moves the poles of a sphere apart."""
 _TOUCHING = 2.0**-16
 """The part of a box by which it is grown before boxes are compared: bodies that touch meet."""
+_MOST_COMPARED = 256
+"""Bodies whose triangles are compared where their boxes meet."""
 _MOST_PAIRS = 1 << 28
 """Boxes of bodies and triangles that are compared; more are taken to meet, which costs rays a few operations."""
 
@@ -169,7 +171,8 @@ class Bodies:
         rows = np.concatenate([[(0.0, 0.0, 0.0, 1.0)], medium[shells.material[heads]]])
         low = np.where(endless[:, None], -inf, low)[heads]
         high = np.where(endless[:, None], inf, high)[heads]
-        slots = _slots(low, high)
+        bodies = body_of[shells.triangles]
+        slots = _slots(low, high, [corners[bodies == body] for body in range(1, min(len(heads), _MOST_COMPARED) + 1)])
         return cls(
             shells, corners, rows, body_of, slots,
             np.concatenate([np.full((1, 3), -inf), low]), np.concatenate([np.full((1, 3), inf), high]),
@@ -222,17 +225,20 @@ def _hollows(shells: Shells, corners: Floats, low: Floats, high: Floats, volume:
     return body, left
 
 
-def _slots(low: Floats, high: Floats) -> int:
-    """Return how many boxes (B, 3) can hold a point at once, an upper bound.
+def _slots(low: Floats, high: Floats, corners: Sequence[Floats]) -> int:
+    """Return how many bodies can hold a point at once, an upper bound, by their boxes (B, 3) and their triangles.
 
-    The smallest box of such a set meets all others, which are before it.
+    The last of such a set meets all others, which are before it. `corners` are those of the first bodies: the boxes of
+    two may meet where the bodies do not.
     """
     grown = np.where(np.isfinite(high - low), (high - low) * _TOUCHING, 0.0)
     low, high = low - grown, high + grown
     most = 1
     for k in range(1, len(low)):
-        meet = ((low[:k] <= high[k]) & (low[k] <= high[:k])).all(axis=1)
-        most = max(most, 1 + int(meet.sum()))
+        meet = np.flatnonzero(((low[:k] <= high[k]) & (low[k] <= high[:k])).all(axis=1))
+        if k < len(corners):
+            meet = meet[[_may_meet(low, high, corners, k, int(other)) for other in meet]]
+        most = max(most, 1 + len(meet))
     if most > MOST_SLOTS:
         warnings.warn(
             f"the boxes round {most} bodies of clear materials meet, and a ray knows of {MOST_SLOTS} bodies in which "
@@ -241,6 +247,16 @@ def _slots(low: Floats, high: Floats) -> int:
             stacklevel=2,
         )
     return min(most, MOST_SLOTS)
+
+
+def _may_meet(low: Floats, high: Floats, corners: Sequence[Floats], k: int, other: int) -> bool:
+    """Return whether one of two boxes lies in the other, or triangles of both come to where the boxes meet."""
+    least, most = np.maximum(low[k], low[other]), np.minimum(high[k], high[other])
+    if any((least == low[n]).all() and (most == high[n]).all() for n in (k, other)):
+        return True
+    return all(
+        ((corners[n].min(axis=1) <= most) & (least <= corners[n].max(axis=1))).all(axis=1).any() for n in (k, other)
+    )
 
 
 def _meet_opaque(layout: Layout, body_of: NDArray[np.int32], low: Floats, high: Floats) -> bool:
