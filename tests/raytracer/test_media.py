@@ -301,7 +301,7 @@ def test_a_scene_without_lights_moves_and_is_shown_again_under_path():
 
 
 def check(seed, count, name, backend):
-    """Compare a lamp seen through each column, one seen in a mirror, and the light of a lamp on a wall."""
+    """Compare a lamp seen through each column, directly and in a mirror, with the product along the way."""
     made, rng = columns(seed, count)
     integrator = INTEGRATORS[name]
     eye = float(rng.choice([9.0, rng.uniform(-4, 7)]))
