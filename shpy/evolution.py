@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shpy.chains.chain import Chain
-from shpy.chains.member import element_layout, is_gathered
+from shpy.chains.member import element_layout, is_gathered, stream_names
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D
@@ -44,7 +44,7 @@ class Evolution:
 
         `size` is (width, height); without it that of the first stream that has two axes, else (512, 512).
         """
-        names = {*names_of(chain), *(show.inputs if show else ())}
+        names = {*stream_names(chain.steps), *(show.inputs if show else ())}
         unknown = [name for name in streams if name not in names]
         if unknown:
             raise ShpyTypeError(f"{unknown[0]} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(names)}")
@@ -70,12 +70,6 @@ class Evolution:
         return np.asarray(first_output(self._show(**given, shape=moment.shape)))
 
 
-def names_of(chain: Chain) -> tuple[str, ...]:
-    """Return the names of the streams, Tables and numbers that a chain reads or writes."""
-    found = (name for kernel in chain.kernels for name in (*kernel.inputs, *(name for name, _ in kernel.outputs)))
-    return tuple(dict.fromkeys(found))
-
-
 def last_stream(chain: Chain) -> str:
     """Return the name of the stream that a chain writes last, which is shown where no program makes colours."""
     return chain.kernels[-1].outputs[-1][0]
@@ -86,9 +80,9 @@ def given_to(chain: Chain, moment: Moment, streams: Mapping[str, Any]) -> dict[s
 
     A stream that the chain writes before it reads it is given, too: its shape tells that of the kernel.
     """
-    held = {name: streams[name] for name in names_of(chain) if name in streams}
+    held = {name: streams[name] for name in stream_names(chain.steps) if name in streams}
     written = {*held, *chain.outputs} - chain.inputs.keys()
-    types = {name: getattr(t, "cls", t) for kernel in chain.kernels for name, t in kernel.inputs.items()}
+    types = {name: getattr(t, "cls", t) for step in chain.steps for name, t in step.inputs.items()}
     return held | filled(types, moment, given={*held, *written})
 
 
@@ -104,9 +98,9 @@ def stepped(chain: Chain, moment: Moment, streams: Mapping[str, Any], backend: s
 
 def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:
     """Return whether a kernel writes a new stream, and reads by element single numbers alone, or nothing."""
-    for kernel, _ in chain.steps:
-        written = [name for name, _ in kernel.outputs]
-        named = [*(name for name, type_ in kernel.inputs.items() if not is_gathered(type_)), *written]
+    for step in chain.steps:
+        written = [name for name, _ in step.kernel.outputs]
+        named = [*(name for name, type_ in step.inputs.items() if not is_gathered(type_)), *written]
         many = next((shapes[name] for name in named if math.prod(shapes.get(name, ())) != 1), None)
         if many is not None:
             shapes |= dict.fromkeys(written, many)
@@ -117,7 +111,7 @@ def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:
 
 def shapes_of(chain: Chain, streams: Mapping[str, Any]) -> dict[str, Shape]:
     """Return the shape of the elements of each stream that a chain has; raise ShpyTypeError for no such stream."""
-    named = (pair for kernel in chain.kernels for pair in (*kernel.inputs.items(), *kernel.outputs))
+    named = (pair for step in chain.steps for pair in (*step.inputs.items(), *step.kernel.outputs))
     layouts = {name: element_layout(type_) for name, type_ in named}
     found = {}
     for name, value in streams.items():

@@ -222,6 +222,23 @@ chain = sh.sequence(count, shade)
 def start(height, width):
     return {"n": 0, "u": board(height, width), "by": 0.125}
 """,
+    "counted_passes": """
+@sh.program
+def lift(u: sh.Attrib1f, k: sh.Attrib1i, pass_: sh.Attrib1i):
+    return {"u": sh.fract(u + 0.125 * sh.Attrib1f(k + 3 * pass_))}
+
+
+@sh.program
+def turn(u: sh.Attrib1f, k: sh.Attrib1i) -> sh.Attrib1f:
+    return sh.fract(u * sh.Attrib1f(k + 2))
+
+
+chain = sh.repeat(sh.sequence(sh.repeat(sh.sequence(lift, turn), 3, index="k"), near, turn), 2, index="pass_")
+
+
+def start(height, width):
+    return {"u": board(height, width), "k": 5}
+""",
     "its_last_stream_comes_first": """
 @sh.program
 def half(w: sh.Attrib1f):

@@ -10,12 +10,13 @@ Stage: run.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
 from shpy.algebra import alike, with_article
-from shpy.chains.member import Member, element_layout, is_gathered
+from shpy.chains.member import RUN_ARGUMENTS, Member, Step, element_layout, is_gathered
+from shpy.chains.merging import COUNT
 from shpy.chains.running import ChainResult, Run
 from shpy.chains.share import Share
 from shpy.errors import LoopLimitExceeded, ShpyTypeError
@@ -25,6 +26,7 @@ from shpy.ir.nodes import Loc
 from shpy.lang.programs.record import InputType
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
+from shpy.lang.values.structure import Leaf
 from shpy.passes.modes import Precision
 from shpy.programs import Program
 from shpy.run.kernel import Kernel
@@ -38,6 +40,9 @@ class Chain(Unchanging, ABC):
     replaces the stream of the only input of its type. A Table reads what the stream held before the kernel ran.
     """
 
+    index: str | None = None
+    """The name of the input that receives the number of the pass or round; None if it is not counted."""
+
     def __init__(self, members: tuple[Member | Chain, ...], *options: Any) -> None:
         self.members = members
         self._options = options
@@ -50,21 +55,24 @@ class Chain(Unchanging, ABC):
         return tuple(kernel for member in self.members for kernel in member.kernels)
 
     @property
-    def steps(self) -> Iterator[tuple[Member, bool]]:
+    def steps(self) -> Iterator[Step]:
         """Every kernel in order, with whether the chain runs it: `sh.repeat(p, 0)` does not."""
+        number = () if self.index is None else (self.index,)
         for member in self.members:
-            yield from member.steps
+            for step in member.steps:
+                yield step._replace(numbers=step.numbers.union(number)) if number else step
 
     @property
     def inputs(self) -> dict[str, Any]:
         """The type of each stream, Table or number that `run` takes, by name."""
         found: dict[str, Any] = {}
         written: set[str] = set()
-        for kernel, runs in self.steps:
-            for name, type_ in kernel.inputs.items():
+        for step in self.steps:
+            kernel = step.kernel
+            for name, type_ in step.inputs.items():
                 if name not in written and name not in kernel.recorded.defaults:
                     found.setdefault(name, getattr(type_, "cls", type_))
-            written |= {name for name, _ in kernel.outputs} if runs and not kernel.rejects else set()
+            written |= {name for name, _ in kernel.outputs} if step.runs and not kernel.rejects else set()
         return found
 
     @property
@@ -144,27 +152,33 @@ class Sequence(Chain):
 
 
 class Repeat(Chain):
-    """A chain that runs its members a number of times: see `sh.repeat`."""
+    """A chain that runs its members a number of times: see `sh.repeat`. The passes are counted from `first`."""
 
-    def __init__(self, members: tuple[Member | Chain, ...], times: int) -> None:
-        super().__init__(members, times)
-        self.times = times
+    def __init__(
+        self, members: tuple[Member | Chain, ...], times: int, index: str | None = None, first: int = 0
+    ) -> None:
+        super().__init__(members, times, index, first)
+        self.times, self.index, self.first = times, index, first
 
     @property
-    def steps(self) -> Iterator[tuple[Member, bool]]:
+    def steps(self) -> Iterator[Step]:
         """Yield every kernel in order, each with True if the chain is certain to run it."""
-        return ((kernel, runs and self.times > 0) for kernel, runs in super().steps)
+        return (step._replace(runs=step.runs and self.times > 0) for step in super().steps)
 
     def perform(self, run: Run) -> None:
         """Run the members as often as the chain repeats."""
         outside, run.once = run.once, run.once and self.times < 2
-        for _ in range(self.times):
-            for member in self.members:
-                member.perform(run)
+        with run.numbered(self, self.index, self.first) as advance:
+            for number in range(self.times):
+                if number:
+                    advance()
+                for member in self.members:
+                    member.perform(run)
         run.once = outside
 
     def __str__(self) -> str:
-        return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times})"
+        index = "" if self.index is None else f', index="{self.index}"'
+        return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times}{index})"
 
 
 class Held(Chain):
@@ -175,9 +189,9 @@ class Held(Chain):
         self.share = share
 
     @property
-    def steps(self) -> Iterator[tuple[Member, bool]]:
+    def steps(self) -> Iterator[Step]:
         """Every kernel in order; no stream is certain to be written."""
-        return ((kernel, False) for kernel, _ in super().steps)
+        return (step._replace(runs=False) for step in super().steps)
 
     def perform(self, run: Run) -> None:
         """Run the member if enough elements are ready."""
@@ -192,9 +206,9 @@ class Held(Chain):
 class Loop(Chain):
     """A chain that runs its members until a round writes nothing: see `sh.loop`."""
 
-    def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None) -> None:
-        super().__init__(members, loop_limit)
-        self.loop_limit = loop_limit
+    def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None, index: str | None = None) -> None:
+        super().__init__(members, loop_limit, index)
+        self.loop_limit, self.index = loop_limit, index
         self._round = Sequence(members)
         for kernel in self.kernels:
             if not kernel.rejects:
@@ -207,10 +221,16 @@ class Loop(Chain):
 
     def perform(self, run: Run) -> None:
         """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
+        with run.numbered(self, self.index, 0) as advance:
+            self._perform(run, advance)
+
+    def _perform(self, run: Run, advance: Callable[[], None]) -> None:
         outside, before, ever = (run.watching, run.once, run.held, run.open), run.wrote, False
         run.watching, run.once, run.open = True, False, False
         rounds = 0
         while self.loop_limit is None or rounds < self.loop_limit:
+            if rounds:
+                advance()
             run.wrote = run.held = False
             self._round.perform(run)
             rounds += 1
@@ -238,11 +258,20 @@ def sequence(*members: Program | Kernel | Chain, where: str | Program | None = N
     return Sequence(_guarded(_members(members), where))
 
 
-def repeat(member: Program | Kernel | Chain, times: int, *, where: str | Program | None = None) -> Chain:
+def repeat(
+    member: Program | Kernel | Chain,
+    times: int,
+    *,
+    where: str | Program | None = None,
+    index: str | None = None,
+) -> Chain:
     """Return the chain that runs a program, kernel or chain `times` times.
 
-    `where`, the name of a stream of bools or a program of the element, tells which elements run. Raises ShpyTypeError
-    for a number of times that is no int or negative.
+    `where`, the name of a stream of bools or a program of the element, tells which elements run. `index` names an input
+    of type Attrib1i that receives the number of the pass, 0 to times - 1, in all kernels and conditions of the chain;
+    of nested repeats and loops with one name the innermost counts. The device counts, and one kernel runs all passes.
+    Raises ShpyTypeError for a number of times that is no int or negative, and for an `index` that no kernel reads, that
+    one writes, or that is no element of type Attrib1i.
 
         @sh.program
         def smooth(u: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
@@ -253,7 +282,7 @@ def repeat(member: Program | Kernel | Chain, times: int, *, where: str | Program
     """
     if not is_int(times) or times < 0:
         raise ShpyTypeError(f"repeat takes a number of times, not {times!r}", loc=here(), cure="sh.repeat(step, 500)")
-    return Repeat(_guarded(_members((member,)), where), int(times))
+    return _numbered(Repeat(_guarded(_members((member,), index), where), int(times), index))
 
 
 def loop(
@@ -261,24 +290,25 @@ def loop(
     where: str | Program | None = None,
     loop_limit: int | None = 1_048_576,
     when: Mapping[str, Share] | None = None,
+    index: str | None = None,
 ) -> Chain:
     """Return the chain that runs its members in rounds until a round writes no element.
 
     Each kernel has to discard elements (`SH_DISCARD`) or to run under a condition: see `where` of `sh.sequence`. The
     round that writes nothing counts among the executions. `run` raises LoopLimitExceeded after `loop_limit` rounds, or
-    never if that is None.
+    never if that is None. `index` names an input that receives the number of the round: see `sh.repeat`.
 
     `when` names members, programs or kernels, and for each the share of the elements that have to be ready:
     `sh.loop(traverse, intersect, when={"intersect": sh.share("waiting", 0.2, of="moving")})`. In a round in which they
     are too few, the member is held back. After a round that wrote nothing, the next one lets those run that have any
     element ready, so that the loop ends only when none has.
     Raises ShpyTypeError for a kernel that writes every element, for names in `when` that are no members, and for shares
-    of streams that no kernel of the loop has.
+    of streams that no kernel of the loop has, and for an `index` as in `sh.repeat`.
     """
     if loop_limit is not None and not (is_int(loop_limit) and loop_limit > 0):
         raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
-    parts = _held(_guarded(_members(members), where), {} if when is None else when)
-    return Loop(parts, None if loop_limit is None else int(loop_limit))
+    parts = _held(_guarded(_members(members, index), where), {} if when is None else when)
+    return _numbered(Loop(parts, None if loop_limit is None else int(loop_limit), index))
 
 
 def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
@@ -301,17 +331,52 @@ def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tup
     return tuple(Held((m,), when[m.name]) if isinstance(m, Member) and m.name in when else m for m in members)
 
 
-def _members(given: tuple[Any, ...]) -> tuple[Member | Chain, ...]:
+def _numbered(node: Chain) -> Chain:
+    """Return a chain; raise ShpyTypeError unless its kernels read the number of the pass, and none writes it."""
+    index = node.index
+    if index is None:
+        return node
+    if not isinstance(index, str) or not index.isidentifier() or index in RUN_ARGUMENTS:
+        raise ShpyTypeError(
+            f"index={index!r} is no name of an input", loc=here(), cure='index="k", and an input k: sh.Attrib1i'
+        )
+    number = f"the number of the {'round' if isinstance(node, Loop) else 'pass'}"
+    readers = [step for member in node.members for step in member.steps if index in step.inputs]
+    if not readers:
+        listed = "; ".join(dict.fromkeys(kernel.signature for kernel in node.kernels))
+        raise ShpyTypeError(
+            f"no kernel of {node} reads {index}, {number}: {listed}",
+            loc=here(),
+            cure=f"an input {index}: sh.Attrib1i, or no index=",
+        )
+    for kernel, type_ in ((step.kernel, step.inputs[index]) for step in readers):
+        if is_gathered(type_) or not alike(element_layout(type_), Leaf(COUNT)):
+            raise ShpyTypeError(
+                f"{index}, {number}, is {with_article(type_)} in {kernel.signature}",
+                loc=here(),
+                cure=f"{index}: sh.Attrib1i",
+            )
+    for kernel in node.kernels:
+        if index in dict(kernel.outputs):
+            raise ShpyTypeError(
+                f"{kernel.signature} writes {index}, which is {number} in {node}",
+                loc=here(),
+                cure='return {"name": value} with the name of another stream, or another name for index=',
+            )
+    return node
+
+
+def _members(given: tuple[Any, ...], index: str | None = None) -> tuple[Member | Chain, ...]:
     if not given:
         raise ShpyTypeError("a chain has at least one member", loc=here(), cure="sh.sequence(first, second)")
-    return tuple(_member(value) for value in given)
+    return tuple(_member(value, index) for value in given)
 
 
-def _member(value: Any) -> Member | Chain:
+def _member(value: Any, index: str | None) -> Member | Chain:
     if isinstance(value, Chain):
         return value
     if isinstance(value, Program | Kernel):
-        return Member.of(value)
+        return Member.of(value, index)
     spoken = getattr(value, "__name__", None) or repr(value)
     raise ShpyTypeError(
         f"{spoken} is neither a program nor a kernel nor a chain",

@@ -7,10 +7,10 @@ be it an element or a Table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from shpy.algebra import alike, signature, type_name, with_article
 from shpy.backend.registry import backend as backend_named
@@ -41,6 +41,25 @@ def element_layout(type_: InputType) -> Layout:
     return layout_of(type_.cls, "an element") if isinstance(type_, TableType | TextureType) else type_
 
 
+class Step(NamedTuple):
+    """A kernel at its place in a chain: whether the chain is certain to run it, and the names of numbers of passes."""
+
+    kernel: Member
+    runs: bool
+    numbers: frozenset[str] = frozenset()
+
+    @property
+    def inputs(self) -> dict[str, InputType]:
+        """The type of each input that reads a stream, by name; the others are numbers of passes."""
+        return {name: type_ for name, type_ in self.kernel.inputs.items() if name not in self.numbers}
+
+
+def stream_names(steps: Iterable[Step]) -> tuple[str, ...]:
+    """Return the names of the streams, Tables and numbers that kernels read or write, without numbers of passes."""
+    found = (name for step in steps for name in (*step.inputs, *(name for name, _ in step.kernel.outputs)))
+    return tuple(dict.fromkeys(found))
+
+
 @dataclass(frozen=True, eq=False)
 class Member:
     """A program or kernel in a chain: `original` as the user gave it, `kernel` with its condition if there is one."""
@@ -50,8 +69,11 @@ class Member:
     outputs: tuple[tuple[str, Layout], ...]
 
     @classmethod
-    def of(cls, kernel: Program | Kernel) -> Member:
-        """Return the member for a program or kernel; ShpyTypeError if an output needs a name and has none."""
+    def of(cls, kernel: Program | Kernel, index: str | None = None) -> Member:
+        """Return the member for a program or kernel; ShpyTypeError if an output needs a name and has none.
+
+        An output without a name does not replace `index`, which is the number of the pass.
+        """
         recorded = kernel.recorded
         for name in recorded.inputs:
             if name in RUN_ARGUMENTS:
@@ -60,7 +82,7 @@ class Member:
                     loc=here(),
                     cure=f"{recorded.module.name}.rename({name}=…)",
                 )
-        outputs = _outputs(recorded)
+        outputs = _outputs(recorded, index)
         for name, layout in outputs:
             _check_stream(name, layout, recorded)
         return cls(kernel, kernel, outputs)
@@ -71,9 +93,9 @@ class Member:
         return (self,)
 
     @property
-    def steps(self) -> Iterator[tuple[Member, bool]]:
+    def steps(self) -> Iterator[Step]:
         """Yield the member itself, which runs."""
-        yield self, True
+        yield Step(self, runs=True)
 
     def perform(self, run: Any) -> None:
         """Run the member once."""
@@ -136,13 +158,13 @@ class Member:
         return self.kernel
 
 
-def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
+def _outputs(recorded: Recorded, index: str | None) -> tuple[tuple[str, Layout], ...]:
     """Return the name and the layout of the stream that each output replaces."""
     layout = recorded.output
     form = layout.form if isinstance(layout, Group) else None
     if isinstance(layout, Group) and form == "dict":
         return tuple(zip(layout.names, layout.parts, strict=True))
-    fitting = [] if form in ("tuple", "list") else _fitting(recorded, layout)
+    fitting = [] if form in ("tuple", "list") else _fitting(recorded, layout, index)
     if len(fitting) == 1:
         return ((fitting[0], layout),)
     if isinstance(layout, Group) and form in ("struct", "namedtuple") and not fitting:
@@ -160,9 +182,9 @@ def _outputs(recorded: Recorded) -> tuple[tuple[str, Layout], ...]:
     )
 
 
-def _fitting(recorded: Recorded, layout: Layout) -> list[str]:
+def _fitting(recorded: Recorded, layout: Layout, index: str | None) -> list[str]:
     """Return the inputs whose elements have the type of the output; only those of the same kinds if there are any."""
-    elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items()}
+    elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items() if name != index}
     same = [name for name, element in elements.items() if element == layout]
     return same or [name for name, element in elements.items() if alike(element, layout)]
 

@@ -9,7 +9,8 @@ know whether a round has written anything.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain as joined
@@ -19,7 +20,8 @@ import numpy as np
 
 from shpy.backend.base import DeviceCall, Executable, Memory
 from shpy.backend.registry import default_backend
-from shpy.chains.member import Member, element_layout, is_gathered
+from shpy.chains.counter import Counter
+from shpy.chains.member import Member, Step, element_layout, is_gathered, stream_names
 from shpy.chains.merging import COUNT, merge_of
 from shpy.chains.share import Share
 from shpy.errors import ShpyTypeError
@@ -46,7 +48,7 @@ class Node(Protocol):
         """Every kernel, in order."""
 
     @property
-    def steps(self) -> Iterable[tuple[Member, bool]]:
+    def steps(self) -> Iterable[Step]:
         """Return every kernel in order, each with True if the chain is certain to run it."""
 
     def perform(self, run: Run) -> None:
@@ -85,7 +87,8 @@ class Run:
     """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and tests `wrote`.
 
     A loop also tests `held`: a kernel that has ready elements was held back. `open` lets such kernels run.
-    `once` is true outside repeats and loops, where no bound run is kept for another execution.
+    `once` is true outside repeats and loops, where no bound run is kept for another execution. `numbers` has the
+    numbers of passes, which take precedence over other streams of these names.
     """
 
     def __init__(
@@ -105,6 +108,8 @@ class Run:
         self._kernels = {member: member.compiled(self.place) for member in self._members}
         self._constants: dict[str, Any] = {}
         self.current: dict[Any, Stream] = {}
+        self.numbers: dict[Any, Stream] = {}
+        self._counters: dict[Node, Counter] = {}
         for name, value in given.items():
             self._bring(name, value)
         if self._shape is not None:
@@ -122,12 +127,13 @@ class Run:
 
     def _bring(self, name: str, value: Any) -> None:
         """Copy an array or number to the device; data that is only read by index stays a Table or texture."""
-        inputs = [m.inputs[name] for m in self._members if name in m.inputs]
+        steps = [step for step in self._node.steps if name in step.inputs or name in dict(step.kernel.outputs)]
+        inputs = [step.inputs[name] for step in steps if name in step.inputs]
         outputs = [layout for m in self._members for n, layout in m.outputs if n == name]
         gathered = all(is_gathered(type_) for type_ in inputs) and not outputs
         if isinstance(value, Table | Texture2D) or (gathered and not isinstance(value, Stream)):
             if not gathered:
-                users = ", ".join(m.signature for m in self._members if name in m.inputs or name in dict(m.outputs))
+                users = ", ".join(dict.fromkeys(step.kernel.signature for step in steps))
                 raise ShpyTypeError(
                     f"{name} is given as a {type(value).__name__}, and kernels read or write it by element: {users}",
                     loc=here(),
@@ -162,8 +168,9 @@ class Run:
     def _check_shape(self, wanted: Shape) -> None:
         """Raise ShpyTypeError for a shape that no kernel uses, since all have other shapes from their streams."""
         shapes = {name: stream.shape for name, stream in self.current.items()}
-        for member in self._members:
-            read = [name for name, type_ in member.inputs.items() if not is_gathered(type_)]
+        for step in self._node.steps:
+            member = step.kernel
+            read = [name for name, type_ in step.inputs.items() if not is_gathered(type_)]
             written = [name for name, _ in member.outputs]
             many = [name for name in (*read, *written) if math.prod(shapes.get(name, ())) != 1]
             if not many or shapes[many[0]] == wanted:
@@ -188,7 +195,8 @@ class Run:
             known = self._plans[node] = list(keys), {}
         names, plans = known
         current = self.current
-        state = (object(),) if self.once else tuple([current.get(name) for name in names])
+        before = current | self.numbers if self.numbers else current
+        state = (object(),) if self.once else tuple([before.get(name) for name in names])
         plan = plans.get(state)
         if plan is None:
             plan = plans[state] = self._plan(node)
@@ -202,10 +210,31 @@ class Run:
         elif len(self._pending) >= _AHEAD:
             self.flush()
 
+    @contextmanager
+    def numbered(self, node: Node, index: str | None, first: int) -> Iterator[Callable[[], None]]:
+        """Count the passes of a part from `first` in the stream `index`; give the function that begins the next one."""
+        if index is None:
+            yield lambda: None
+            return
+        if node not in self._counters:
+            self._counters[node] = Counter(first, self.place)
+        counter, outside = self._counters[node], self.numbers
+        counter.restart()
+        self.numbers = outside | {index: counter.stream}
+
+        def advance() -> None:
+            self._pending.append(counter.advance())
+            self.numbers = outside | {index: counter.stream}
+
+        try:
+            yield advance
+        finally:
+            self.numbers = outside
+
     def admits(self, share: Share) -> bool:
         """Return whether enough elements are ready, or any if `open`; set `held` if a member with some is held back."""
         self.flush()
-        count, is_enough = share.count(self.place, self.current)
+        count, is_enough = share.count(self.place, self.current | self.numbers)
         if is_enough or (count and self.open):
             return True
         self.held |= count > 0
@@ -304,10 +333,12 @@ class Run:
         return beside
 
     def _has(self, name: str) -> bool:
-        return name in self._constants or name in self.current
+        return name in self.numbers or name in self._constants or name in self.current
 
     def _input(self, name: str, member: Member) -> Any:
         """Return the current stream, Table or number of an input."""
+        if name in self.numbers:
+            return self.numbers[name]
         if name in self._constants:
             return self._constants[name]
         stream, type_ = self.current[name], member.inputs[name]
@@ -322,7 +353,8 @@ class Run:
 
     def _shape_of(self, member: Member) -> Shape:
         """Return the shape of a run: of the streams it reads by element, of those it replaces, or `shape=` of `run`."""
-        read = {n: self.current[n].shape for n, t in member.inputs.items() if not is_gathered(t) and n in self.current}
+        now = self.current | self.numbers
+        read = {n: now[n].shape for n, t in member.inputs.items() if not is_gathered(t) and n in now}
         written = {name: self.current[name].shape for name, _ in member.outputs if name in self.current}
         for found in (read, written):
             many = {name: shape for name, shape in found.items() if math.prod(shape) != 1}
@@ -404,23 +436,29 @@ def _labels(members: Iterable[Member]) -> dict[Member, str]:
 
 def _check_names(node: Node, given: Mapping[str, Any]) -> None:
     """Raise ShpyTypeError for a stream that no kernel has, and for one that is read but neither given nor written."""
-    known = dict.fromkeys(n for m in node.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
+    steps = list(node.steps)
+    known = stream_names(steps)
     for name in given:
+        if name not in known and any(name in step.numbers for step in steps):
+            raise ShpyTypeError(
+                f"{name} is given, and {node} counts it: it is the number of the pass", loc=here(), cure=f"no {name}="
+            )
         if name not in known:
             listed = "; ".join(dict.fromkeys(member.signature for member in node.kernels))
             raise ShpyTypeError(
                 f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(known)}"
             )
     there = set(given)
-    for member, runs in node.steps:
-        missing = [n for n in member.inputs if n not in there and n not in member.recorded.defaults]
+    for step in steps:
+        member = step.kernel
+        missing = [n for n in step.inputs if n not in there and n not in member.recorded.defaults]
         if missing:
             raise ShpyTypeError(
                 f"{node} lacks {', '.join(missing)}, which {member.signature} reads",
                 loc=here(),
                 cure=f"chain.run({', '.join(f'{n}=…' for n in (*given, *missing))})",
             )
-        there |= {name for name, _ in member.outputs} if runs else set()
+        there |= {name for name, _ in member.outputs} if step.runs else set()
 
 
 def _place_of(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shpy.chains.chain import Chain, Repeat, Sequence, sequence
-from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered
+from shpy.chains.member import RUN_ARGUMENTS, Member, element_layout, is_gathered, stream_names
 from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, has_lazy, unified
 from shpy.cluster.graphs import over_blocks
 from shpy.cluster.jobs import Stencil, cut_tables
@@ -94,7 +94,7 @@ def _nodes(node: Any) -> Any:
 
 
 def _check_names(chain: Chain, streams: Mapping[str, Any]) -> None:
-    known = dict.fromkeys(n for m in chain.kernels for n in (*m.inputs, *(name for name, _ in m.outputs)))
+    known = stream_names(chain.steps)
     for name in streams:
         if name not in known:
             raise ShpyTypeError(f"{name} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(known)}")
@@ -114,7 +114,7 @@ def _cut_streams(
     """Return the layout and leaves of each stream that is cut: one that is written, or read as an array of elements."""
     found: dict[str, tuple[Layout, list[Cut]]] = {}
     for name, value in streams.items():
-        types = [kernel.inputs[name] for kernel in chain.kernels if name in kernel.inputs]
+        types = [step.inputs[name] for step in chain.steps if name in step.inputs]
         by_element = [type_ for type_ in types if not is_gathered(type_)]
         if any(isinstance(type_, TextureType) for type_ in types):
             check_whole(name, value, "a sh.Table, which is read at an index")

@@ -57,9 +57,7 @@ class Ongoing:
         self.shown = last_stream(chain)
         programs = [kernel.recorded for kernel in chain.kernels]
         self.takes_mouse = any("mouse" in names for names in (*(p.inputs for p in programs), self.taken))
-        self.read = {
-            name for kernel in chain.kernels for name, type_ in kernel.inputs.items() if _is_filled(name, type_)
-        }
+        self.read = {name for step in chain.steps for name, type_ in step.inputs.items() if _is_filled(name, type_)}
         """The inputs of the chain that are filled by their names."""
         self.stepping = {name: p for recorded in programs for name, p in recorded.params.items()}
         """The Params of the chain."""
@@ -217,16 +215,16 @@ class Ongoing:
         over other elements than the pixels.
         """
         member = self._writer()
-        prefix = _before(self.chain, member) if member else None
-        if member is None or prefix is None or held.before is None or held.moment is None or held.form is None:
+        before = _before(self.chain, member) if member else None
+        if member is None or before is None or held.before is None or held.moment is None or held.form is None:
             return None
-        streams = dict(held.before)
+        streams, (prefix, numbers) = dict(held.before), before
         if prefix:
             streams |= stepped(Sequence(tuple(prefix)), held.moment, _placed(streams, held.form), held.form.backend)
         program, shown = Program(member.recorded), held.streams[member.outputs[-1][0]]
         if shown.shape != held.moment.shape:
             return None
-        given = given_to(Sequence((member,)), held.moment, streams)
+        given = given_to(Sequence((member,)), held.moment, streams | numbers)
         given = {name: value for name, value in given.items() if name in program.inputs}
         return program, program.trace(**given, shape=held.moment.shape, at=at)
 
@@ -265,16 +263,25 @@ def _placed(values: Mapping[str, Any], form: Form) -> dict[str, Any]:
     return {name: v.to(form.backend) if isinstance(v, Stream) else v for name, v in values.items()}
 
 
-def _before(node: Chain | Member, member: Member) -> list[Chain | Member] | None:
-    """Return what a chain runs before its last execution of a member; None where only a run tells."""
+def _before(node: Chain | Member, member: Member) -> tuple[list[Chain | Member], dict[str, int]] | None:
+    """Return what a chain runs before its last execution of a member; None where only a run tells.
+
+    The second result has the numbers of the passes in that execution, by the names of the inputs.
+    """
     if node is member:
-        return []
+        return [], {}
     if not isinstance(node, Sequence | Repeat) or (isinstance(node, Repeat) and not node.times):
         return None
     places = [k for k, part in enumerate(node.members) if member in part.kernels]
     inner = _before(node.members[places[-1]], member)
     if inner is None:
         return None
-    rounds = node.times - 1 if isinstance(node, Repeat) else 0
-    earlier = [Repeat(node.members, rounds)] if rounds else []
-    return [*earlier, *node.members[: places[-1]], *inner]
+    last, numbers = [*node.members[: places[-1]], *inner[0]], inner[1]
+    if not isinstance(node, Repeat):
+        return last, numbers
+    final = node.first + node.times - 1
+    earlier = [Repeat(node.members, node.times - 1, node.index, node.first)] if node.times > 1 else []
+    if node.index is not None:
+        last = [Repeat(tuple(last), 1, node.index, final)] if last else []
+        numbers = {node.index: final} | numbers
+    return [*earlier, *last], numbers

@@ -1,11 +1,14 @@
 """Chains give what their kernels give one by one on host arrays, bit for bit."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from loop_stops import stops_loops
 
 import shpy as sh
+from shpy.chains.member import stream_names
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 on_every_backend = pytest.mark.parametrize("backend", BACKENDS)
@@ -45,35 +48,61 @@ def count_up(n: sh.Attrib1i, limit: sh.Attrib1i, x: sh.Table[sh.Attrib1f, 1]):
 
 
 @sh.program
+def stamp(x: sh.Table[sh.Attrib1f, 1], k: sh.Attrib1i) -> sh.Attrib1f:
+    return 0.5 * x[sh.grid_index(1) + k] + sh.Attrib1f(k)
+
+
+@sh.program
+def tick(n: sh.Attrib1i, k: sh.Attrib1i):
+    sh.SH_DISCARD((n >= 6) | ((n + k) % 3 == 0))
+    return {"n": n + 1}
+
+
+@sh.program
 def is_even(n: sh.Attrib1i) -> sh.Attrib1b:
     return n % 2 == 0
 
 
-ALL = (move, swing, blur, shift, wear, count_up)
-REJECTING = (wear, count_up)
+ALL = (move, swing, blur, shift, wear, count_up, stamp, tick)
+REJECTING = (wear, count_up, tick)
 
 
 def chains(members):
-    """Trees of sequences and repeats over members."""
+    """Trees of sequences and repeats over members; a repeat with an index counts its passes in k."""
     nest = lambda inner: st.one_of(  # noqa: E731
         st.lists(inner, min_size=1, max_size=3).map(lambda parts: ("sequence", parts)),
-        st.tuples(st.just("repeat"), inner, st.integers(0, 4)),
+        st.tuples(st.just("repeat"), inner, st.integers(0, 4), st.booleans()).map(counted),
     )
     return st.recursive(members, nest, max_leaves=5)
 
 
 def loops():
-    return chains(st.sampled_from(REJECTING)).map(lambda body: ("loop", body))
+    return st.tuples(st.just("loop"), chains(st.sampled_from(REJECTING)), st.booleans()).map(counted)
+
+
+def reads(tree):
+    """Whether a kernel reads k that no repeat or loop in the tree counts."""
+    match tree:
+        case ("sequence", parts):
+            return any(map(reads, parts))
+        case (_, body, *_, index):
+            return index is None and reads(body)
+    return "k" in tree.inputs
+
+
+def counted(tree):
+    *first, wants = tree
+    return (*first, "k" if wants and reads(tree[1]) else None)
 
 
 def built(tree):
     match tree:
         case ("sequence", parts):
             return sh.sequence(*map(built, parts))
-        case ("repeat", body, times):
-            return sh.repeat(built(body), times)
-        case ("loop", body):
-            return sh.loop(built(body))
+        case ("repeat", body, times, index):
+            return sh.repeat(built(body), times, index=index)
+        case ("loop", body, index):
+            return sh.loop(built(body), index=index)
     return tree
 
 
@@ -89,21 +118,25 @@ class OneByOne:
     def __init__(self, backend, arrays, precision="f32"):
         self.backend, self.precision = backend, precision
         self.arrays = {name: np.array(array) for name, array in arrays.items()}
-        self.executions, self.counts = {}, {}
+        self.executions, self.counts, self.numbers = {}, {}, []
 
     def run(self, tree):
         """Run a tree; returns how many elements were written."""
         match tree:
             case ("sequence", parts):
                 return sum([self.run(part) for part in parts])
-            case ("repeat", body, times):
-                return sum([self.run(body) for _ in range(times)])
-            case ("loop", body):
+            case ("repeat", body, times, index):
+                return sum([self.run_pass(body, index, k) for k in range(times)])
+            case ("loop", body, index):
                 total = 0
-                while written := self.run(body):
+                for k in itertools.count():
+                    written = self.run_pass(body, index, k)
                     total += written
-                return total
+                    if not written:
+                        return total
         inputs = {name: self.arrays[name] for name in tree.inputs}
+        if "k" in inputs and self.numbers:
+            inputs["k"] = self.numbers[-1]
         names = names_of(tree)
         out = {name: self.arrays[name].copy() for name in names}
         whole = out if tree.outputs.keys() != {"0"} else out[names[0]]
@@ -114,6 +147,14 @@ class OneByOne:
         self.counts[tree.name] = self.counts.get(tree.name, 0) + result.count
         return result.count
 
+    def run_pass(self, body, index, k):
+        if index is None:
+            return self.run(body)
+        self.numbers.append(k)
+        written = self.run(body)
+        self.numbers.pop()
+        return written
+
 
 def check(tree, backend, arrays):
     expected = OneByOne(backend, arrays)
@@ -121,7 +162,7 @@ def check(tree, backend, arrays):
     chain = built(tree)
     if not isinstance(chain, sh.Chain):
         chain = sh.sequence(chain)
-    known = {name: array for name, array in arrays.items() if name in {n for k in chain.kernels for n in k.inputs}}
+    known = {name: array for name, array in arrays.items() if name in stream_names(chain.steps)}
     for kernel in chain.kernels:
         known |= {name: arrays[name] for name, _ in kernel.outputs}
     result = chain.run(**known, backend=backend)
@@ -139,6 +180,7 @@ def data(seed, size):
         "v": rng.normal(size=size).astype(np.float32),
         "n": rng.integers(0, 8, size).astype(np.int32),
         "limit": rng.integers(0, 12, size).astype(np.int32),
+        "k": rng.integers(-4, 4, size).astype(np.int32),
     }
 
 
@@ -250,7 +292,7 @@ def test_kernels_are_members_too(backend):
     chain = sh.sequence(move.compile(backend), sh.repeat(blur, 2))
     result = chain.run(x=np.arange(4.0), v=1)
     expected = OneByOne(backend, {"x": np.arange(4, dtype=np.float32), "v": np.ones(4, np.float32)})
-    expected.run(("sequence", [move, ("repeat", blur, 2)]))
+    expected.run(("sequence", [move, ("repeat", blur, 2, None)]))
     np.testing.assert_array_equal(result.streams["x"], expected.arrays["x"])
     assert result.streams["x"].backend == backend
 

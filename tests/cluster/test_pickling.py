@@ -53,6 +53,11 @@ def smooth(u: sh.Table[sh.Attrib1f]) -> sh.Attrib1f:
 
 
 @sh.program
+def drift(u: sh.Attrib1f, count: sh.Attrib1i) -> sh.Attrib1f:
+    return u + 0.25 * sh.Attrib1f(count)
+
+
+@sh.program
 def forever(x: sh.Attrib1f) -> sh.Attrib1f:
     y = x.copy()
     with sh.SH_WHILE(lambda: y < 1):
@@ -110,7 +115,7 @@ def test_everything_travels_with_its_bits(tmp_path, name, dumps):
         return Local(x * sh.exp(x), sh.Attrib3i(k, k + 1, k * 2))
 
     kernel = everything.compile(name)
-    chain = sh.repeat(smooth.compile(name), 5)
+    chain = sh.repeat(sh.sequence(smooth.compile(name), drift.compile(name)), 5, index="count")
     stream = sh.Stream(X, sh.Attrib1f, name)
     pairs = sh.Stream({"near": X, "turned": np.ones((37, 2, 2))}, Pair, name)
     work = [

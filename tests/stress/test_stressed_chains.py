@@ -4,11 +4,12 @@ import random
 
 import numpy as np
 import pytest
-from chains.test_chains import ALL, OneByOne, built, count_up, move, swing, wear
+from chains.test_chains import ALL, OneByOne, built, count_up, counted, move, swing, tick, wear
 from chains.test_shares import check as check_share, is_alive
 from stress.mode import stressed
 
 import shpy as sh
+from shpy.chains.member import stream_names
 
 BACKENDS = ("numpy", "opencl", "glsl")
 WORDS = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
@@ -52,11 +53,11 @@ def looking():
 look = looking()
 MEMBERS = {
     1: (*ALL, settle, look),
-    2: (roll, place, move, swing, wear, settle, look),
-    3: (move, swing, wear, settle, look),
+    2: (roll, place, move, swing, wear, tick, settle, look),
+    3: (move, swing, wear, tick, settle, look),
 }
 """Kernels of chains over shapes of each rank."""
-LOOPED = {1: (wear, count_up, settle), 2: (wear, settle), 3: (wear, settle)}
+LOOPED = {1: (wear, count_up, tick, settle), 2: (wear, tick, settle), 3: (wear, tick, settle)}
 """Chains that reject every element in the end."""
 
 
@@ -67,9 +68,9 @@ def tree(rng, rank, depth=0):
         case "sequence":
             return ("sequence", [tree(rng, rank, depth + 1) for _ in range(rng.randint(1, 3))])
         case "repeat":
-            return ("repeat", tree(rng, rank, depth + 1), rng.choice((0, 1, 2, 5)))
+            return counted(("repeat", tree(rng, rank, depth + 1), rng.choice((0, 1, 2, 5)), rng.random() < 0.5))
         case "loop":
-            return ("loop", rng.choice(LOOPED[rank]))
+            return counted(("loop", rng.choice(LOOPED[rank]), rng.random() < 0.5))
     return rng.choice(MEMBERS[rank])
 
 
@@ -81,6 +82,7 @@ def data(seed, shape, word=np.float32):
         "v": rng.integers(-8, 8, shape).astype(word) / 8,
         "n": rng.integers(0, 8, shape).astype(np.int32),
         "limit": rng.integers(0, 12, shape).astype(np.int32),
+        "k": rng.integers(-4, 4, shape).astype(np.int32),
     }
 
 
@@ -94,7 +96,7 @@ def check(number, precision="f32"):
     expected = OneByOne("numpy", arrays, precision)
     expected.run(drawn)
     chain = built(drawn)
-    names = {n for k in chain.kernels for n in k.inputs} | {n for k in chain.kernels for n, _ in k.outputs}
+    names = stream_names(chain.steps)
     for backend in BACKENDS[: 2 if precision == "f64" else 3]:  # GLSL has no f64
         with stressed(number):
             result = chain.run(**{n: arrays[n] for n in names}, backend=backend, precision=precision)
@@ -128,7 +130,7 @@ def test_runs_read_tables_as_they_were(backend):
     """The chain does not wait for runs of `look`, and the mode changes its table before they begin."""
     arrays = data(0, 2100)
     expected = OneByOne("numpy", arrays)
-    expected.run(("repeat", look, 3))
+    expected.run(("repeat", look, 3, None))
     for seed in range(20):
         with stressed(seed):
             found = sh.repeat(looking(), 3).run(x=arrays["x"], n=arrays["n"], backend=backend).streams["x"].numpy()
