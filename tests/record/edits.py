@@ -9,6 +9,7 @@ a process gives which has never seen another version: a fork of this one, which 
 from __future__ import annotations
 
 import contextlib
+import copy
 import importlib.util
 import io
 import json
@@ -85,6 +86,12 @@ class Version:
                 self.type, self.asserted = chance.choice(["Attrib1f", "Point1f", "Attrib1i"]), chance.random() < 0.5
             case _:
                 self.bodies[chance.choice(list(self.bodies))] = chance.choice(list(FRAGMENTS))
+
+    def alone(self, part: str) -> Version:
+        """Return a version in which the other bodies have no mistake."""
+        found = copy.copy(self)
+        found.bodies = dict.fromkeys(self.bodies, "fine") | {part: self.bodies[part]}
+        return found
 
     @property
     def text(self) -> str:
@@ -252,14 +259,17 @@ def differences(seed: int, count: int, folder: Path) -> Iterator[str]:
         expected = fresh(path, answers)
         for name, load in ways.all.items():
             yield from _different(f"{number} {name}", expected, answer(load, path), text)
-        yield from _edited_meanwhile(number, path, expected, text, before)
+        yield from _edited_meanwhile(number, path, expected, version, answers, before)
         before = text
         while version.text == text:
             version.edit()
 
 
-def _edited_meanwhile(number: int, path: Path, expected: Any, text: str, before: str) -> Iterator[str]:
+def _edited_meanwhile(
+    number: int, path: Path, expected: Any, version: Version, answers: dict[str, Any], before: str
+) -> Iterator[str]:
     """Edit the file between its definitions and the first use of a method, and before its code is executed."""
+    text = version.text
     other = before or "\n" + text
 
     def edit() -> None:
@@ -277,12 +287,29 @@ def _edited_meanwhile(number: int, path: Path, expected: Any, text: str, before:
     notices = [str(w.message) for w in told if issubclass(w.category, ShpyWarning)]
     if isinstance(expected, dict):
         unseen = any(" ".join(FRAGMENTS[kind]) in " ".join(text.split()) for kind in SILENT) and notices
-        near = isinstance(found, dict) and 0 <= expected["line"] - found["line"] <= 1  # that of its `with`
-        right = unseen or (near and found["type"] == expected["type"])
+        right = unseen or (isinstance(found, dict) and _is_a_mistake(found, path, version, answers))
     else:
         right = not isinstance(found, dict) and [part[:2] for part in found] == [part[:2] for part in expected]
     if not right:
         yield f"{number} edited before it runs: {notices}\n  {expected}\n  {found}\n{text}"
+
+
+def _is_a_mistake(found: dict[str, Any], path: Path, version: Version, answers: dict[str, Any]) -> bool:
+    """Return whether an error is that of a mistake in one of the bodies.
+
+    Of mistakes in several bodies the first one is shown. With the text, many are found before the program is recorded;
+    without it, they are found while it is recorded, so the order differs. The line may be that of the `with`.
+    """
+    line = version.text.splitlines()[found["line"] - 1]
+    for part in version.bodies:
+        text = version.alone(part).text
+        path.write_text(text)
+        expected = fresh(path, answers)
+        if isinstance(expected, dict) and expected["type"] == found["type"]:
+            at = expected["line"]
+            if line in text.splitlines()[max(at - 2, 0) : at]:
+                return True
+    return False
 
 
 def _executed(text: str, file: str) -> Names:
