@@ -51,7 +51,7 @@ def normals_of(corners: Floats) -> Floats:
         a, b, c = _vectors(some)
         return _normal_of(a, b, c, ARRAYS)
 
-    return _by_parts(normal_of, corners)
+    return by_parts(normal_of, corners)
 
 
 def levels_of(corners: Floats, normals: Floats) -> Floats:
@@ -131,7 +131,7 @@ def parts(count: int) -> Iterator[slice]:
         yield slice(start, start + AT_ONCE)
 
 
-def _by_parts(vector_of: Callable[[Floats], Vector], items: Floats) -> Floats:
+def by_parts(vector_of: Callable[[Any], Vector], items: NDArray[Any]) -> Floats:
     """Return the vectors (N, 3) of N items, some thousands of which are computed at once."""
     found = np.empty((len(items), 3))
     for part in parts(len(items)):
@@ -149,7 +149,7 @@ def constant(array: NDArray[Any]) -> NDArray[Any]:
 def unit(vectors: Floats) -> Floats:
     """Divide each vector (..., 3) by its length; zero stays zero."""
     flat = vectors.reshape(-1, 3)
-    return _by_parts(lambda some: _unit(np.ascontiguousarray(some.T), ARRAYS), flat).reshape(vectors.shape)
+    return by_parts(lambda some: _unit(np.ascontiguousarray(some.T), ARRAYS), flat).reshape(vectors.shape)
 
 
 def lengths_of(vectors: Floats) -> Floats:

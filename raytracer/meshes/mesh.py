@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -23,6 +23,7 @@ from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError
+from raytracer.meshes.smoothing import normals_at_corners
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,11 +33,6 @@ SMOOTH_BELOW = 45.0
 
 FARTHEST = 1e36
 """The largest coordinate of a vertex: distances between some are still numbers in binary32."""
-_CROWDED = 64
-"""Faces at a place from which on those with nearly the same normal are taken together."""
-_STEPS = 16
-"""Into how many steps components of normals are cut for that."""
-_PAIRS_AT_ONCE = 1 << 20
 _ROWS = 1 << 12
 """Rows that are multiplied by a matrix or measured at once, at most."""
 _AT_ONCE = 1 << 12
@@ -91,12 +87,10 @@ class Mesh:
         shape = array_of(f"{self.name}: vertices", vertices).shape
         if shape != self.vertices.shape:
             raise SceneError(f"{self.name}: other vertices are {self.vertices.shape}, as before, not {shape}")
-        found = copy.copy(self)
-        object.__setattr__(found, "vertices", self._places(vertices))
-        object.__setattr__(found, "normals", None)
-        if normals is not None:
-            object.__setattr__(found, "normals", found._of_unit_length(self._at_corners("normals", normals, 3)))
-        return found
+        found = self._with(vertices=self._places(vertices), normals=None)
+        if normals is None:
+            return found
+        return found._with(normals=found._of_unit_length(self._at_corners("normals", normals, 3)))
 
     def _places(self, values: ArrayLike) -> Floats:
         """Return vertices (V, 3), checked."""
@@ -164,10 +158,16 @@ class Mesh:
         parts = (self.faces[start : start + _AT_ONCE] for start in range(0, len(self), _AT_ONCE))
         return any(normals_of(self.vertices[part]).any() for part in parts)
 
-    def with_material(self, material: Material) -> Mesh:
-        """Return the same mesh of another material."""
-        found = copy.copy(self)  # all else is checked already
-        object.__setattr__(found, "material", _checked(material))
+    def with_material(self, material: Material, name: str | None = None) -> Mesh:
+        """Return the same mesh of another material, and under another name if there is one."""
+        found = self._with(material=_checked(material))
+        return found if name is None else found._with(name=name)
+
+    def _with(self, **values: Any) -> Mesh:
+        """Return the mesh with other attributes, which are checked already; all others are the same arrays."""
+        found = copy.copy(self)
+        for name, value in values.items():
+            object.__setattr__(found, name, value)
         return found
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
@@ -216,24 +216,7 @@ class Mesh:
         Faces are weighed by their area; vertices at the same place count as one. Where more than 64 faces meet, the
         angles are taken between groups of faces whose normals differ by a few degrees.
         """
-        widest = np.cos(np.radians(finite_number(f"{self.name}: an angle", below)))
-        if not len(self):
-            return self
-        corners = self.corners
-        weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        units = unit(weighted)
-        place = _places(self.vertices)
-        place = place[self.faces].reshape(-1)
-        group, first = _grouped(place, np.repeat(units, 3, axis=0))
-        held = _added(np.repeat(weighted, 3, axis=0), group, len(first))
-        direction, place = units[first // 3], place[first]
-        sums = np.zeros_like(held)
-        for chosen, one, other in _sharing(place):
-            near = np.einsum("ij,ij->i", direction[chosen].take(one, axis=0), direction.take(other, axis=0)) > widest
-            sums[chosen] = _added(held.take(other[near], axis=0), one[near], len(chosen))
-        normals = unit(sums)[group].reshape(-1, 3, 3)
-        empty = ~normals.any(axis=2, keepdims=True)
-        return dataclasses.replace(self, normals=np.where(empty, units[:, None], normals))
+        return smoothed([self], below)[0]
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
@@ -255,7 +238,6 @@ LOADERS: dict[str, Callable[..., Mesh]] = {}
 
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
     """Join meshes to one of the first one's material; make up normals, colours or uv that one of them lacks."""
-    starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
     normals: Floats | None = None
     colors: Floats | None = None
     uv: Floats | None = None
@@ -266,9 +248,28 @@ def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
         colors = np.concatenate([np.ones((len(m), 3, 3)) if m.colors is None else m.colors for m in meshes])
     if any(m.uv is not None for m in meshes):
         uv = np.concatenate([np.zeros((len(m), 3, 2)) if m.uv is None else m.uv for m in meshes])
-    vertices = np.concatenate([m.vertices for m in meshes])
-    faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
+    vertices, faces = _in_one_table(meshes)
     return Mesh(vertices, faces, normals, colors, meshes[0].material, name, uv)
+
+
+def smoothed(meshes: Sequence[Mesh], below: float = SMOOTH_BELOW) -> list[Mesh]:
+    """Give meshes normals as `Mesh.smoothed` does, together: faces of several meet at the same place, too."""
+    below = finite_number(f"{meshes[0].name}: an angle" if meshes else "an angle", below)
+    if not any(map(len, meshes)):
+        return list(meshes)
+    vertices, faces = meshes[0].vertices, meshes[0].faces
+    if len(meshes) > 1:
+        vertices, faces = _in_one_table(meshes)
+    ends = np.cumsum([len(mesh) for mesh in meshes])[:-1]
+    normals = np.split(normals_at_corners(vertices, faces, below), ends)
+    return [mesh._with(normals=own) for mesh, own in zip(meshes, normals, strict=True)]
+
+
+def _in_one_table(meshes: Sequence[Mesh]) -> tuple[Floats, Ints]:
+    """Return the vertices of all meshes, and their faces with the numbers of these."""
+    starts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    vertices = np.concatenate([m.vertices for m in meshes])
+    return vertices, np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
 
 
 def _checked(material: Material) -> Material:
@@ -301,15 +302,6 @@ def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
     return np.asarray(-cofactors if mirrors else cofactors)
 
 
-def _places(vertices: Floats) -> Ints:
-    """Return a number for each vertex (V, 3), the same for those at the same place."""
-    order = np.lexsort(vertices.T)
-    ordered = vertices[order]
-    number = np.zeros(len(order), np.int64)
-    number[order[1:]] = np.cumsum((ordered[1:] != ordered[:-1]).any(axis=1))
-    return number
-
-
 def of_unit_length(vectors: Floats) -> Floats:
     """Divide vectors by their lengths; those of length 1, but for rounding to binary32, stay as they are."""
     return np.where(_has_unit_length(vectors)[..., None], vectors, unit(vectors))
@@ -332,46 +324,3 @@ def _product(vectors: Floats, matrix: Floats) -> Floats:
     for part, place in zip(*sides, strict=True):
         np.matmul(part, matrix, out=place)
     return found
-
-
-def _grouped(place: Ints, units: Floats) -> tuple[Ints, Ints]:
-    """Group corners at one place with similar normals: return each corner's group, and each group's first corner.
-
-    Where few corners meet, each is a group of its own.
-    """
-    crowded = np.bincount(place)[place] > _CROWDED
-    order = np.arange(len(place))
-    if not crowded.any():
-        return order, order
-    steps = np.rint(units * _STEPS).astype(np.int64) + _STEPS
-    base = 2 * _STEPS + 1
-    key = ((place * base + steps[:, 0]) * base + steps[:, 1]) * base + steps[:, 2]
-    _, first, group = np.unique(np.where(crowded, key, -1 - order), return_index=True, return_inverse=True)
-    return group.reshape(-1), first
-
-
-def _added(vectors: Floats, number: Ints, count: int) -> Floats:
-    """Add the vectors (N, 3) of each number, (count, 3)."""
-    columns = [np.bincount(number, weights=vectors[:, axis], minlength=count) for axis in range(3)]
-    return np.stack(columns, axis=1)
-
-
-def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints, Ints]]:
-    """Yield all ordered pairs at the same place, each with itself too; about as many at once as fit in memory.
-
-    They are given as some of the corners, the places among these of the first ones, and the second ones.
-    """
-    order = np.argsort(place, kind="stable")
-    counts = np.bincount(place)
-    starts = np.cumsum(counts) - counts
-    mates = counts[place[order]]
-    ends = np.cumsum(mates)
-    begin = 0
-    while begin < len(order):
-        past = ends[begin] - mates[begin] + _PAIRS_AT_ONCE
-        end = max(begin + 1, int(np.searchsorted(ends, past, side="right")))
-        part = slice(begin, end)
-        one = np.repeat(np.arange(end - begin), mates[part])
-        within = np.arange(len(one)) - np.repeat(ends[part] - mates[part] - (ends[begin] - mates[begin]), mates[part])
-        yield order[part], one, order[np.repeat(starts[place[order[part]]], mates[part]) + within]
-        begin = end

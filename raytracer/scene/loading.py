@@ -26,7 +26,7 @@ from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.instance import placed_all
-from raytracer.meshes.mesh import LOADERS, Mesh, joined
+from raytracer.meshes.mesh import LOADERS, Mesh, joined, smoothed
 from raytracer.meshes.mtl import Words, picture_words, read_mtl
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.off import read_off
@@ -76,7 +76,7 @@ def load_mesh(path: str | PathLike[str], *, material: Material | None = None, st
     notices.warn()
     meshes = contents.meshes
     one = meshes[0] if len(meshes) == 1 else joined(meshes, path.stem)
-    return replace(one, name=path.stem, material=material or PLAIN)
+    return one.with_material(material or PLAIN, path.stem)
 
 
 LOADERS["file"] = load_mesh
@@ -106,7 +106,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
     with reading(path):
         contents: Contents = _READERS[kind](path, data, notices, materials)
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
-        contents = replace(contents, meshes=meshes if kind in _FLAT else smoothed(meshes))
+        contents = replace(contents, meshes=meshes if kind in _FLAT else _smoothed(meshes))
     if not contents.meshes:
         causes = "; ".join(said.partition(": ")[2] for said in (notices.faults(), notices.text()) if said)
         raise SceneError(f"{path}: the file holds no triangles{causes and '; '}{shown(causes, _LONGEST)}")
@@ -145,14 +145,10 @@ def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def smoothed(meshes: Sequence[Mesh]) -> list[Mesh]:
+def _smoothed(meshes: Sequence[Mesh]) -> Sequence[Mesh]:
     """Compute normals for the meshes without them, together, because materials may divide one smooth surface."""
-    bare = [mesh for mesh in meshes if mesh.normals is None]
-    if not bare:
-        return list(meshes)
-    ends = np.cumsum([len(mesh) for mesh in bare])[:-1]
-    normals = iter(np.split(np.asarray(joined(bare).smoothed().normals), ends))
-    return [replace(mesh, normals=next(normals)) if mesh.normals is None else mesh for mesh in meshes]
+    found = iter(smoothed([mesh for mesh in meshes if mesh.normals is None]))
+    return [next(found) if mesh.normals is None else mesh for mesh in meshes]
 
 
 def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
@@ -172,7 +168,7 @@ def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents
     for part, mesh in found:
         number = names[mesh.name] = names.get(mesh.name, -1) + 1
         look = (library and library.material(part.material, mesh)) or (CLAY if mesh.colors is None else PLAIN)
-        meshes.append(replace(mesh, material=look, name=f"{mesh.name}_{number}" if number else mesh.name))
+        meshes.append(mesh.with_material(look, f"{mesh.name}_{number}" if number else mesh.name))
     described = {part.material for part, _ in found} - {None}
     return Contents(meshes, materials=0 if materials else len(described))
 

@@ -7,6 +7,7 @@ import trimesh
 
 import shpy as sh
 from raytracer import EnvironmentLight, Material, Mesh, Scene, SceneError, Texture
+from raytracer.accel.planes import unit
 from raytracer.meshes.shapes import box, checkerboard, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot
 
@@ -378,6 +379,45 @@ def fan(count, height):
     rim = np.stack([np.cos(angle), np.zeros(count), np.sin(angle)], axis=1)
     k = np.arange(count)
     return Mesh(np.concatenate([[[0, height, 0]], rim]), np.stack([0 * k, 1 + (k + 1) % count, 1 + k], axis=1))
+
+
+def means_of_near(mesh, below):
+    """The normals that `smoothed` gives, corner by corner: the sums of the faces at its place in their order."""
+    a, b, c = np.moveaxis(mesh.corners, 1, 0)
+    weighted = np.cross(b - a, c - a)
+    units = unit(weighted)
+    at = {}
+    for face, corners in enumerate(mesh.corners.tolist()):
+        for place in corners:
+            at.setdefault(tuple(np.add(place, 0.0)), []).append(face)
+    found = np.zeros((len(mesh), 3, 3))
+    for face, corners in enumerate(mesh.corners.tolist()):
+        for k, place in enumerate(corners):
+            some = at[tuple(np.add(place, 0.0))]
+            own = np.repeat(units[[face]], len(some), axis=0)
+            near = np.einsum("ij,ij->i", own, units[some]) > np.cos(np.radians(below))
+            total = np.zeros(3)
+            for other in np.asarray(some)[near]:
+                total += weighted[other]
+            found[face, k] = total
+    normals = unit(found)
+    normals = np.where(normals.any(axis=2, keepdims=True), normals, units[:, None])
+    return np.where(normals.any(axis=2, keepdims=True), normals, mesh.face_normals[:, None])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_smoothed_has_the_bits_of_sums_corner_by_corner(seed):
+    """Smooth and sharp places, faces without area, opposite ones and tiny ones: the quick way and the pairs agree."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 60))
+    vertices = rng.normal(size=(count, 3)) * rng.choice([1e-170, 1, 1e30])
+    vertices[:, 2] *= rng.choice([0, 0.1, 1])
+    if seed % 3 == 0:
+        vertices = np.rint(vertices / np.abs(vertices).max() * 3)  # several vertices at a place, and faces without area
+    faces = [rng.permutation(count)[:3] for _ in range(int(rng.integers(1, 3 * count)))]
+    mesh = Mesh(vertices, np.array(faces))
+    for below in (45, float(rng.uniform(0, 180)), 180):
+        np.testing.assert_array_equal(mesh.smoothed(below).normals, means_of_near(mesh, below))
 
 
 def test_smoothed_takes_memory_in_proportion_to_the_mesh():
