@@ -25,6 +25,7 @@ FEW = {
     "shpy/backend/opencl/device/declarations.py": "functions of OpenCL C",
     "shpy/backend/opencl/device/memory.py": "words of 8 to 64 bits",
     "shpy/backend/opencl/packets/widen.py": "types and widths of packets",
+    "shpy/chains/counter.py": "one program",
     "shpy/collectives/choosing.py": "types of an element",
     "shpy/collectives/histograms.py": "types of an element",
     "shpy/collectives/leaves.py": "types of an element",

@@ -81,7 +81,7 @@ def loops():
 
 
 def reads(tree):
-    """Whether a kernel reads k that no repeat or loop in the tree counts."""
+    """Return whether a kernel reads k that no repeat or loop in the tree counts."""
     match tree:
         case ("sequence", parts):
             return any(map(reads, parts))
