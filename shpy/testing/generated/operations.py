@@ -3,7 +3,7 @@
 Stage: test. Transcendentals stand apart: their formulas are long, so programs have few of them.
 
 >>> pool(Base.I, "T X")
-('shl', 'shr')
+('shl', 'shr', 'rotl', 'rotr')
 """
 
 from __future__ import annotations
