@@ -28,9 +28,8 @@ _CROWDED = 64
 """Faces at a place from which on those with nearly the same normal are taken together."""
 _STEPS = 16
 """Into how many steps components of normals are cut for that."""
-_CORNERS_AT_ONCE = 1 << 18
-"""Corners whose pairs are compared at once, at most, but for those of a single place."""
-_PAIRS_AT_ONCE = 1 << 20
+_PAIRS_AT_ONCE = 1 << 15
+"""Pairs of faces that are compared at once: a processor's cache holds their vectors."""
 
 
 def normals_at_corners(vertices: Floats, faces: Ints, below: float) -> Floats:
@@ -43,22 +42,25 @@ def normals_at_corners(vertices: Floats, faces: Ints, below: float) -> Floats:
     units = unit(weighted)
     place = _places(vertices)[faces].reshape(-1)
     crowded = np.bincount(place) > _CROWDED
-    # The order is that of `_grouped`, so that a place has the same bits in either way.
-    means = unit(_sums(weighted, place, backwards=bool(crowded.any())))
+    order = -1 if crowded.any() else 1  # of the faces in each sum, which decides its last bits
+    means = unit(_sums(weighted, place, order))
     is_mixed = crowded | _mixed(means, units, place, widest)
     normals = means.take(place, axis=0)
-    mixed = np.flatnonzero(is_mixed[place]) if is_mixed.any() else place[:0]
-    for chosen in _by_places(mixed, place[mixed]):
+    for chosen in _by_places(is_mixed & ~crowded, place):
+        face = chosen[:, ::order] // 3
+        found = _means_of_near(units.take(face, axis=0), weighted.take(face, axis=0), widest)
+        normals[chosen[:, ::order].reshape(-1)] = found.reshape(-1, 3)
+    if crowded.any():
+        chosen = np.flatnonzero(crowded[place])
         face = chosen // 3
-        normals[chosen] = _means_of_near(place[chosen], weighted[face], units[face], crowded, widest)
+        normals[chosen] = _means_of_groups(place[chosen], units[face], weighted[face], widest)
     normals = normals.reshape(-1, 3, 3)
     for part in parts(len(faces)):
         empty = ~(
             normals[part, :, 0].astype(bool) | normals[part, :, 1].astype(bool) | normals[part, :, 2].astype(bool)
         )
         if empty.any():
-            own = units[part]
-            own = np.where(own.any(axis=1, keepdims=True), own, normals_of(vertices.take(faces[part], axis=0)))
+            own = np.where(units[part].any(axis=1, keepdims=True), units[part], normals_of(vertices[faces[part]]))
             normals[part] = np.where(empty[..., None], own[:, None], normals[part])
     return normals
 
@@ -79,10 +81,9 @@ def _places(vertices: Floats) -> Ints:
     return number
 
 
-def _sums(weighted: Floats, place: Ints, *, backwards: bool) -> Floats:
-    """Return the sums of the faces at each place, added in the order of their corners, or in the opposite one."""
-    way = slice(None, None, -1 if backwards else 1)
-    columns = [np.bincount(place[way], weights=np.repeat(weighted[way, axis], 3)) for axis in range(3)]
+def _sums(weighted: Floats, place: Ints, order: int) -> Floats:
+    """Return the sums of the faces at each place, added in the order of their corners, for -1 from the last."""
+    columns = [np.bincount(place[::order], weights=np.repeat(weighted[::order, axis], 3)) for axis in range(3)]
     return np.stack(columns, axis=1)
 
 
@@ -102,72 +103,50 @@ def _mixed(means: Floats, units: Floats, place: Ints, widest: float) -> NDArray[
     return found
 
 
-def _by_places(corners: Ints, place: Ints) -> Iterator[Ints]:
-    """Yield corners in parts, in order, all those of a place in the same one."""
-    order = np.argsort(place, kind="stable")
-    ends = np.append(np.flatnonzero(np.diff(place[order])) + 1, len(order))
-    begin = 0
-    while begin < len(order):
-        whole = ends[(ends > begin) & (ends <= begin + _CORNERS_AT_ONCE)]
-        end = int(whole[-1] if len(whole) else ends[ends > begin][0])
-        chosen = corners[order[begin:end]]
-        chosen.sort()
-        yield chosen
-        begin = end
+def _by_places(chosen: NDArray[np.bool_], place: Ints) -> Iterator[Ints]:
+    """Yield the corners of chosen places, as (P, m) for some places where m corners meet, in order in each."""
+    if not chosen.any():
+        return
+    corners = np.flatnonzero(chosen[place])
+    corners = corners[np.argsort(place[corners], kind="stable")]
+    counts = np.bincount(place)[chosen]
+    begins = np.cumsum(counts) - counts
+    for count in np.unique(counts).tolist():
+        alike = begins[counts == count][:, None] + np.arange(count)
+        step = max(1, _PAIRS_AT_ONCE // count**2)
+        for first in range(0, len(alike), step):
+            yield corners[alike[first : first + step]]
 
 
-def _means_of_near(place: Ints, weighted: Floats, units: Floats, crowded: NDArray[np.bool_], widest: float) -> Floats:
-    """Return the normals at corners, each the mean of the faces at its place at less than an angle to its own.
+def _means_of_near(units: Floats, weighted: Floats, widest: float) -> Floats:
+    """Return the mean direction (P, m, 3) of those of m faces at a place at less than an angle to each of them.
 
-    `weighted` and `units` are those of the faces of the corners, `crowded` says it of each place.
+    The faces have the unit normals `units` and the normals `weighted` of some length, both (P, m, 3).
     """
-    group, first = _grouped(place, units, crowded)
-    held = _added(weighted, group, len(first))
-    direction, place = units[first], np.unique(place, return_inverse=True)[1].reshape(-1)[first]
-    sums = np.zeros_like(held)
-    for chosen, one, other in _sharing(place):
-        near = np.einsum("ij,ij->i", direction[chosen].take(one, axis=0), direction.take(other, axis=0)) > widest
-        sums[chosen] = _added(held.take(other[near], axis=0), one[near], len(chosen))
-    return np.asarray(unit(sums)[group])
+    (x, y, z), across = (np.ascontiguousarray(vectors.transpose(2, 1, 0)) for vectors in (units, weighted))
+    sums = np.zeros_like(across)
+    step = max(1, _PAIRS_AT_ONCE // x.size)
+    for first in range(0, len(x), step):
+        own = slice(first, first + step)
+        near = (x[own, None] * x + z[own, None] * z) + y[own, None] * y > widest
+        for other in range(len(x)):
+            sums[:, own] += near[:, other] * across[:, other, None]
+    return unit(sums.transpose(2, 1, 0))
 
 
-def _grouped(place: Ints, units: Floats, crowded: NDArray[np.bool_]) -> tuple[Ints, Ints]:
-    """Group corners at one place with similar normals: return each corner's group, and each group's first corner.
+def _means_of_groups(place: Ints, units: Floats, weighted: Floats, widest: float) -> Floats:
+    """Return the normals at the corners of crowded places, at which faces with similar normals form groups.
 
-    Where few corners meet, each is a group of its own. These come last to first where a place is crowded.
+    The angle of a group is that of its first face.
     """
-    order = np.arange(len(place))
-    if not crowded.any():
-        return order, order
     steps = np.rint(units * _STEPS).astype(np.int64) + _STEPS
     base = 2 * _STEPS + 1
     key = ((place * base + steps[:, 0]) * base + steps[:, 1]) * base + steps[:, 2]
-    _, first, group = np.unique(np.where(crowded[place], key, -1 - order), return_index=True, return_inverse=True)
-    return group.reshape(-1), first
-
-
-def _added(vectors: Floats, number: Ints, count: int) -> Floats:
-    """Add the vectors (N, 3) of each number, (count, 3)."""
-    columns = [np.bincount(number, weights=vectors[:, axis], minlength=count) for axis in range(3)]
-    return np.stack(columns, axis=1)
-
-
-def _sharing(place: Ints) -> Iterator[tuple[Ints, Ints, Ints]]:
-    """Yield all ordered pairs at the same place, each with itself too; about as many at once as fit in memory.
-
-    They are given as some of the corners, the places among these of the first ones, and the second ones.
-    """
-    order = np.argsort(place, kind="stable")
-    counts = np.bincount(place)
-    starts = np.cumsum(counts) - counts
-    mates = counts[place[order]]
-    ends = np.cumsum(mates)
-    begin = 0
-    while begin < len(order):
-        past = ends[begin] - mates[begin] + _PAIRS_AT_ONCE
-        end = max(begin + 1, int(np.searchsorted(ends, past, side="right")))
-        part = slice(begin, end)
-        one = np.repeat(np.arange(end - begin), mates[part])
-        within = np.arange(len(one)) - np.repeat(ends[part] - mates[part] - (ends[begin] - mates[begin]), mates[part])
-        yield order[part], one, order[np.repeat(starts[place[order[part]]], mates[part]) + within]
-        begin = end
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    group = group.reshape(-1)
+    sums: Floats = np.stack([np.bincount(group, weights=weighted[:, axis]) for axis in range(3)], axis=1)
+    found, direction = np.empty_like(sums), units[first]
+    at, number = np.unique(place[first], return_inverse=True)
+    for some in _by_places(np.ones(len(at), bool), number.reshape(-1)):
+        found[some] = _means_of_near(direction[some], sums[some], widest)
+    return found[group]

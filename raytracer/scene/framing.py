@@ -8,9 +8,9 @@ Stage: scene description. What is up in the meshes is y here: `upright` gives th
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from itertools import product
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
 from raytracer.errors import SceneError
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Mesh, product
 from raytracer.meshes.shapes import floor
 from raytracer.scene.camera import Camera, radius_of
 from raytracer.scene.lights import Light, PointLight
@@ -64,7 +64,7 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
 
     Without triangles it is the unit cube about the origin.
     """
-    used = [mesh.used_vertices @ turn for mesh in meshes if len(mesh)]
+    used = [product(mesh.used_vertices, turn) for mesh in meshes if len(mesh)]
     if not used:
         return np.full(3, -0.5), np.full(3, 0.5)
     return np.stack([u.min(axis=0) for u in used]).min(axis=0), np.stack([u.max(axis=0) for u in used]).max(axis=0)
@@ -94,7 +94,7 @@ def lights_for(name: str, meshes: Sequence[Mesh], camera: Camera, turn: Matrix) 
     if not ((low < place) & (place < high)).all():
         return key_and_fill(name, low, high, turn)
     _, _, ahead = camera.axes
-    around = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    around = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways = np.concatenate([[turn[:, 1], ahead], around / np.linalg.norm(around, axis=1, keepdims=True)])
     free = free_ways(meshes, eye, ways)
     if not np.isfinite(free[:2]).all() or np.isfinite(free[2:]).mean() < _ENCLOSED:
@@ -144,8 +144,8 @@ def fitted(meshes: Sequence[Mesh], turn: Matrix) -> Camera:
     least = np.full(5, np.inf)
     for mesh in meshes:
         if len(mesh):
-            corners = (mesh.used_vertices @ turn - middle) / radius
-            least = np.minimum(least, (corners @ normals).min(axis=0))
+            corners = (product(mesh.used_vertices, turn) - middle) / radius
+            least = np.minimum(least, product(corners, normals).min(axis=0))
     if not np.all(np.isfinite(least)):  # no triangles: the box itself
         least = -np.abs(normals).sum(axis=0) / math.sqrt(3)
     a, b, c, d, front = least
