@@ -20,7 +20,7 @@ from raytracer.accel.planes import Vector, by_components, by_parts, normals_of, 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _MARGIN = 1e-6
-"""How much nearer to the mean than half the angle, by the cosine, the faces at a place with one sum are.
+"""The least excess of the cosine to the mean over that of half the angle, for the faces at a place with one sum.
 
 For two unit vectors the cosine between them is then above the limit by 1e-12 at least, and products round by 1e-15.
 """
