@@ -171,6 +171,10 @@ RAW = re.compile(
 """Words of Python and numpy that are no cause of a fault in a file."""
 
 
+MOST_SAID = 240
+"""Characters of an error beside the path of its file: 200 of what the file or a reader says, and a sentence of ours."""
+
+
 def survive(folder, first, count, renders=0):
     """Load files number `first` to `first + count`; gives how many were scenes, of which every `renders`th is rendered.
 
@@ -208,13 +212,49 @@ def survive(folder, first, count, renders=0):
         for text in [*said, *(str(w.message) for w in caught)]:
             assert path.stem in text, text
             assert text.isprintable(), repr(text)
-        assert len(said[0]) < 400
+        assert len(said[0].replace(str(path), "")) < MOST_SAID
         path.unlink()
     return scenes
 
 
 def test_a_broken_file_gives_a_scene_or_one_error(tmp_path):
     assert 20 < survive(tmp_path, 0, 170) < 160
+
+
+LONG = b"x" * 300
+FAULTY = {
+    "obj": [
+        *(b"%s%d 1 2\n" % (LONG, k) for k in range(30)),
+        *(b"f 1 2 3\nv nan 0 0\nvt nan\nvn 0 0 x\nf 1 2\n", b"f 1 2 %s\n" % LONG, b"l 1 2\np 1\ncurv 0 1 1 2\n"),
+        *(b"mtllib %s.mtl\no %s\nusemtl %s\n" % (LONG, LONG, LONG), b"f -9 -9 -9/7\n"),
+    ],
+    "ply": [
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n",
+        *(b"property float %s%d\n" % (LONG, k) for k in range(30)),
+        b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 nan" + b" 0" * 30 + b"\n3 0 0 9\n",
+    ],
+    "off": [b"OFF\n1 3 0\n0 nan 0\n3 0 0 0\n2 0 0\n", b"3 0 0 %s\n" % LONG],
+    "stl": [b"solid %s\n" % LONG, b"facet normal 0 0 1\nouter loop\nvertex 0 0 %s\nendloop\nendfacet\n" % LONG],
+}
+"""Parts of files without a triangle, most of whose words are long."""
+
+
+@pytest.mark.parametrize("kind", FAULTY)
+@pytest.mark.parametrize("strict", [False, True])
+def test_an_error_is_short_whatever_a_file_says(tmp_path, kind, strict):
+    """Files of any choice of faulty parts: their causes are many, and their words are long."""
+    parts, rng = FAULTY[kind], np.random.default_rng(len(kind))
+    for number in range(20):
+        kept = rng.random(len(parts)) < (0.8 if number else 2)
+        path = tmp_path / f"file{number}.{kind}"
+        path.write_bytes(b"".join(part for part, keep in zip(parts, kept, strict=True) if keep))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ShpyWarning)
+            with pytest.raises(SceneError) as error:
+                Scene.load(path, strict=strict)
+        said = str(error.value).replace(str(path), "")
+        assert len(said) < MOST_SAID, said
+        assert said.isprintable(), said
 
 
 @pytest.mark.slow
