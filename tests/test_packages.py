@@ -58,7 +58,7 @@ def test_packages_that_code_asks_for_are_declared():
     names = {name for path in TEXTS if path != Path(__file__) for name in asked.findall(path.read_text())}
     extras = PROJECT["optional-dependencies"].values()
     declared = {re.match(r"[\w-]+", line)[0] for extra in extras for line in extra}
-    assert {"pyopencl", "moderngl", "mpmath", "matplotlib", "hypothesis", "pillow", "OpenEXR", "trimesh"} <= names
+    assert {"pyopencl", "moderngl", "mpmath", "matplotlib", "hypothesis", "pillow", "OpenEXR"} <= names
     assert names - declared - {"nowhere-to-be-found"} == set()
 
 

@@ -1,5 +1,7 @@
 """Scenes of many meshes, materials and textures: the work is proportional to their number."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from effort import calls
@@ -8,7 +10,8 @@ from raytracer import Material, Mesh, Path, Scene, SceneError, Texture
 from raytracer.integrators import origin as origins
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
-from raytracer.meshes.obj import read_obj
+from raytracer.meshes import obj
+from raytracer.meshes.folder import Notices
 from raytracer.meshes.shapes import floor
 from raytracer.scene.layout import Layout
 
@@ -58,30 +61,21 @@ def test_textures_are_found_without_comparing_all():
     assert Compared.count < 10 * len(textures)
 
 
-class Read(list):
-    """Rows that count how often they are gone through."""
-
-    def __init__(self, rows):
-        super().__init__(rows)
-        self.times = 0
-
-    def __iter__(self):
-        self.times += 1
-        return super().__iter__()
-
-
-def test_parts_of_an_obj_file_do_not_each_read_all_numbers():
-    count = 50
+def test_parts_of_an_obj_file_do_not_each_read_all_numbers(monkeypatch):
+    count, reads = 50, Counter()
+    for name in ("_split", "_table"):
+        real = getattr(obj, name)
+        monkeypatch.setattr(obj, name, lambda rows, name=name, real=real: reads.update([name]) or real(rows))
     text = "".join(
         f"o part{k}\nv {k} 0 0\nv {k} 1 0\nv {k} 0 1\nvn 0 0 1\nvt {k} 1\n" + "f 1/1/1 2/1/1 3/1/1\n".replace("1", "-1")
         for k in range(count)
     )
-    obj = read_obj(text.replace("-1/-1/-1 2/-1/-1 3/-1/-1", "-3/-1/-1 -2/-1/-1 -1/-1/-1"))
-    obj.numbers = tuple(Read(rows) for rows in obj.numbers)
-    meshes = [mesh for _, mesh in obj.meshes("")]
+    numbered = text.replace("-1/-1/-1 2/-1/-1 3/-1/-1", "-3/-1/-1 -2/-1/-1 -1/-1/-1")
+    parts, _ = obj.read_obj(numbered.encode(), "", Notices("parts.obj"))
+    meshes = [mesh for _, mesh in parts]
     assert [mesh.vertices[0, 0] for mesh in meshes] == list(range(count))
     assert [mesh.uv[0, 0, 0] for mesh in meshes] == list(range(count))
-    assert all(rows.times < 5 for rows in obj.numbers)
+    assert reads == {"_split": 1, "_table": 2}
 
 
 def test_the_digest_of_a_picture_reads_a_texture_once(monkeypatch):

@@ -1,5 +1,8 @@
 """The page of `shpy view` in a browser: saving, errors, controls, pixels, traces, comparisons, chains."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 import views
@@ -212,6 +215,33 @@ def test_a_pixel_shows_its_value_and_its_trace(page):
     assert [row[1:4] for row in rows if row[1] == "3" and row[2] == "level"] == [["3", "level", "0.53"]]
     page.keyboard.press("Escape")
     assert page.is_hidden("#panel")
+
+
+def test_a_lost_question_about_a_pixel_is_followed_by_that_about_the_next_frame(browser, view):
+    """A worker that is replaced answers nothing; its successor's frame comes while the page waits for the answer."""
+    lost = []
+
+    def pass_on(route):
+        server = route.connect_to_server()
+
+        def forward(message):
+            if '"about":"value"' in message and not lost:
+                lost.append(message)
+                server.send(json.dumps({"do": "set", "changes": {"params": {"gain": [0.5]}}}))  # another frame
+            else:
+                server.send(message)
+
+        route.on_message(forward)
+
+    page = views.new_page(browser)
+    page.route_web_socket(re.compile("/view$"), pass_on)
+    page.goto(view.url)
+    page.wait_for_selector("[aria-label='Gain, number']")
+    shows(page, (135, 68, 0))
+    page.hover("#picture")
+    page.wait_for_selector("#pixel b")
+    assert len(lost) == 1
+    page.close()
 
 
 MOUSED = """

@@ -2,7 +2,7 @@
 
 export class Connection {
   constructor(path, heard, changed) {
-    Object.assign(this, { path, heard, changed, socket: null, pending: new Map(), scheduled: false, asking: false });
+    Object.assign(this, { path, heard, changed, socket: null, pending: new Map(), scheduled: false, asking: false, next: null });
     this.open();
   }
 
@@ -28,15 +28,25 @@ export class Connection {
     this.send({ do: "ask", about, ...shown, ...rest });
   }
 
-  // One question about a pixel at a time, however fast the pointer is; `answered` allows the next one.
+  // One question about a pixel at a time, however fast the pointer is. The last one that came meanwhile follows the answer,
+  // or a second without an answer: a worker that was replaced gives none.
   askOnce(about, pixel, shown) {
-    if (this.asking) return;
+    if (this.asking) {
+      this.next = [about, pixel, shown];
+      return;
+    }
     this.asking = true;
-    setTimeout(() => { this.asking = false; }, 1000);
+    this.patience = setTimeout(() => this.answered(), 1000);
     this.ask(about, shown, { at: pixel });
   }
 
-  answered() { this.asking = false; }
+  answered() {
+    clearTimeout(this.patience);
+    this.asking = false;
+    const next = this.next;
+    this.next = null;
+    if (next) this.askOnce(...next);
+  }
 
   // Changes of the state go once in each frame of the screen, so that a slider that is dragged never floods the server.
   set(changes) {
