@@ -5,7 +5,7 @@ coordinates. At most places all faces are near each other, and one sum serves al
 
 >>> roof = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]])
 >>> normals_at_corners(roof, np.array([[0, 2, 1], [0, 1, 3]]), 45.0)[:, 0].tolist()
-[[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]
+[[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
 """
 
 from __future__ import annotations
