@@ -44,7 +44,7 @@ def check_fits(width: int, height: int, saving: int = 0, held: int = PIXEL) -> N
 
 
 def check_triangles(count: int) -> None:
-    """Raise OutOfMemory if a scene of so many triangles exceeds free memory."""
+    """Raise OutOfMemory if a scene with this number of triangles exceeds free memory."""
     needed = count * TRIANGLE
     free = free_bytes() if needed > 1 << 26 else None
     if free is not None and needed > free:

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 _MARKS: Final = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _BLOCK: Final = 1 << 22
-"""Bytes of a text that are read at once: arrays of so many stay in the cache."""
+"""Bytes of a text in one block: the arrays of a block of this size stay in the cache."""
 SPACE: Final = 32
 """The last of the characters that separate words; those before it control a terminal, or do not occur."""
 LINE_FEED: Final = 10
