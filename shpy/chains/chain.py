@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 from shpy.algebra import alike, with_article
-from shpy.chains.member import RUN_ARGUMENTS, Member, Step, element_layout, is_gathered
+from shpy.chains.member import RUN_ARGUMENTS, Member, Step, Watch, element_layout, is_gathered
 from shpy.chains.merging import COUNT
 from shpy.chains.running import ChainResult, Run
 from shpy.chains.share import Share
@@ -204,20 +204,33 @@ class Held(Chain):
 
 
 class Loop(Chain):
-    """A chain that runs its members until a round writes nothing: see `sh.loop`."""
+    """A chain that runs its members until a round, or the member `until` in a round, writes nothing: see `sh.loop`."""
 
-    def __init__(self, members: tuple[Member | Chain, ...], loop_limit: int | None, index: str | None = None) -> None:
-        super().__init__(members, loop_limit, index)
-        self.loop_limit, self.index = loop_limit, index
+    def __init__(
+        self,
+        members: tuple[Member | Chain, ...],
+        loop_limit: int | None,
+        index: str | None = None,
+        until: str | None = None,
+    ) -> None:
+        super().__init__(members, loop_limit, index, until)
+        self.loop_limit, self.index, self.until = loop_limit, index, until
         self._round = Sequence(members)
-        for kernel in self.kernels:
+        self._deciding = None if until is None else _kernels_named(members, until)
+        for kernel in self.kernels if self._deciding is None else self._deciding:
             if not kernel.rejects:
-                raise ShpyTypeError(
-                    f"{self} never ends: {kernel.signature} writes every element, and a loop ends with a round that "
-                    f"writes nothing",
-                    loc=here(),
-                    cure=f"SH_DISCARD in {kernel.name} where there is nothing left to do, where=, or sh.repeat",
-                )
+                raise self._never_ends(kernel)
+
+    def _never_ends(self, kernel: Member) -> ShpyTypeError:
+        """Return the error for a kernel that keeps the loop going for ever."""
+        rejecting = next((m.name for m in self.members if isinstance(m, Member) and m.rejects), None)
+        other = f'until="{rejecting}", ' if rejecting is not None and self.until is None else ""
+        end = "that writes nothing" if self.until is None else f"in which {self.until} writes nothing"
+        return ShpyTypeError(
+            f"{self} never ends: {kernel.signature} writes every element, and a loop ends with a round {end}",
+            loc=here(),
+            cure=f"SH_DISCARD in {kernel.name} where there is nothing left to do, where=, {other}or sh.repeat",
+        )
 
     def perform(self, run: Run) -> None:
         """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
@@ -225,26 +238,32 @@ class Loop(Chain):
             self._perform(run, advance)
 
     def _perform(self, run: Run, advance: Callable[[], None]) -> None:
-        outside, before, ever = (run.watching, run.once, run.held, run.open), run.wrote, False
-        run.watching, run.once, run.open = True, False, False
+        outside = run.once, run.held, run.open
+        run.once = run.open = False
+        watch = Watch(self._deciding)
+        run.watches.append(watch)
         rounds = 0
         while self.loop_limit is None or rounds < self.loop_limit:
             if rounds:
                 advance()
-            run.wrote = run.held = False
+            watch.wrote = run.held = False
             self._round.perform(run)
             rounds += 1
-            if not run.wrote and not run.held:
-                (run.watching, run.once, run.held, run.open), run.wrote = outside, before or ever
+            if not watch.wrote and not run.held:
+                run.once, run.held, run.open = outside
+                run.watches.pop()
                 return
-            ever |= run.wrote
-            run.open = not run.wrote
+            run.open = not watch.wrote
         raise LoopLimitExceeded(
             f"{self} took more than {self.loop_limit} rounds",
             loc=self.loc,
             cure="kernels that discard every element in the end, or loop_limit=N if it needs more (None: no limit)",
             result=run.so_far(),
         )
+
+    def __str__(self) -> str:
+        until = "" if self.until is None else f', until="{self.until}"'
+        return f"loop({', '.join(_spoken(m) for m in self.members)}{until})"
 
 
 def sequence(*members: Program | Kernel | Chain, where: str | Program | None = None) -> Chain:
@@ -291,6 +310,7 @@ def loop(
     loop_limit: int | None = 1_048_576,
     when: Mapping[str, Share] | None = None,
     index: str | None = None,
+    until: str | None = None,
 ) -> Chain:
     """Return the chain that runs its members in rounds until a round writes no element.
 
@@ -298,17 +318,42 @@ def loop(
     round that writes nothing counts among the executions. `run` raises LoopLimitExceeded after `loop_limit` rounds, or
     never if that is None. `index` names an input that receives the number of the round: see `sh.repeat`.
 
+    `until` names the member, a program or kernel, that decides alone: the loop ends with the round in which it writes
+    no element, and the other members may write every element. Every member runs in that last round, too.
+    Source: Christen 2005, section 4.3.4 and listing 4.8, a while-loop over several kernels.
+
     `when` names members, programs or kernels, and for each the share of the elements that have to be ready:
     `sh.loop(traverse, intersect, when={"intersect": sh.share("waiting", 0.2, of="moving")})`. In a round in which they
     are too few, the member is held back. After a round that wrote nothing, the next one lets those run that have any
     element ready, so that the loop ends only when none has.
-    Raises ShpyTypeError for a kernel that writes every element, for names in `when` that are no members, and for shares
-    of streams that no kernel of the loop has, and for an `index` as in `sh.repeat`.
+    Raises ShpyTypeError for a kernel that writes every element and decides when the loop ends, for names in `when` and
+    `until` that are no members, for shares of streams that no kernel of the loop has, and for an `index` as in
+    `sh.repeat`.
     """
     if loop_limit is not None and not (is_int(loop_limit) and loop_limit > 0):
         raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
     parts = _held(_guarded(_members(members, index), where), {} if when is None else when)
-    return _numbered(Loop(parts, None if loop_limit is None else int(loop_limit), index))
+    _check_until(until, parts)
+    return _numbered(Loop(parts, None if loop_limit is None else int(loop_limit), index, until))
+
+
+def _kernels_named(members: tuple[Member | Chain, ...], name: str) -> frozenset[Member]:
+    """Return the kernels of the members, without those of chains among them, that have a name."""
+    own = (m for member in members for m in (member.members if isinstance(member, Held) else (member,)))
+    return frozenset(m for m in own if isinstance(m, Member) and m.name == name)
+
+
+def _check_until(until: str | None, members: tuple[Member | Chain, ...]) -> None:
+    """Raise ShpyTypeError for an `until` that names no member of a loop."""
+    if until is None or (isinstance(until, str) and _kernels_named(members, until)):
+        return
+    names = [kernel.name for member in members if isinstance(member, Member | Held) for kernel in member.kernels]
+    spoken = repr(until) if isinstance(until, str) else getattr(until, "__name__", None) or repr(until)
+    raise ShpyTypeError(
+        f"until={spoken} of a loop of {', '.join(_spoken(member) for member in members)} is no name of a member",
+        loc=here(),
+        cure=f'until="{names[-1]}"' if names else 'sh.loop(first, second, until="second"), whose members are programs',
+    )
 
 
 def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:

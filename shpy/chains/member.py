@@ -158,6 +158,18 @@ class Member:
         return self.kernel
 
 
+@dataclass(slots=True, eq=False)
+class Watch:
+    """The kernels whose writes keep a loop going, every kernel if None; `wrote` tells whether one wrote an element."""
+
+    kernels: frozenset[Member] | None
+    wrote: bool = False
+
+    def needs(self, member: Member) -> bool:
+        """Return whether the loop has to know if this kernel wrote an element."""
+        return not self.wrote and (self.kernels is None or member in self.kernels)
+
+
 def _outputs(recorded: Recorded, index: str | None) -> tuple[tuple[str, Layout], ...]:
     """Return the name and the layout of the stream that each output replaces."""
     layout = recorded.output

@@ -21,7 +21,7 @@ import numpy as np
 from shpy.backend.base import DeviceCall, Executable, Memory
 from shpy.backend.registry import default_backend
 from shpy.chains.counter import Counter
-from shpy.chains.member import Member, Step, element_layout, is_gathered, stream_names
+from shpy.chains.member import Member, Step, Watch, element_layout, is_gathered, stream_names
 from shpy.chains.merging import COUNT, merge_of
 from shpy.chains.share import Share
 from shpy.errors import ShpyTypeError
@@ -77,14 +77,14 @@ class _Plan:
 
     starts: list[Callable[[], None]] = field(default_factory=list)
     after: dict[Any, Stream] = field(default_factory=dict)
-    statuses: list[Memory] = field(default_factory=list)
+    statuses: list[tuple[Member, Memory]] = field(default_factory=list)
     sizes: list[tuple[Member, int]] = field(default_factory=list)
     held: list[Any] = field(default_factory=list)
     times: int = 0
 
 
 class Run:
-    """One run of a chain. `perform` of its parts calls `play`; a loop sets `watching` and tests `wrote`.
+    """One run of a chain. `perform` of its parts calls `play`; each loop that runs has a Watch in `watches`.
 
     A loop also tests `held`: a kernel that has ready elements was held back. `open` lets such kernels run.
     `once` is true outside repeats and loops, where no bound run is kept for another execution. `numbers` has the
@@ -117,8 +117,7 @@ class Run:
         self._owned: dict[Any, list[Stream]] = {}
         self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _Plan]]] = {}
         self._pending: list[Callable[[], None]] = []
-        self.watching = False
-        self.wrote = False
+        self.watches: list[Watch] = []
         self.held = False
         self.open = False
         self.once = True
@@ -204,10 +203,14 @@ class Run:
             current.update(plan.after)
         plan.times += 1
         self._pending += plan.starts
-        if self.watching and not self.wrote:
-            self.flush()
-            self.wrote = any(self.place.space.count(status).written for status in plan.statuses)
-        elif len(self._pending) >= _AHEAD:
+        for member, status in plan.statuses if self.watches else ():
+            open_watches = [watch for watch in self.watches if watch.needs(member)]
+            if open_watches:
+                self.flush()
+                written = self.place.space.count(status).written > 0
+                for watch in open_watches:
+                    watch.wrote = written
+        if len(self._pending) >= _AHEAD:
             self.flush()
 
     @contextmanager
@@ -272,7 +275,7 @@ class Run:
             prepared = kernel.prepare_on_device(given, None, shape)
             self._begin(executable, prepared.call, plan)
             assert prepared.call.status is not None
-            plan.statuses.append(prepared.call.status)
+            plan.statuses.append((member, prepared.call.status))
             plan.sizes.append((member, 0))
             after = self._merge(member, prepared.call, plan)
         self.current.update(after)

@@ -13,8 +13,10 @@ import numpy as np
 
 from shpy import packages
 from shpy.errors import ShpyError, ShpyTypeError
+from shpy.lang.data.hostdata import as_array
+from shpy.lang.data.tables import TableType
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Layout, is_lazy, leaves
+from shpy.lang.values.structure import Layout, flatten, is_lazy, layout_of, leaves
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, shape_before_data
 from shpy.streams.stream import streams_in
@@ -91,6 +93,32 @@ def check_whole(name: str, given: Any, instead: str) -> None:
             loc=here(),
             cure=f"{name}.compute(), which each worker is sent, or {instead}",
         )
+
+
+def whole_leaves(type_: TableType, given: Any, name: str, precision: str) -> list[Any]:
+    """Return the arrays of a Table that is a Dask array, or has some, leaf by leaf; each becomes one chunk.
+
+    Raises ShpyTypeError for dtypes, axes and chunks of unknown sizes that do not fit.
+    """
+    arrays, shapes = [], {}
+    layout = layout_of(type_.cls, "an element")
+    for (path, _, cls), entry in zip(leaves(layout, name), flatten(layout, given, name), strict=True):
+        array = entry if is_lazy(entry) else dask_array().from_array(as_array(entry, path), chunks=-1)
+        shapes[path] = shape = shape_before_data(path, cls, array, _dtype(cls, precision))
+        if len(shape) != type_.rank or 0 in shape:
+            axes = "1 axis" if type_.rank == 1 else f"{type_.rank} axes"
+            raise ShpyTypeError(
+                f"{name} is a {type_!r}, and the Dask array {path} has the shape {array.shape}",
+                loc=here(),
+                cure=f"an array of {axes} of elements, one or more on each",
+            )
+        arrays.append(array.rechunk(-1))
+    if len(set(shapes.values())) > 1:
+        listed = ", ".join(f"{path} {shape}" for path, shape in shapes.items())
+        raise ShpyTypeError(
+            f"{name} has fields of several shapes: {listed}", loc=here(), cure="one element of each field a place"
+        )
+    return arrays
 
 
 def check_hosted(given: Mapping[str, Any], what: str) -> None:

@@ -10,10 +10,11 @@ the chunks.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from shpy.chains.chain import Chain
-from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, unified
+from shpy.cluster.arrays import Cut, check_hosted, check_whole, cut_leaves, dask_array, has_lazy, unified, whole_leaves
 from shpy.cluster.graphs import Chunks, over_blocks, whole_places
 from shpy.cluster.jobs import Blockwise
 from shpy.errors import ShpyTypeError
@@ -33,7 +34,8 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
     elements; host arrays, numbers, Params, Tables. They broadcast, and structs and several outputs work as for numpy
     arrays. `sh.grid_index` and `sh.grid_shape` are those of the whole array. Without any Dask array, `shape` and
     `chunks` are those of the elements. The kernel is sent with its Params' present values, and each worker compiles it
-    once; a program is compiled for the default backend of the worker.
+    once; a program is compiled for the default backend of the worker. A Table that is a Dask array, or a dict of them
+    for a struct, is joined on each worker that needs it; `sh.gather` reads one whose chunks stay where they are.
 
     Raises ShpyTypeError, before anything runs, for shapes, dtypes and chunks that do not fit; ShpyError without Dask.
     """
@@ -43,9 +45,12 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
     precision = kernel.options.precision if isinstance(kernel, Kernel) else "f32"
     given = host.bind(recorded, arrays, named)
     check_hosted({**given, **recorded.tables}, "map_blocks")
-    tables = {name: given[name] for name, t in recorded.inputs.items() if isinstance(t, TableType | TextureType)}
+    types = {n: t for n, t in recorded.inputs.items() if isinstance(t, TableType) and has_lazy(given[n])}
+    joined = {name: whole_leaves(type_, given[name], name, precision) for name, type_ in types.items()}
+    indexed = [name for name, t in recorded.inputs.items() if isinstance(t, TableType | TextureType)]
+    tables = {name: given[name] for name in indexed if name not in types}
     for name, table in tables.items():
-        check_whole(name, table, "sh.map_overlap for a stencil")
+        check_whole(name, table, "a sh.Table, which takes one")
     inputs, cuts = {}, []
     for name, type_ in recorded.inputs.items():
         if not isinstance(type_, TableType | TextureType):
@@ -53,18 +58,29 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
             inputs[name] = type_, [None if isinstance(entry, Cut) else entry for entry in entries]
             cuts += [entry for entry in entries if isinstance(entry, Cut)]
     whole = host.common_shape(cuts, shape)
-    if shape is None and not any(cut.lazy for cut in cuts):
-        raise ShpyTypeError(
-            f"no input of {recorded.module.name} is a Dask array",
-            loc=here(),
-            cure="kernel(…), which runs here, or da.from_array(x, chunks=…); without inputs, shape= and chunks=",
-        )
+    if shape is None and not any(cut.lazy for cut in cuts) and not (joined and cuts):
+        raise _no_shape(recorded.module.name, joined)
     made, sizes = unified(cuts, whole)
     if chunks is not None or any(not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)):
         sizes = _chosen(sizes, whole, chunks, da)
-    job = Blockwise(kernel, whole, inputs, tables)
+    job = Blockwise(kernel, whole, inputs, tables, types)
     tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
-    return over_blocks(job, made, tails, whole_places(sizes), sizes, recorded.output, precision)
+    return over_blocks(job, made, tails, whole_places(sizes), sizes, recorded.output, precision, joined)
+
+
+def _no_shape(name: str, joined: Mapping[str, Any]) -> ShpyTypeError:
+    """Return the error for a run whose elements no Dask array counts; `joined` are those that are read as Tables."""
+    if joined:
+        return ShpyTypeError(
+            f"{name} reads {', '.join(joined)} at any index, and no input tells how many elements there are",
+            loc=here(),
+            cure="shape= and chunks=, or sh.map_overlap for a stencil",
+        )
+    return ShpyTypeError(
+        f"no input of {name} is a Dask array",
+        loc=here(),
+        cure="kernel(…), which runs here, or da.from_array(x, chunks=…); without inputs, shape= and chunks=",
+    )
 
 
 def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,12 @@ def over_blocks(
     chunks: Chunks,
     output: Layout,
     precision: str,
+    joined: Mapping[str, Sequence[Any]] | None = None,
 ) -> Any:
     """Return the outputs of a job as Dask arrays in the structure of `output`, with these chunks of elements.
 
-    `tails` says which arrays have an axis of components. Nothing runs.
+    `tails` says which arrays have an axis of components. `joined` has the arrays of one chunk that every task takes
+    whole, by the name of the Table that they make. Nothing runs.
     """
     import dask
 
@@ -50,8 +52,9 @@ def over_blocks(
         table = np.array(blocks, np.int64).reshape(-1, 3)
         pairs += [da.from_array(table, chunks=(1, 3)), (axis, rank + len(arrays) + axis)]
     made = list(leaves(output, "output"))
+    tables = {name: [leaf.to_delayed().item() for leaf in parts] for name, parts in (joined or {}).items()}
     options: dict[str, Any] = {
-        "align_arrays": False, "concatenate": True, "packed": sent, "rank": rank,
+        "joined": tables, "align_arrays": False, "concatenate": True, "packed": sent, "rank": rank,
         "adjust_chunks": dict(zip(axes, chunks, strict=True)),
     }  # fmt: skip
     parts = [_meta(cls, rank, precision) for _, _, cls in made]

@@ -19,7 +19,7 @@ import numpy as np
 from shpy.chains.chain import Chain, repeat
 from shpy.chains.member import Member
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import TableType
+from shpy.lang.data.tables import Table, TableType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values.types import TYPES
@@ -40,10 +40,13 @@ class Job(ABC):
         return {name: held for name, held in vars(self).items() if name != "_ready"}  # each thread makes its own
 
     @abstractmethod
-    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+    def run(
+        self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any], joined: Mapping[str, list[Any]]
+    ) -> list[Any]:
         """Run on one block, which begins at `origin` of the grid, with the parts of the cut inputs.
 
-        Returns the array of each leaf of the outputs, for the elements of the block that are `kept`.
+        `joined` has the whole arrays of each Table that is one of Dask. Returns the array of each leaf of the outputs,
+        for the elements of the block that are `kept`.
         """
 
 
@@ -55,12 +58,12 @@ class _Thread(threading.local):
 _thread = _Thread()
 
 
-def run_job(*blocks: Any, packed: bytes, rank: int) -> Any:
+def run_job(*blocks: Any, packed: bytes, rank: int, joined: Mapping[str, list[Any]]) -> Any:
     """Run a job on a block; several arrays are one tuple. The last `rank` blocks say where the block lies."""
     job = _thread.unpacked(packed)
     places = [tuple(map(int, np.asarray(table).reshape(3))) for table in blocks[len(blocks) - rank :]]
     kept = tuple(slice(low, high) for _, low, high in places)
-    arrays = job.run(tuple(start for start, _, _ in places), kept, list(blocks[: len(blocks) - rank]))
+    arrays = job.run(tuple(start for start, _, _ in places), kept, list(blocks[: len(blocks) - rank]), joined)
     return arrays[0] if len(arrays) == 1 else tuple(arrays)
 
 
@@ -115,7 +118,7 @@ class Blockwise(Job):
     """Runs a kernel on each block.
 
     `inputs` has for each input by name its layout and its leaves; a leaf of None is cut into blocks, the others are
-    whole arrays.
+    whole arrays. `joined` has the types of the Tables whose arrays come with each block.
     """
 
     def __init__(
@@ -124,21 +127,33 @@ class Blockwise(Job):
         shape: tuple[int, ...],
         inputs: Mapping[str, tuple[Layout, list[Any]]],
         tables: Mapping[str, Any],
+        joined: Mapping[str, TableType],
     ) -> None:
-        self.kernel, self.shape, self.inputs, self.tables = kernel, shape, inputs, tables
+        self.kernel, self.shape, self.inputs, self.tables, self.joined = kernel, shape, inputs, tables, joined
 
     @cached_property
-    def _ready(self) -> tuple[Grid, Kernel]:
+    def _ready(self) -> tuple[Grid, Kernel, dict[str, tuple[list[Any], Table]]]:
         grid = Grid(self.shape)
         made = again(self.kernel, grid.placed(self.kernel.recorded, ()))
-        return grid, made if isinstance(made, Kernel) else made.compile()
+        return grid, made if isinstance(made, Kernel) else made.compile(), {}
 
-    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+    def _joined_table(self, name: str, arrays: list[Any]) -> Table:
+        """Return the Table of arrays that a worker holds; it is made, and copied to a device, once."""
+        kept = self._ready[2].get(name)
+        if kept is None or any(old is not new for old, new in zip(kept[0], arrays, strict=True)):
+            cls = self.joined[name].cls
+            data = build_arrays(layout_of(cls, "an element"), iter(arrays))
+            kept = self._ready[2][name] = arrays, Table(data, cls, name)
+        return kept[1]
+
+    def run(
+        self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any], joined: Mapping[str, list[Any]]
+    ) -> list[Any]:
         """Run the kernel."""
-        grid, kernel = self._ready
+        grid, kernel, _ = self._ready
         grid.move(origin)
         cut = iter(blocks)
-        given = dict(self.tables)
+        given = {**self.tables, **{name: self._joined_table(name, arrays) for name, arrays in joined.items()}}
         for name, (layout, entries) in self.inputs.items():
             given[name] = build_arrays(layout, (next(cut) if entry is None else entry for entry in entries))
         shape = tuple(part.stop for part in kept)
@@ -165,7 +180,9 @@ class Stencil(Job):
         local = {*self.cut, *self.outputs}
         return grid, repeat(_placed(self.chain, grid, local, iter(self.distances)), self.steps)
 
-    def run(self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any]) -> list[Any]:
+    def run(
+        self, origin: tuple[int, ...], kept: tuple[slice, ...], blocks: list[Any], joined: Mapping[str, list[Any]]
+    ) -> list[Any]:
         """Run the chain over the block and its halo; the part that is kept has the values of the whole grid."""
         grid, chain = self._ready
         grid.move(origin)

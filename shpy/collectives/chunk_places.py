@@ -1,4 +1,4 @@
-"""sh.compact and sh.scatter over Dask arrays, which move elements, with the same bits as over one stream.
+"""sh.gather, sh.compact and sh.scatter over Dask arrays, which move elements, with the same bits as over one stream.
 
 Stage: run. Values keep their order, so the values for one place arrive in the same order as in one stream.
 Nothing runs until the result is computed by Dask.
@@ -21,6 +21,7 @@ from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.hostdata import as_array
+from shpy.lang.data.tables import element_class
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy
 from shpy.lang.values.value import CLASSES
@@ -32,6 +33,40 @@ _BLOCKS, _LARGE = 64, 1 << 20
 """A result has at most so many blocks, unless they are as large as the chunks of the values, or as this one."""
 Piece = tuple[NDArray[np.int64], NDArray[Any]]
 """Values and their target places in a block of the result: (places, values)."""
+
+
+def gather_chunks(table: Any, index: Any, type_: Any) -> Any:
+    """Return the Dask array of the element of `table` at each index, of the shape of `index`; Dask moves the elements.
+
+    `type_` is that of an element; None stands for numbers.
+    """
+    import dask.array as da
+
+    for value in (table, index):
+        if isinstance(value, Stream):
+            raise ShpyTypeError(
+                f"{value!r} lies on a device of this process, and sh.gather of a Dask array runs on others",
+                loc=here(),
+                cure="stream.numpy(), or a Dask array of it",
+            )
+    whole, places = (
+        value if is_lazy(value) else da.from_array(as_array(value, what))
+        for value, what in ((table, "the table"), (index, "index"))
+    )
+    cls = CLASSES["Attrib", 1, _base_of(whole.dtype, "gather", None)] if type_ is None else element_class(type_)
+    shape = shape_before_data("the table", cls, whole, dtypes_at("f32")[cls.base])
+    if places.dtype.kind not in "iu" and places.size:
+        raise ShpyTypeError(f"index takes ints, not {places.dtype}", loc=here(), cure="index.astype(np.int64)")
+    wanted = shape_before_data("index", scalar_of(np.dtype(np.int32), "gather"), places, np.int32)
+    if not math.prod(shape):
+        raise ShpyTypeError("gather from an array without elements", loc=here(), cure="an array of one element or more")
+    meta = np.empty((0,) * (1 + (cls.size > 1)), dtypes_at("f32")[cls.base])
+    flat = flattened(whole, len(shape)).rechunk({1: -1} if cls.size > 1 else {})
+    flat = flat.map_blocks(_converted, dtype=meta.dtype, meta=meta, packed=pickle.dumps(cls))
+    if not places.size:
+        return da.zeros((*wanted, *flat.shape[1:]), meta.dtype)
+    at = flattened(places, len(wanted)).map_blocks(_nearest, dtype=np.int64, last=len(flat) - 1)
+    return flat[at].reshape((*wanted, *flat.shape[1:]))
 
 
 def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
@@ -135,6 +170,12 @@ def _converted(block: NDArray[Any], packed: bytes) -> NDArray[Any]:
     """Return the elements of a block as a stream holds them; ShpyTypeError for numbers that it does not hold."""
     found: NDArray[Any] = Stream(block, pickle.loads(packed), "numpy").numpy()
     return found
+
+
+def _nearest(index: NDArray[Any], last: int) -> NDArray[np.int64]:
+    """Return the indices, those out of range as the first or the last element."""
+    inside: NDArray[Any] = np.clip(index, 0, min(last, np.iinfo(index.dtype).max))
+    return inside.astype(np.int64)
 
 
 def _split(values: NDArray[Any], index: NDArray[Any], bounds: list[int]) -> tuple[Piece, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from shpy.backend.base import Memory
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
-from shpy.collectives.chunk_places import scatter_chunks
+from shpy.collectives.chunk_places import gather_chunks, scatter_chunks
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
 from shpy.collectives.programs import annotated, store
 from shpy.collectives.scanning import scan
@@ -38,14 +38,22 @@ _AT_ONCE = 1 << 14
 
 
 @in_ieee_arithmetic
-def gather(stream: Stream, index: Any) -> Stream:
+def gather(stream: Any, index: Any, type: Any = None) -> Any:
     """Return the element at each index; the result has the shape of `index`.
 
     `index`: ints, a Stream of Attrib1i or Attrib1u or an array. They count the elements in C order. An index out of
-    range reads the nearest element, the first or the last, as a Table of one axis does. Raises ShpyTypeError for an
-    index of another type or device, and for a stream without elements.
+    range reads the nearest element, the first or the last, as a Table of one axis does.
+    Where one of the two is a Dask array, the other is one or an array of numpy, and so is the result: Dask's indexing
+    moves the elements, and no process holds the whole table. `type` is then that of an element, such as `sh.Point3f`
+    with the components on the last axis; without it the elements are numbers.
+    Raises ShpyTypeError for an index of another type or device, for elements of another type, for a stream without
+    elements, and for a `type` beside a stream, which has its own.
     """
+    if is_lazy(stream) or is_lazy(index):
+        return gather_chunks(stream, index, type)
     given = check_stream(stream, "gather")
+    if type is not None:
+        raise ShpyTypeError(f"type= beside {given!r}, which has its own", loc=here(), cure="sh.gather(stream, index)")
     memory, shape = indices_at(given.place, index, "index")
     if memory.count and not given.size:
         raise ShpyTypeError("gather from a stream without elements", loc=here(), cure="a stream of one element or more")

@@ -77,7 +77,19 @@ def chains(members):
 
 
 def loops():
-    return st.tuples(st.just("loop"), chains(st.sampled_from(REJECTING)), st.booleans()).map(counted)
+    inner = st.one_of(st.sampled_from(REJECTING), decided_loops(REJECTING))
+    return st.tuples(st.just("loop"), chains(inner), st.booleans()).map(counted)
+
+
+def decided_loops(members):
+    """Loops that one member decides; the others may write every element. A decider raises n; no member lowers it."""
+    decider = st.sampled_from(REJECTING)
+    parts = st.tuples(
+        st.lists(st.sampled_from(members), max_size=2), decider, st.lists(st.sampled_from(members), max_size=1)
+    )
+    return st.tuples(parts, st.booleans()).map(
+        lambda drawn: counted(("until", (*drawn[0][0], drawn[0][1], *drawn[0][2]), drawn[0][1].name, drawn[1]))
+    )
 
 
 def reads(tree):
@@ -85,6 +97,8 @@ def reads(tree):
     match tree:
         case ("sequence", parts):
             return any(map(reads, parts))
+        case ("until", parts, _, index):
+            return index is None and any(map(reads, parts))
         case (_, body, *_, index):
             return index is None and reads(body)
     return "k" in tree.inputs
@@ -92,7 +106,8 @@ def reads(tree):
 
 def counted(tree):
     *first, wants = tree
-    return (*first, "k" if wants and reads(tree[1]) else None)
+    parts = tree[1] if tree[0] == "until" else (tree[1],)
+    return (*first, "k" if wants and any(map(reads, parts)) else None)
 
 
 def built(tree):
@@ -103,6 +118,8 @@ def built(tree):
             return sh.repeat(built(body), times, index=index)
         case ("loop", body, index):
             return sh.loop(built(body), index=index)
+        case ("until", parts, decider, index):
+            return sh.loop(*parts, index=index, until=decider)
     return tree
 
 
@@ -133,6 +150,13 @@ class OneByOne:
                     written = self.run_pass(body, index, k)
                     total += written
                     if not written:
+                        return total
+            case ("until", parts, decider, index):
+                total = 0
+                for k in itertools.count():
+                    written = [self.run_pass(part, index, k) for part in parts]
+                    total += sum(written)
+                    if not any(n for part, n in zip(parts, written, strict=True) if part.name == decider):
                         return total
         inputs = {name: self.arrays[name] for name in tree.inputs}
         if "k" in inputs and self.numbers:
@@ -184,7 +208,7 @@ def data(seed, size):
     }
 
 
-TREES = chains(st.one_of(st.sampled_from(ALL), loops()))
+TREES = chains(st.one_of(st.sampled_from(ALL), loops(), decided_loops(ALL)))
 
 
 @on_every_backend
@@ -397,3 +421,49 @@ def beside_a_number(u: sh.Table[sh.Attrib1f, 1], c: sh.Attrib1f) -> dict:
 def test_a_table_beside_a_number_keeps_its_axes(backend, count):
     found = sh.repeat(beside_a_number, 2).run(u=np.ones(count, np.float32), c=0.5, backend=backend).streams["u"]
     assert found.numpy().tolist() == [1] * count
+
+
+@sh.program
+def brighten(red: sh.Attrib1f) -> sh.Attrib1f:
+    return red + 0.125
+
+
+@sh.program
+def reject_bright(red: sh.Attrib1f, calls: sh.Attrib1i):
+    sh.SH_DISCARD(red >= 1)
+    return {"calls": calls + 1}
+
+
+@on_every_backend
+def test_a_loop_over_two_kernels_ends_when_the_second_one_writes_nothing(backend):
+    """Listing 4.8 of the thesis: `while (n != 1) { n = 0; K1.execute(); if (K2.execute() == 0) n++; }`."""
+    chain = sh.loop(brighten, reject_bright, until="reject_bright")
+    assert str(chain) == 'loop(brighten, reject_bright, until="reject_bright")'
+    result = chain.run(red=[0.25, 0.5, 0.75], calls=[0, 0, 0], backend=backend)
+    # The first element is at 1 after six rounds; in that round the second kernel writes nothing.
+    assert result.executions == {"brighten": 6, "reject_bright": 6}
+    assert result.streams["red"].numpy().tolist() == [1, 1.25, 1.5]
+    assert result.streams["calls"].numpy().tolist() == [5, 3, 1]
+    twice = sh.sequence(chain, chain).run(red=[0.25], calls=[0], backend=backend)
+    assert twice.executions == {"brighten": 7, "reject_bright": 7}
+
+
+@sh.program
+def work(n: sh.Attrib1i, ready: sh.Attrib1b):
+    sh.SH_DISCARD((n >= 5) | ready)
+    return {"n": n + 1, "ready": n % 2 == 0}
+
+
+@sh.program
+def finish(n: sh.Attrib1i, ready: sh.Attrib1b):
+    sh.SH_DISCARD(~ready)
+    return {"n": n + 1, "ready": sh.Attrib1b(False)}
+
+
+@on_every_backend
+def test_a_decider_that_is_held_back_does_not_end_the_loop(backend):
+    """Too few elements are ready for its share; after a round without a write of the decider, it runs for any."""
+    chain = sh.loop(work, finish, until="finish", when={"finish": sh.share("ready", 1)})
+    result = chain.run(n=np.array([0, 1, 3, 4]), ready=np.zeros(4, np.bool_), backend=backend)
+    assert result.streams["n"].numpy().min() >= 5
+    assert not result.streams["ready"].numpy().any()

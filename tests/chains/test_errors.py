@@ -140,7 +140,27 @@ def test_members():
 def test_a_loop_that_never_ends():
     assert message(lambda: sh.loop(sink, grow)) == (
         "loop(sink, grow) never ends: grow(x: Attrib1f) -> Attrib1f writes every element, and a loop ends with a round "
-        "that writes nothing\nSH_DISCARD in grow where there is nothing left to do, where=, or sh.repeat"
+        'that writes nothing\nSH_DISCARD in grow where there is nothing left to do, where=, until="sink", or sh.repeat'
+    )
+    assert message(lambda: sh.loop(sink, grow, until="grow")) == (
+        'loop(sink, grow, until="grow") never ends: grow(x: Attrib1f) -> Attrib1f writes every element, and a loop '
+        "ends with a round in which grow writes nothing\nSH_DISCARD in grow where there is nothing left to do, where=, "
+        "or sh.repeat"
+    )
+
+
+def test_the_member_that_decides_a_loop():
+    cure = 'until="sink"'
+    for until in ("gorw", "", 3, None.__class__):
+        spoken = repr(until) if isinstance(until, str | int) else until.__name__
+        assert message(lambda until=until: sh.loop(grow, sink, until=until)) == (
+            f"until={spoken} of a loop of grow, sink is no name of a member\n{cure}"
+        )
+    assert message(lambda: sh.loop(grow, sink, until=sink)).startswith("until=sink of a loop of grow, sink is no name")
+    inner = sh.sequence(grow, sink)
+    assert message(lambda: sh.loop(inner, until="sink")) == (
+        "until='sink' of a loop of sequence(grow, sink) is no name of a member\n"
+        'sh.loop(first, second, until="second"), whose members are programs'
     )
 
 

@@ -269,6 +269,40 @@ def test_a_step_that_also_reads_a_whole_table_and_its_own_element():
     assert found["u"].compute().tobytes() == wanted.tobytes()
 
 
+@sh.program
+def looked_up(k: sh.Attrib1i, u: sh.Table[sh.Attrib1f, 2], rays: sh.Table[Ray, 1]) -> dict:
+    ray = rays[k]
+    return {"value": u[k % 40, k // 3] * ray.o.y, "point": ray.m @ ray.o.xy, "place": sh.grid_index(1)}
+
+
+@every
+def test_a_dask_array_is_a_table_with_the_bits_of_one_run(name):
+    """Each worker joins the chunks of arrays that its blocks read at any index, plain ones and fields of structs."""
+    k = draw.integers(-5, 60, 57).astype(np.int32)
+    rays = {"o": draw.random((21, 3)).astype(np.float32), "m": draw.random((21, 2, 2)).astype(np.float32)}
+    kernel = looked_up.compile(name)
+    alone = kernel(k, U, rays)
+    lazy = {"o": cut(rays["o"], 4, 2), "m": rays["m"]}
+    for index, table, fields in ((cut(k, 10), cut(U, 9, 31), lazy), (k, cut(U, 40, 7), rays), (cut(k, 57), U, lazy)):
+        blocks = sh.map_blocks(kernel, index, table, fields)
+        for part, wanted in alone.items():
+            assert blocks[part].compute().tobytes() == wanted.tobytes(), part
+
+
+def test_a_joined_table_is_made_once_for_all_blocks(monkeypatch):
+    made = []
+    original = sh.Table.__init__
+    monkeypatch.setattr(sh.Table, "__init__", lambda self, *a, **k: (made.append(a), original(self, *a, **k))[1])
+
+    @sh.program
+    def read(k: sh.Attrib1i, u: sh.Table[sh.Attrib1f, 1]) -> sh.Attrib1f:
+        return u[k]
+
+    result = sh.map_blocks(read, cut(np.arange(60, dtype=np.int32), 5), cut(U[0], 8))
+    assert result.compute().tobytes() == U[0][np.minimum(np.arange(60), 30)].tobytes()
+    assert len(made) == 1
+
+
 def test_numbers_are_read_in_the_precision_of_the_kernel():
     @sh.program
     def step(u: sh.Table[sh.Attrib1f], s: sh.Attrib1f) -> dict:
@@ -325,8 +359,20 @@ REFUSED = [
     ),
     (
         lambda: sh.map_blocks(far, cut(U, 9, 9)),
-        "u is read at any index, and a worker has one block of a Dask array",
-        "u.compute(), which each worker is sent, or sh.map_overlap for a stencil",
+        "far reads u at any index, and no input tells how many elements there are",
+        "shape= and chunks=, or sh.map_overlap for a stencil",
+    ),
+    (
+        lambda: sh.map_blocks(far, cut(U[0], 9), shape=(4, 4)),
+        "u is a Table[Attrib1f, 2], and the Dask array u has the shape (31,)",
+        "an array of 2 axes of elements, one or more on each",
+    ),
+    (
+        lambda: sh.map_blocks(
+            looked_up, K.astype(np.int32), cut(U, 9, 9), {"o": cut(X[0], 3, 3), "m": np.ones((4, 2, 2))}
+        ),
+        "rays has fields of several shapes: rays.o (17,), rays.m[0] (4,), rays.m[1] (4,)",
+        "one element of each field a place",
     ),
     (
         lambda: sh.map_blocks(sh.repeat(far, 2), cut(U, 9, 9)),

@@ -1,4 +1,4 @@
-"""sh.compact and sh.scatter over Dask arrays: the elements of one stream for any chunks."""
+"""sh.gather, sh.compact and sh.scatter over Dask arrays: the elements of one stream for any chunks."""
 
 from __future__ import annotations
 
@@ -63,6 +63,61 @@ def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):
         found = sh.scatter(cut, given, (12, 16), combine)
         assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
         assert found.compute().tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31)])
+@pytest.mark.parametrize("kind", [None, sh.Attrib3f, sh.Attrib1i])
+def test_gathered_elements_have_the_bits_of_one_stream(chunks, kind):
+    vectors = kind is sh.Attrib3f
+    x = (draw.standard_normal((20, 31, 3)[: 2 + vectors]) * 99).astype(np.int32 if kind is sh.Attrib1i else np.float32)
+    x.flat[7] = 0 if kind is sh.Attrib1i else np.nan
+    index = draw.integers(-9, 700, (11, 4))
+    index[2, 3], index[0, 0] = 2**40, 7
+    wanted = sh.gather(sh.Stream(x, kind or sh.Attrib1f, "numpy"), index).numpy()
+    cut = da.from_array(x, chunks=(*chunks, 2)[: x.ndim])
+    for table in (cut, x):
+        for places in (da.from_array(index, chunks=(3, 4)), index):
+            if table is cut or places is not index:
+                gathered = sh.gather(table, places, kind) if kind else sh.gather(table, places)
+                assert (gathered.shape, gathered.dtype) == (wanted.shape, wanted.dtype)
+                assert gathered.compute().tobytes() == wanted.tobytes()
+
+
+def test_gather_from_a_table_that_is_cut_holds_no_whole_table():
+    """Each task of the graph takes a chunk of the table, and gives the elements that one chunk of indices names."""
+    table = da.arange(100_000, chunks=1_000, dtype=np.float32)
+    index = da.from_array(draw.integers(0, 100_000, 50).astype(np.uint8), chunks=25)
+    gathered = sh.gather(table, index)
+    largest = []
+    with (
+        dask.config.set(scheduler="synchronous"),
+        dask.callbacks.Callback(posttask=lambda key, result, *_: largest.append(getattr(result, "size", 0))),
+    ):
+        assert gathered.compute().tobytes() == index.compute().astype(np.float32).tobytes()
+    assert max(largest) == 1_000
+
+
+def test_mistakes_of_gather_are_errors_before_anything_runs():
+    table, index = da.ones((6, 4), chunks=3), np.array([1, 2])
+    stream = sh.Stream(np.zeros(4), sh.Attrib1f, "numpy")
+    for call, message in (
+        (lambda: sh.gather(table, index * 1.5), "index takes ints, not float64"),
+        (lambda: sh.gather(da.ones(0), index), "gather from an array without elements"),
+        (lambda: sh.gather(table, index, sh.Attrib3f), "the table is a Attrib3f"),
+        (lambda: sh.gather(table[table[:, 0] > 0], index), "the table has chunks of unknown sizes"),
+        (
+            lambda: sh.gather(stream, da.from_array(index)),
+            "<Stream (4,) of Attrib1f on numpy> lies on a device of this",
+        ),
+        (
+            lambda: sh.gather(stream, index, sh.Attrib1f),
+            "type= beside <Stream (4,) of Attrib1f on numpy>, which has its",
+        ),
+        (lambda: sh.gather(table, index, int), "a Table holds values of the language, not <class 'int'>"),
+    ):
+        with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):
+            call()
+    assert sh.gather(table, np.zeros((0, 2), np.int32)).compute().shape == (0, 2)
 
 
 def test_numbers_that_a_stream_does_not_hold_are_not_compacted():
