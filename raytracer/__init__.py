@@ -19,6 +19,7 @@ from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
 from raytracer.integrators.renderer import Renderer
 from raytracer.intersector import AllHits, Closest, Hits, Intersector
+from raytracer.kernels.component import TracedHit
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
 from raytracer.rendering import render
@@ -51,6 +52,7 @@ __all__ = [
     "Staged",
     "Surface",
     "Texture",
+    "TracedHit",
     "Whitted",
     "render",
     "tradeoff",

@@ -7,6 +7,7 @@ Stage: query. The same walk as the pictures', without their shading.
     every = shoot.all_hits(origins, directions)          # every.t[every.offsets[k] : every.offsets[k + 1]]
     near = shoot.closest_point(points)                   # near.points, near.distances, near.triangles
     shoot.move(transform)                                # a rigid object elsewhere
+    hit = shoot.trace(origin, direction)                 # inside a program of yours: hit.position, hit.normal, …
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh, build_bvh
 from raytracer.accel.choice import build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
-from raytracer.errors import SceneError
-from raytracer.kernels import nearby, queries
+from raytracer.errors import SceneError, users_line
+from raytracer.kernels import component, nearby, queries
+from raytracer.kernels.component import Component, Surfaces, TracedHit, given_ray
 from raytracer.kernels.triangle import AheadBound, Triangles, Walk
 from raytracer.kernels.walk import Structure, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.meshes import Mesh
-from raytracer.rays import Frame, Pose, Rays, triples
+from raytracer.rays import Frame, Pose, Rays, check_streams, is_stream, triples
 from raytracer.scene.scene import Scene
 
 _NEIGHBOURS, _GROUPS = 16, 64
@@ -133,6 +135,7 @@ class Intersector:
         self._frame = Frame(np.zeros(3), 1.0, precision)
         self._kernels: dict[Any, Any] = {}
         self._structure: Structure | None = None
+        self._meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
             self._corners, origin, scale = to_kernel(corners, precision)
@@ -155,6 +158,58 @@ class Intersector:
         matrices.
         """
         self._pose = None if transform is None else Pose.of(transform)
+        if "_component" in self.__dict__:
+            self._component.place.put(self._placed)
+
+    def trace(
+        self, origin: Any, direction: Any, t_min: Any = 0.0, t_max: Any = np.inf, *, leaving: bool = True
+    ) -> TracedHit:
+        """Find a ray's nearest hit with t in [t_min, t_max), inside a program: the walk is recorded into it.
+
+        `origin` and `direction` are a point and a vector of the program, `t_min` and `t_max` its numbers, as in
+        `Intersector`; the ray's numbers must be those of binary32. A ray of NaN, of infinite numbers, or whose
+        direction is 0 meets nothing.
+
+        The walk stands once in a kernel, as a subroutine, however many calls there are. Its tables and the scene's
+        place are read when the program runs, so `move` needs no other program. With `leaving` rays may start at a
+        `TracedHit.position`: they meet what lies ahead of their origin beyond rounding errors. Without it they meet
+        what `intersect` finds, and may begin behind their origin.
+
+        Raises SceneError, with the line, outside of a program, for a scene without triangles, for a scene in
+        f16, and where its program runs in another precision than the scene's.
+        """
+        component = self._recorded("trace")
+        return component.trace(given_ray("trace", origin, direction, t_min, t_max), self._ahead(leaving))
+
+    def blocked(
+        self, origin: Any, direction: Any, t_max: Any = np.inf, t_min: Any = 0.0, *, leaving: bool = True
+    ) -> Any:
+        """Return, inside a program, whether a ray meets anything with t in [t_min, t_max), an `sh.Attrib1b`.
+
+        Arguments and errors are those of `trace`. The walk ends at the first hit that it finds.
+        """
+        component = self._recorded("blocked")
+        ray = given_ray("blocked", origin, direction, t_min, t_max)
+        return component.find(*ray, True, self._ahead(leaving)).triangle >= 0
+
+    def _recorded(self, name: str) -> Component:
+        """Return the walk for the program under way; SceneError if there is none, or nothing to walk through."""
+        if self._structure is None:
+            raise SceneError(
+                f"{users_line()}: {name} needs triangles, and this scene has none: give it a mesh with some"
+            )
+        if not self._component.is_recorded():
+            other = "intersect" if name == "trace" else "occluded"
+            raise SceneError(
+                f"{users_line()}: {name} works while a program is recorded: call it in a function under @sh.program, "
+                f"or {other}(origins, directions) with arrays or streams of rays"
+            )
+        self._frame.check_programs()
+        return self._component
+
+    def _ahead(self, leaving: bool, start: float = 0.0) -> AheadBound | None:
+        """Return the bound for rays that leave surfaces, from origins that may be `start` roundings off them."""
+        return AheadBound(float(np.finfo(self._floats).eps) / 2, start) if leaving else None
 
     def intersect(
         self,
@@ -165,7 +220,13 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> Hits:
-        """Find the nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`."""
+        """Find the nearest hit of each ray with t in [t_min, t_max); arguments and errors as in `Intersector`.
+
+        For streams of rays, of points and vectors on the device of this Intersector, the hits are streams there, and so
+        may `t_min` and `t_max` be. A stream's ray of NaN, of infinite numbers, or whose direction is 0 meets nothing.
+        """
+        if is_stream(origins, directions):
+            return Hits(*self._over_streams("intersect", origins, directions, t_min, t_max, leaving))
         rays = self._rays(origins, directions, t_min, t_max)
         shape = rays.shape
         if self._has_nothing(rays):
@@ -185,7 +246,12 @@ class Intersector:
         *,
         leaving: bool = False,
     ) -> NDArray[np.bool_]:
-        """Return True for each ray with a hit with t in [t_min, t_max); arguments and errors as in `Intersector`."""
+        """Return True for each ray with a hit with t in [t_min, t_max); arguments and errors as in `Intersector`.
+
+        For streams of rays it is a stream, as with `intersect`.
+        """
+        if is_stream(origins, directions):
+            return self._over_streams("occluded", origins, directions, t_min, t_max, leaving)
         rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             return np.zeros(rays.shape, dtype=bool)
@@ -303,6 +369,23 @@ class Intersector:
         """Convert the mesh's own places to those where they stand."""
         return places if self._pose is None else self._pose.outside(places)
 
+    def _over_streams(self, name: str, origins: Any, directions: Any, t_min: Any, t_max: Any, leaving: bool) -> Any:
+        """Run a query over streams of rays; return its streams."""
+        place = check_streams(origins, directions, t_min, t_max, self._target, self._precision)
+        if self._structure is None:
+            nothing = (np.inf, sh.Attrib1f), (-1, sh.Attrib1i), (0, sh.Attrib1f), (0, sh.Attrib1f)
+            fill = nothing if name == "intersect" else ((False, sh.Attrib1b),)
+            options = {"backend": place.backend, "device": place.device, "precision": place.precision}
+            streams = [sh.Stream(np.full(origins.shape, value), kind, **options) for value, kind in fill]
+            return streams if name == "intersect" else streams[0]
+        key = name, place, leaving
+        if key not in self._kernels:
+            program = getattr(component, name)(self._component, self._ahead(leaving, START))
+            layered = self._target == "opencl" and isinstance(self._structure, LayeredCube)
+            lanes: dict[str, Any] = {"lanes": 1} if layered else {}
+            self._kernels[key] = program.compile(**self._options, device=place.device or None, **lanes)
+        return self._kernels[key](origins, directions, t_min, t_max)
+
     def _has_nothing(self, rays: Rays) -> bool:
         """Return whether there is no triangle or no ray; the rays are checked then."""
         if self._structure is None:
@@ -361,6 +444,18 @@ class Intersector:
         """The walk of packets of coherent rays, built on first use: rays that walk alone do not need it."""
         assert self._structure is not None
         return walk_with(self._structure, self._triangles, self._target, None)
+
+    @cached_property
+    def _component(self) -> Component:
+        """The walk as a component of programs, made on first use."""
+        surfaces = Surfaces.of(self._meshes, self._floats)
+        frame = self._frame
+        return Component(self._walk, frame.origin, frame.scale, self._precision, surfaces, self._placed)
+
+    @property
+    def _placed(self) -> Any:
+        """Where programs that trace this mesh find it."""
+        return self._pose and (self._pose.turn, self._pose.back, self._pose.offset)
 
     @cached_property
     def _wide(self) -> WideIntersector:

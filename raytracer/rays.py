@@ -15,14 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.arrays import numbers
-from raytracer.errors import SceneError
+from raytracer.errors import SceneError, users_line
 from raytracer.meshes.mesh import affine
 
 Floats = NDArray[np.floating[Any]]
 _RIGID = 1e-4
 """The tolerance of a rotation matrix: it admits a matrix that was rounded to f16 or written with four digits."""
+_TRIPLES = sh.Attrib3f, sh.Point3f, sh.Vector3f, sh.Normal3f, sh.Color3f, sh.TexCoord3f
 _DIRECT = 2.0**-40, 2.0**60
 """Scales with which f32 holds all numbers of the conversion."""
 
@@ -99,6 +101,43 @@ def _ends(what: str, values: Any, shape: tuple[int, ...]) -> Floats:
     return end.reshape(-1) if end.ndim else end
 
 
+def is_stream(*rays: Any) -> bool:
+    """Return whether origins or directions are a stream."""
+    return any(isinstance(ray, sh.Stream) for ray in rays)
+
+
+def check_streams(origins: Any, directions: Any, t_min: Any, t_max: Any, backend: str, precision: str) -> Any:
+    """Return the place of streams of rays; SceneError unless they fit each other, a backend and a precision.
+
+    `t_min` and `t_max` are numbers, or streams of the same shape.
+    """
+    for what, ray, kind in (("origins", origins, sh.Point3f), ("directions", directions, sh.Vector3f)):
+        if not isinstance(ray, sh.Stream):
+            raise SceneError(
+                f"one of origins and directions is a Stream, but {what} {'is' if ray is None else 'are'} not: "
+                f"sh.Stream({what}, sh.{kind.__name__}, backend={backend!r})"
+            )
+        if ray.type not in _TRIPLES:
+            raise SceneError(f"{what} are a stream of sh.{kind.__name__}, not of {ray.type.__name__}")
+    streams = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+    for what, ends in list(streams.items())[2:]:
+        if not isinstance(ends, sh.Stream):
+            if numbers(what, ends).ndim:
+                raise SceneError(f"beside streams of rays {what} is a number, or a stream of sh.Attrib1f")
+            if np.isnan(ends):
+                raise SceneError(f"{what} contains NaN")
+            del streams[what]
+    for what, stream in streams.items():
+        if stream.shape != origins.shape:
+            raise SceneError(f"origins have the shape {origins.shape}, but {what} {stream.shape}")
+        if (stream.backend, stream.precision) != (backend, precision) or stream.place != origins.place:
+            raise SceneError(
+                f"{what} lie on {stream.place}, and this Intersector works on {backend} in {precision}: make "
+                f"Intersector(..., backend={stream.backend!r}, precision={stream.precision!r}), or the streams there"
+            )
+    return origins.place
+
+
 @dataclass(frozen=True, eq=False)
 class Pose:
     """The pose of a rigid object: its own point x is at `turn @ x + offset`; `back` is the inverse of `turn`.
@@ -151,6 +190,16 @@ class Frame:
     def is_direct(self) -> bool:
         """True if a kernel can convert rays by itself."""
         return self.precision == "f32" and _DIRECT[0] <= self.scale <= _DIRECT[1]
+
+    def check_programs(self) -> None:
+        """Raise SceneError where a program cannot convert rays of its own, whose numbers are those of binary32."""
+        if self.precision == "f16":
+            cure = 'Intersector(..., precision="f32")'
+            raise SceneError(f"{users_line()}: programs trace scenes in f32 or f64, and this one is in f16: {cure}")
+        if not _DIRECT[0] <= self.scale <= _DIRECT[1]:
+            raise SceneError(f"{users_line()}: this scene's lengths are out of the range of programs: scale the scene")
+        if np.any(self.origin != self.origin.astype(np.float32)):
+            raise SceneError(f"{users_line()}: this scene is farther from 0 than binary32 can tell: move it nearer")
 
     def inputs(self, rays: Rays, exact: bool) -> tuple[Any, ...]:
         """Return the inputs of a kernel: eye, ray, near, limit, origin, scale; all in its coordinates if `exact`."""

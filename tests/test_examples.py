@@ -10,7 +10,10 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
+from raytracer import Camera, Scene, render
+from raytracer.meshes.shapes import box, floor
 
+BOXES = Scene.builtin("boxes")
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "pictures")
 
@@ -74,6 +77,8 @@ SHOWN = {
     "raymarch": lambda m, backend: pixels_of(m.raymarch, (40, 24), backend, time=1.5),
     "voronoi": lambda m, backend: pixels_of(m.voronoi, (60, 40), backend, time=1.5),
     "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),
+    "occlusion": lambda m, backend: m.occlusion(Scene.framed(box()), (16, 12), 4, backend),
+    "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
 }
 
 
@@ -330,6 +335,23 @@ def test_warp():
     assert np.abs(np.diff(smooth, axis=1)).mean() < 0.6 * steps[0]
     assert plain.min() >= 0
     assert plain.max() <= 1
+
+
+def test_occlusion():
+    """A plain sees all of the sky; beside a wall of height h, at a distance d, it sees (1 + d / sqrt(d² + h²)) / 2."""
+    m = example("occlusion")
+    wall = box((2, 60, 60)).moved((-1, 0, 0))
+    scene = Scene([floor(60), wall], camera=Camera((6, 2, 0), (6, 0, 0.1), (1, 0, 0), fov=2))  # d is 6, h is 30
+    assert abs(m.occlusion(scene, (8, 8), 64, "numpy").mean() - 0.598) < 0.03  # four standard deviations
+    plain = m.occlusion(Scene([floor(9)], camera=Camera((0, 3, 0.1), (0, 0, 0))), (8, 6), 16, "numpy")
+    np.testing.assert_array_equal(plain, 1)
+
+
+@on_every_backend
+def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
+    found = SHOWN["whitted"](example("whitted"), backend)
+    np.testing.assert_array_equal(found, render(BOXES, (24, 18), backend=backend).pixels)
+    assert len(np.unique(found.reshape(-1, 3), axis=0)) > 100
 
 
 def test_trace():

@@ -19,7 +19,8 @@ from raytracer.appearance.programs import ask_environment, examine_environment
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.lights import LightList
-from raytracer.kernels.surfaces import Interaction, SurfaceTables, barylerp, glow_rows
+from raytracer.kernels.point import barylerp
+from raytracer.kernels.surfaces import Interaction, SurfaceTables, glow_rows
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight

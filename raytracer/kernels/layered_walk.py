@@ -364,7 +364,7 @@ class DepthTest:
         met = met & (t >= way.near)
         with SH_IF(met & (t < way.hit.l)):
             if self.bound is not None:
-                met = met & (s * self.pace >= self.close * image.coarseness)
+                met = met & (t * self.pace >= self.close * image.coarseness)
                 rows = self.triangles[number]
                 normal = [row.w for row in rows]
                 plane = PlaneView(normal, self.triangles.levels[number], way.ray, way.eye)

@@ -19,6 +19,8 @@ from shpy import SH_IF
 
 SHORTEST, LONGEST = 2.0**-60, 2.0**60
 """Largest components of directions with which no number of a kernel leaves the range of f32."""
+UNIT = 2.0**-20
+"""The largest distance from 1 of the square of the length of a direction that counts as of unit length."""
 FEW, MANY = 4, 16
 """Hits that a ray finds in its first walk, and in each of the others."""
 _KINDS = sh.Attrib4f, sh.Attrib4i, sh.Attrib4f, sh.Attrib4f
@@ -62,10 +64,22 @@ class GivenRay:
     """A ray in a kernel's coordinates, made of a user's: `(eye - origin) * scale`, and distances in `pace` of theirs.
 
     `wrong` holds for NaN and infinity, and for directions that are too long or too short for f32, 0 included. Such rays
-    meet nothing. With `exact` the ray is in the kernel's coordinates already, and is not wrong.
+    meet nothing. With `exact` the ray is in the kernel's coordinates already, and is not wrong. With `keeps_unit` the
+    factor `shrink` of directions is 1 for those of unit length, so that they are those of the integrators' rays.
     """
 
-    def __init__(self, eye: Any, ray: Any, near: Any, limit: Any, origin: Any, scale: Any, exact: bool) -> None:
+    def __init__(
+        self,
+        eye: Any,
+        ray: Any,
+        near: Any,
+        limit: Any,
+        origin: Any,
+        scale: Any,
+        exact: bool,
+        *,
+        keeps_unit: bool = False,
+    ) -> None:
         if exact:
             self.eye, self.ray, self.near, self.limit = eye, ray, near, limit
             self.wrong, self.pace = sh.Attrib1b(False), None
@@ -77,6 +91,9 @@ class GivenRay:
         self.wrong = ~right
         held = sh.bits_from_float(sh.cond(right, size, 1.0)) & sh.Attrib1u(_EXPONENT)
         shrink = sh.float_from_bits(sh.Attrib1u(_QUARTER) - held)
+        if keeps_unit:
+            shrink = sh.cond(abs(sh.dot(ray, ray) - 1) <= UNIT, 1.0, shrink)
+        self.shrink = shrink
         self.eye = (eye - origin) * scale
         self.ray = ray * shrink
         self.pace = scale / shrink

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import shpy as sh
-from raytracer.accel.bounds import highest
 from raytracer.accel.space import Rows
 from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
@@ -22,19 +21,12 @@ from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.media import Held, Media
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.triangle import Accept, CandidateHit, PlaneView, RayHit, Triangles
+from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
+from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
 from raytracer.scene.bodies import Bodies
 from raytracer.scene.layout import Change, Layout, is_programmed
 from shpy import SH_ELSE, SH_IF
-
-ROUNDINGS = 7
-"""The largest distance of a triangle's point from its plane, in roundings of its coordinates: 2 as the weights may not
-sum to 1, 3 of their products and sums, and 2 of moving it off the plane (Pharr, Jakob and Humphreys 2023, 6.8.4)."""
-PLANE_ROUNDINGS = 12
-"""The same of a point of the ray at the distance of the plane, in roundings of the plane's level, of the eye and of the
-way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
-
 
 FLAT = 1 / 250
 """The slope up to which a normal map leaves the normal as it is: 8 bits say 0 by 127 or 128 of 255, which is 1/255."""
@@ -228,9 +220,8 @@ class SurfaceTables:
         if self.normals is None:
             return
         normals = rows_of(self.normals, hit)
-        normal = side * sh.normalize(barylerp(hit, *(n.xyz for n in normals)))
-        surface.normal[:] = sh.cond(sh.dot(normal, facing) < 0, -normal, normal)
-        surface.inter -= barylerp(hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True)))
+        surface.normal[:] = curved_normal(hit, normals, side, facing)
+        surface.inter -= curve_depth(hit, normals, point, places, side)
 
     def look(self, hit: RayHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients to those of its triangle; return its reflectivity."""
@@ -318,17 +309,8 @@ class SurfaceTables:
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
     def place(self, hit: RayHit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
-        """Return the point that was hit, and how far it may be off the triangle's plane.
-
-        It is that mean of the corners which `hit` says, or where the ray meets the plane if that is known far better.
-        """
-        sizes = barylerp(hit, *(abs(place) for place in places))
-        plane = PlaneView(face, self.triangles.levels[hit.id], ray, eye)
-        far = plane.is_better(hit.l, highest(*sizes))
-        t = plane.height / plane.slope
-        point = sh.cond(far, eye + t * ray, barylerp(hit, *places))
-        beside = PLANE_ROUNDINGS * self.roundoff * plane.error_at(t)
-        return point, sh.cond(far, beside, ROUNDINGS * self.roundoff * sh.dot(abs(face), sizes))
+        """Return the point that was hit, and how far it may be off the triangle's plane; see `place_of`."""
+        return place_of(self.triangles, self.roundoff, hit, places, face, ray, eye)
 
     def material_at(self, hit: RayHit | CandidateHit) -> Any:
         """Return the number of the material that was hit."""
@@ -477,24 +459,3 @@ def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
         row[:3] = material.glow
         row[3] = np.mean(material.glow) or float(glowing)
     return rows
-
-
-def rows_of(table: Any, hit: RayHit | CandidateHit) -> tuple[Any, Any, Any]:
-    """Return the rows of the three corners of the triangle that was hit."""
-    first = 3 * hit.id
-    return table[first], table[first + 1], table[first + 2]
-
-
-def barylerp(hit: RayHit | CandidateHit, a: Any, b: Any, c: Any) -> Any:
-    """Interpolate linearly between `a`, `b` and `c` at the corners of the triangle that was hit."""
-    return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
-
-
-def depth(from_corner: Any, normal: Any) -> Any:
-    """Return how far a point lies below the plane of a corner and its normal, as a vector along the normal.
-
-    The mean of these vectors over the three corners moves the point onto the curved surface that the triangles
-    approximate, so that the edge of its shadow does not show the triangles (Hanika 2021, Ray Tracing Gems II, chapter
-    4).
-    """
-    return sh.min(sh.dot(from_corner, normal), 0.0) * normal

@@ -115,7 +115,7 @@ class Layout:
             structure=build(accel, corners, precision, across, backend) if forest is None else forest.bvh,
             dtype=dtype,
             triangles=triangle_rows(corners),
-            normals=_normals(meshes),
+            normals=normal_rows(meshes),
             colors=_colors(meshes),
             material_rows=_material_rows(materials),
             material_of=np.repeat(index, sizes).astype(np.int32),
@@ -123,7 +123,7 @@ class Layout:
             lights=light_rows(scene.placed_lights, origin, scale, dtype),
             materials=materials,
             without_uv=_without_uv(meshes, index, len(materials)),
-            uvs=_uvs(meshes) if any(m.textures or m.surface for m in materials) else None,
+            uvs=uv_rows(meshes) if any(m.textures or m.surface for m in materials) else None,
             forest=forest,
         )
         return found if forest is None else found.in_working_precision()
@@ -139,9 +139,9 @@ class Layout:
         """Return the layout of the scene as it would be if nothing moved in it, but for its accelerator."""
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = self.triangles[:, :3].astype(np.float64).reshape(-1, 3, 3)
-        uvs = None if self.uvs is None else _uvs(meshes)
+        uvs = None if self.uvs is None else uv_rows(meshes)
         return replace(
-            self, triangles=triangle_rows(corners), normals=_normals(meshes), colors=_colors(meshes), uvs=uvs
+            self, triangles=triangle_rows(corners), normals=normal_rows(meshes), colors=_colors(meshes), uvs=uvs
         )
 
     def put(self, moving: Sequence[int], meshes: Mapping[int, tuple[Mesh, Mesh]], precision: str) -> list[Change]:
@@ -167,7 +167,7 @@ class Layout:
                 copy_columns(self.colors[rows], _corner_colors(mesh, self.materials).reshape(-1, 3))
                 stale.add("colors")
             if self.uvs is not None and mesh.uv is not before.uv:
-                copy_columns(self.uvs[rows], _uvs([mesh]))
+                copy_columns(self.uvs[rows], uv_rows([mesh]))
                 stale.add("uvs")
             self.forest.change(place)
             changes.append(Change(first, past, shape, frozenset(stale)))
@@ -323,7 +323,8 @@ def _without_uv(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tup
     return tuple(found)
 
 
-def _normals(meshes: Sequence[Mesh]) -> Rows | None:
+def normal_rows(meshes: Sequence[Mesh]) -> Rows | None:
+    """Return the normals at the corners of all triangles, (3N, 4); None if every mesh is flat."""
     if all(mesh.normals is None for mesh in meshes):
         return None
     return _corner_rows(list(map(_corner_normals, meshes)))
@@ -353,7 +354,8 @@ def is_programmed(material: Material) -> bool:
     return material.surface is not None or "color" in material.textures
 
 
-def _uvs(meshes: Sequence[Mesh]) -> Rows:
+def uv_rows(meshes: Sequence[Mesh]) -> Rows:
+    """Return the uv coordinates at the corners of all triangles, (3N, 2), 0 where a mesh has none."""
     return np.concatenate([np.zeros((len(m), 3, 2)) if m.uv is None else m.uv for m in meshes]).reshape(-1, 2)
 
 

@@ -1,0 +1,325 @@
+"""The walk of a scene in programs of users: `Intersector.trace` and `Intersector.blocked`.
+
+Stage: kernel. Moreno-Fortuny and McCool plan their tracer as "a modular system": its intersector is a component of
+other programs. A call is recorded into the program under way; the walk itself is one subroutine for all calls, and what
+it reads of the scene are tables and params, so that a scene which changes needs no other kernel.
+
+    @sh.program
+    def lit(point: sh.Point3f, light: sh.Point3f) -> sh.Attrib1b:
+        return ~near.blocked(point, light - point, t_max=1)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import shpy as sh
+from raytracer.accel.space import WORKING, Rows
+from raytracer.errors import SceneError, users_line
+from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
+from raytracer.kernels.queries import GivenRay
+from raytracer.kernels.triangle import AheadBound, Walk
+from raytracer.kernels.walk import Found
+from raytracer.meshes import Mesh
+from raytracer.scene.layout import normal_rows, uv_rows
+from shpy import SH_IF
+
+Pose = tuple[Rows, Rows, Rows] | None
+"""Where a scene stands: (turn, back, offset) takes its own point x to `turn @ x + offset`, and `back` inverts `turn`.
+
+None is where it was made."""
+SHIFTED, POSED = 4.0, 16.0
+"""Roundings of its coordinates by which a point is moved off its triangle farther: where the scene is far from 0, and
+where the object has been moved, so that a point is turned on its way out and on its way back."""
+
+
+@sh.struct
+class TracedHit:
+    """The nearest hit of a ray that a program traces.
+
+    `t`, `triangle`, `u` and `v` are those of `Hits`; `hit` tells whether anything was met. `object` is the number of
+    the mesh among the scene's. `normal` is the unit normal, interpolated between normals at corners, and `face` that of
+    the triangle, both on the side that the ray comes from. `uv` are the mesh's texture coordinates, 0 where it has
+    none. `position` is the point in the scene's units, moved off the triangle to the side that the ray comes from by a
+    bound of its rounding errors: rays that go on from there do not meet the triangle again. Where nothing is met, `t`
+    is infinite, `triangle` and `object` are -1, and the rest is 0.
+    """
+
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    u: sh.Attrib1f
+    v: sh.Attrib1f
+    hit: sh.Attrib1b
+    object: sh.Attrib1i
+    normal: sh.Normal3f
+    uv: sh.TexCoord2f
+    face: sh.Normal3f
+    position: sh.Point3f
+
+
+class FoundHit(NamedTuple):
+    """The result of the walk's subroutine: distance, triangle, barycentric uv, and the factor of the direction."""
+
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    uv: sh.TexCoord2f
+    shrink: sh.Attrib1f
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """What the triangles of a scene have besides corners: rows as those of `Layout`, None where no mesh has any.
+
+    `object_of` (N,) is each triangle's mesh, None if all of them belong to mesh 0.
+    """
+
+    normals: Rows | None
+    uvs: Rows | None
+    object_of: NDArray[np.int32] | None
+
+    @classmethod
+    def of(cls, meshes: Sequence[Mesh], floats: type[np.floating[Any]]) -> Surfaces:
+        """Return the rows of meshes, as kernels that work in `floats` hold them."""
+        solid = [mesh for mesh in meshes if len(mesh)]
+        numbers = [number for number, mesh in enumerate(meshes) if len(mesh)]
+        normals = normal_rows(solid)
+        return cls(
+            None if normals is None else normals.astype(floats, copy=False),
+            uv_rows(solid).astype(floats, copy=False) if any(mesh.uv is not None for mesh in solid) else None,
+            np.repeat(numbers, list(map(len, solid))).astype(np.int32) if any(numbers) else None,
+        )
+
+
+class Precision(sh.Table):
+    """A table without a use but its data: to send them to a kernel of another precision than the scene's is an error.
+
+    The kernel's text does not have it, as nothing reads it there.
+    """
+
+    def __init__(self, precision: str) -> None:
+        super().__init__([0.0], sh.Attrib1f, "precision_of_scene")
+        self.precision, self.line = precision, ""
+
+    def data(self, dtype: Any) -> Any:
+        """Return the data; SceneError for another precision."""
+        if np.dtype(dtype) != WORKING[self.precision]:
+            other = next(name for name, floats in WORKING.items() if floats == np.dtype(dtype))
+            raise SceneError(
+                f"{self.line}: this traces a scene in {self.precision}, and its program runs in {other}: compile it "
+                f'with precision="{self.precision}", or make Intersector(..., precision="{other}")'
+            )
+        return super().data(dtype)
+
+
+class ScenePlace:
+    """The params that take rays into the kernel's coordinates: `origin` and `scale`, and the pose of what was moved."""
+
+    def __init__(self, origin: NDArray[np.float64], scale: float, roundoff: float, pose: Pose) -> None:
+        self._origin, self._roundoff = origin, roundoff
+        self.origin = sh.Param(sh.Point3f, origin, name="scene_origin")
+        self.scale = sh.Param(sh.Attrib1f, scale, name="scene_scale")
+        values = self._values(pose)
+        self.moved = sh.Param(sh.Attrib1i, values["moved"], name="scene_moved")
+        self.back = [sh.Param(sh.Vector3f, values[f"back_{axis}"], name=f"scene_back_{axis}") for axis in "xyz"]
+        self.turn = [sh.Param(sh.Vector3f, values[f"turn_{axis}"], name=f"scene_turn_{axis}") for axis in "xyz"]
+        self.offset = sh.Param(sh.Vector3f, values["offset"], name="scene_offset")
+        self.slack = sh.Param(sh.Attrib2f, values["slack"], name="scene_slack")
+
+    def put(self, pose: Pose) -> None:
+        """Place the scene anew; see `Pose`."""
+        params = {"moved": self.moved, "offset": self.offset, "slack": self.slack}
+        for axis, back, turn in zip("xyz", self.back, self.turn, strict=True):
+            params |= {f"back_{axis}": back, f"turn_{axis}": turn}
+        for name, value in self._values(pose).items():
+            params[name].value = value
+
+    def _values(self, pose: Pose) -> dict[str, Any]:
+        """Return the values of the params of a pose."""
+        turn, back, offset = (np.eye(3), np.eye(3), np.zeros(3)) if pose is None else pose
+        roundings = SHIFTED if self._origin.any() else 0.0
+        size = float(np.cbrt(abs(np.linalg.det(turn))))
+        slack = self._roundoff * (roundings if pose is None else POSED)
+        reach = float(np.abs(offset).sum()) + size * float(np.abs(self._origin).sum())
+        rows = {f"back_{axis}": row for axis, row in zip("xyz", back, strict=True)}
+        rows |= {f"turn_{axis}": row for axis, row in zip("xyz", turn, strict=True)}
+        return {"moved": int(pose is not None), "offset": offset, "slack": (slack, slack * reach), **rows}
+
+    def own(self, origin: Any, direction: Any) -> tuple[Any, Any]:
+        """Return a ray's origin and direction in the coordinates in which the scene was made."""
+        eye, ray = sh.Point3f(origin), sh.Vector3f(direction)
+        with SH_IF(self.moved > 0):
+            away = eye - self.offset
+            eye[:] = sh.Point3f(*(sh.dot(row, away) for row in self.back))
+            ray[:] = sh.Vector3f(*(sh.dot(row, direction) for row in self.back))
+        return eye, ray
+
+    def turned(self, normal: Any) -> Any:
+        """Return a unit vector as the scene stands."""
+        found = sh.Normal3f(normal)
+        with SH_IF(self.moved > 0):
+            found[:] = sh.normalize(sh.Normal3f(*(sh.dot(row, normal) for row in self.turn)))
+        return found
+
+    def world(self, point: Any, facing: Any) -> Any:
+        """Return a point of the kernel's coordinates where it stands; `facing` as `turned` leads off its triangle."""
+        place = sh.Point3f(point / self.scale + self.origin)
+        with SH_IF(self.moved > 0):
+            own = place.copy()
+            place[:] = sh.Point3f(*(sh.dot(row, own) for row in self.turn)) + self.offset
+        size = abs(place)
+        return place + (self.slack.x * (size.x + size.y + size.z) + self.slack.y) * facing
+
+
+class Component:
+    """A scene's walk for programs of users; `walk` has no bound for rays that start on a surface.
+
+    `line` is where a program last recorded it, "" before.
+    """
+
+    def __init__(
+        self,
+        walk: Walk,
+        origin: NDArray[np.float64],
+        scale: float,
+        precision: str,
+        surfaces: Surfaces,
+        pose: Pose,
+    ) -> None:
+        floats = WORKING[precision]
+        self.walk, self.roundoff = walk, float(np.finfo(floats).eps) / 2
+        self.place = ScenePlace(origin, scale, self.roundoff, pose)
+        self.precision = Precision(precision)
+        self.line = ""
+        self._normals = _table(surfaces.normals, sh.Attrib4f, "normals")
+        self._uvs = _table(surfaces.uvs, sh.TexCoord2f, "uvs")
+        self._object_of = _table(surfaces.object_of, sh.Attrib1i, "object_of")
+        self._finders: dict[AheadBound | None, Any] = {}
+
+    def trace(self, ray: tuple[Any, Any, Any, Any], bound: AheadBound | None) -> TracedHit:
+        """Record the search for the nearest hit of (origin, direction, t_min, t_max)."""
+        found = self.find(*ray, False, bound)
+        made: Any = TracedHit
+        hit = sh.Attrib1b(found.triangle >= 0)
+        inside = partial(sh.cond, hit)
+        normal, face, position = self.point(found, *ray[:2])
+        uv = sh.TexCoord2f(0, 0) if self._uvs is None else inside(self._lerp(self._uvs, found), 0.0)
+        number = inside(0 if self._object_of is None else self._object_of[found.triangle], -1)
+        return made(
+            found.t, found.triangle, found.uv.x, found.uv.y, hit, number,
+            inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
+        )  # fmt: skip
+
+    def is_recorded(self) -> bool:
+        """Return whether a program is recorded: a table's element has no number then."""
+        try:
+            float(self.precision[0])
+        except sh.ShpyError:
+            return True
+        return False
+
+    def find(self, origin: Any, direction: Any, t_min: Any, t_max: Any, any_hit: bool, bound: AheadBound | None) -> Any:
+        """Record a call of the walk; return its `FoundHit`."""
+        self.line = self.precision.line = users_line()
+        self.precision[0]  # the program has the table, and its kernel drops it
+        return self.finder(bound)(origin, direction, t_min, t_max, sh.Attrib1b(any_hit))
+
+    def finder(self, bound: AheadBound | None) -> Any:
+        """Return the subroutine of the walk with this bound."""
+        if bound not in self._finders:
+            self._finders[bound] = _finder(self.walk.bounded(bound), self.place)
+        return self._finders[bound]
+
+    def point(self, found: Any, origin: Any, direction: Any) -> tuple[Any, Any, Any]:
+        """Return the normal, the normal of the triangle and the point of a hit, as in `TracedHit`."""
+        eye, ray = self.place.own(origin, direction)
+        eye, ray = (eye - self.place.origin) * self.place.scale, ray * found.shrink
+        hit: Any = Found(found.t * (self.place.scale / found.shrink), found.triangle, found.uv)
+        corners = self.walk.triangles[hit.id]
+        front = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
+        side = sh.cond(sh.dot(front, ray) > 0, -1.0, 1.0)
+        face = side * front
+        places = tuple(corner.xyz for corner in corners)
+        point, beside = place_of(self.walk.triangles, self.roundoff, hit, places, front, ray, eye)
+        position, normal = point + beside * face, face
+        if self._normals is not None:
+            normals = rows_of(self._normals, hit)
+            normal = curved_normal(hit, normals, side, face)
+            position -= curve_depth(hit, normals, point, places, side)
+        outward = self.place.turned(face)
+        return self.place.turned(normal), outward, self.place.world(position, outward)
+
+    def _lerp(self, table: Any, found: Any) -> Any:
+        hit: Any = Found(found.t, found.triangle, found.uv)
+        return barylerp(hit, *rows_of(table, hit))
+
+
+def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
+    """Return the subroutine that finds a ray's hit; where `any_hit` holds, the first that is found."""
+
+    @sh.subroutine
+    def find_hit(
+        origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f, any_hit: sh.Attrib1b
+    ) -> FoundHit:
+        eye, ray = place.own(origin, direction)
+        given = GivenRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
+        hit = walk(given.ray, given.eye, given.near, given.limit, any_hit)
+        return FoundHit(given.outside(hit.l, hit.id), hit.id, hit.uv, given.shrink)
+
+    return find_hit
+
+
+def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray."""
+    kinds = {"origin": sh.Point3f, "direction": sh.Vector3f, "t_min": sh.Attrib1f, "t_max": sh.Attrib1f}
+    cures = {sh.Point3f: "sh.Point3f(x, y, z)", sh.Vector3f: "sh.Vector3f(x, y, z)", sh.Attrib1f: "a number"}
+    found = []
+    for (what, kind), value in zip(kinds.items(), (origin, direction, t_min, t_max), strict=True):
+        fits = getattr(type(value), "size", None) in (None, 1 if kind is sh.Attrib1f else 3)
+        try:
+            if not fits:
+                raise TypeError
+            found.append(kind(value))
+        except (sh.ShpyError, TypeError, ValueError):
+            spoken = type(value).__name__ if hasattr(type(value), "size") else repr(value)
+            raise SceneError(f"{users_line()}: the {what} of {name} is {cures[kind]}, not {spoken:.60}") from None
+    return tuple(found)
+
+
+class StreamHit(NamedTuple):
+    """A ray's nearest hit, as `Hits` has it."""
+
+    t: sh.Attrib1f
+    triangle: sh.Attrib1i
+    u: sh.Attrib1f
+    v: sh.Attrib1f
+
+
+def intersect(component: Component, bound: AheadBound | None) -> Any:
+    """Record the program that finds the nearest hits of streams of rays."""
+
+    @sh.program
+    def intersect(origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f) -> StreamHit:
+        hit = component.find(origin, direction, t_min, t_max, False, bound)
+        return StreamHit(hit.t, hit.triangle, hit.uv.x, hit.uv.y)
+
+    return intersect
+
+
+def occluded(component: Component, bound: AheadBound | None) -> Any:
+    """Record the program that tells which rays of streams meet anything."""
+
+    @sh.program
+    def occluded(origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f) -> sh.Attrib1b:
+        return component.find(origin, direction, t_min, t_max, True, bound).triangle >= 0
+
+    return occluded
+
+
+def _table(rows: NDArray[Any] | None, kind: Any, name: str) -> Any:
+    return None if rows is None else sh.Table(rows, kind, name)
