@@ -9,7 +9,7 @@ from environments import ROOT, environment
 from patience import HANGING
 
 SETTINGS = {"SHPY_BACKEND": "glsl", "SHPY_DUMP": "ir,source", "SHPY_QUIET": "", "POCL_AFFINITY": "0"}
-"""The variables of README's table, but for the folder of compiled kernels, with values that change what is printed."""
+"""The variables of the table in docs/gpu.md, but for the folder of compiled kernels, with values that change what is printed."""
 READ_THEM = [
     "tests/backends/test_glsl_faults.py::test_corrected_binary64_that_fails_at_hard_cases_is_not_used",
     "tests/test_slow.py",
@@ -18,8 +18,8 @@ READ_THEM = [
 """Tests of what reads these variables."""
 
 
-def test_every_setting_that_the_readme_lists_is_tried():
-    listed = set(re.findall(r"^\| `((?:SHPY|POCL)_\w+)` \|", (ROOT / "README.md").read_text(), re.MULTILINE))
+def test_every_setting_that_the_documents_list_is_tried():
+    listed = set(re.findall(r"^\| `((?:SHPY|POCL)_\w+)` \|", (ROOT / "docs/gpu.md").read_text(), re.MULTILINE))
     assert listed == {*SETTINGS, "SHPY_CACHE_DIR"}
 
 
