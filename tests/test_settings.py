@@ -9,7 +9,7 @@ from environments import ROOT, environment
 from patience import HANGING
 
 SETTINGS = {"SHPY_BACKEND": "glsl", "SHPY_DUMP": "ir,source", "SHPY_QUIET": "", "POCL_AFFINITY": "0"}
-"""The variables of the table in docs/gpu.md, but for the folder of compiled kernels, with values that change what is printed."""
+"""The variables of the table in docs/gpu.md, but for the folder of kernels, with values that change what is printed."""
 READ_THEM = [
     "tests/backends/test_glsl_faults.py::test_corrected_binary64_that_fails_at_hard_cases_is_not_used",
     "tests/test_slow.py",

@@ -1,7 +1,8 @@
 """Exits of loops that compare what the loop has stepped with a constant, in every spelling and on every backend.
 
 Mesa 22.3 counts the iterations of such loops from the first value, and leaves at once where that fulfils the
-comparison. A driver of which the probe finds so does not know the first value (shpy/backend/emit/exits.py).
+comparison. A driver of which the probe finds so does not know the first value (`_hide_first_values` of
+shpy/backend/emit/structure.py).
 """
 
 from __future__ import annotations

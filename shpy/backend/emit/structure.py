@@ -14,12 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from typing import ClassVar
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Unit
-from shpy.backend.emit.exits import Exits
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.operations import Operations
 from shpy.backend.emit.plan import Wishes, is_whole, plan
@@ -331,7 +329,7 @@ class Body(Operations):
 
     def loop(self, s: Loop, place: Place) -> None:
         """Append a loop in the plainest shape that it has."""
-        self._hide_first_values(s)
+        self._hide_first_values(s, place)
         self.settle(place)
         outer, self.scope = self.scope, self.scope.scope()
         starts = self._begin_counters()
@@ -351,13 +349,14 @@ class Body(Operations):
             self.out.append(self.looped(s, made))
         self.scope = outer
 
-    @cached_property
-    def _exits(self) -> Exits:
-        return Exits(self.function, self.unit.callees)
+    def _hide_first_values(self, s: Loop, place: Place) -> None:
+        """Append the statements that hide the first values of a loop's variables from a driver that misreads its exits.
 
-    def _hide_first_values(self, s: Loop) -> None:
-        """Append what hides the first values of variables from a driver that misreads a loop's exits."""
-        for variable in () if self.unit.leaves_loops else self._exits.misread(s):
+        Mesa 22.3 counts the iterations of a loop from the first value of a variable, its step and the constant that an
+        exit compares it with. Where the comparison follows the step and holds for the first value, it leaves the loop
+        at once. To find these variables alone took 170 lines, and no benchmark on llvmpipe was faster by it.
+        """
+        for variable in () if self.unit.leaves_loops else sorted(self.planned.survey.stored[place]):
             type = self.variables[variable].type
             zero = self.unknown_zero(type)
             if zero is not None and variable in self.slots and self.variables[variable].length is None:
