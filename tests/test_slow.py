@@ -107,6 +107,19 @@ function m(%0: f) -> ($0: f) {
     assert slow.describe(module, "glsl") == "m for glsl (11 operations; 2 calls of large with 6 of them)"
 
 
+def test_the_line_names_a_loop_where_opengl_would_copy_a_function_many_times():
+    @sh.program
+    def waves(x: sh.Attrib1f) -> sh.Attrib1f:
+        for _ in range(12):
+            x = wave(x)
+        return x
+
+    advice = "; SH_FOR around one call of wave compiles faster than a Python loop around many)"
+    assert slow.describe(waves.ir, "glsl").endswith(f"12 calls of wave with 252 of them{advice}")
+    assert "SH_FOR" not in slow.describe(waves.ir, "opencl")
+    assert "SH_FOR" not in slow.describe(recorded().ir, "glsl")
+
+
 def test_the_count_of_exponential_calls_takes_no_time():
     functions = ["pure function f0(%0: f) -> ($0: f) {\n%1: f = sin %0\nstore $0 = %1\n}"]
     functions += [

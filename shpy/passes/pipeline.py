@@ -2,11 +2,10 @@
 
 Stage: improve. Each pass is a function Module -> Module in its own file. This file applies them in order:
 
-    precision -> half -> lower -> share -> inline -> by value -> shelter -> exits -> optimise -> unused functions
+    precision -> half -> lower -> inline -> by value -> shelter -> exits -> optimise -> unused functions
 
-`share` is for targets whose compilers inline everything, and for large programs only. `inline` and `by value` are for
-targets that run packets of elements; `vectorize`, also theirs, comes after that. `shelter` is for targets whose drivers
-nest blocks to a limited depth.
+`inline` and `by value` are for targets that run packets of elements; `vectorize`, also theirs, comes after that.
+`shelter` is for targets whose drivers nest blocks to a limited depth.
 """
 
 from __future__ import annotations
@@ -32,8 +31,6 @@ from shpy.passes.modes import Math, Precision, formulas_of
 from shpy.passes.nesting import shelter_loops
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
-from shpy.passes.share import WORTH_SHARING, share_calls
-from shpy.passes.size import inlined_sizes
 
 _ROUNDS = 3
 """The most rounds of optimisation: folded constants remove branches, and that makes more values constant."""
@@ -47,8 +44,8 @@ class Target:
     that it computes within the bounds of relaxed mode. `fast`: those that it has at any accuracy. `wrong`: those of
     binary32 that it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for
     small angles only. `loop_flags`: the device may stop long loops on its own. `nesting`: the depth of blocks that its
-    driver takes. `vector`: the prepared module goes to `vectorize`, whose functions take values only. `inlines`: its
-    compiler copies every function to each call. `looped`: parts of strict functions that it prints as loops, if an
+    driver takes. `vector`: the prepared module goes to `vectorize`, whose functions take values only.
+    `looped`: parts of strict functions that it prints as loops, if an
     element takes few iterations in total. `doubles`: it has binary64. `fuses`: it has fma of binary64 in hardware.
     `exact`: the transcendentals of binary32 that it rounds correctly itself.
     """
@@ -61,7 +58,6 @@ class Target:
     loop_flags: bool = False
     nesting: int | None = None
     vector: bool = False
-    inlines: bool = False
     looped: frozenset[str] = frozenset()
     doubles: bool = True
     fuses: bool = False
@@ -98,14 +94,13 @@ class Prepared:
     """A module to print. With `status`, its entry's last output is an i that says how the element ended.
 
     `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `flagged`: each loop sets a flag when it
-    finishes (`exits.Ending`). `shared`: the pass `share` has put calls into loops that the program does not have.
+    finishes (`exits.Ending`).
     """
 
     module: Module
     status: bool
     loops: tuple[Loc | None, ...]
     flagged: bool = False
-    shared: bool = False
 
 
 def prepare(module: Module, options: Options, target: Target) -> Prepared:
@@ -118,11 +113,6 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     lowered = lower(plain, does | target.looped, corrected, bounded, formulas, target.exact)
     if target.looped and may_be_stopped(lowered):
         lowered = lower(plain, does, corrected, bounded, formulas, target.exact)
-    shared = False
-    if target.inlines and inlined_sizes(lowered)[lowered.entry.name] >= WORTH_SHARING:
-        before = remove_unused_functions(optimise(lowered))
-        lowered = share_calls(before)
-        shared = lowered is not before
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     if target.nesting is not None:
@@ -130,7 +120,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
     made = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
-    return Prepared(remove_unused_functions(made), ending.status, ending.loops, ending.flagged, shared)
+    return Prepared(remove_unused_functions(made), ending.status, ending.loops, ending.flagged)
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:

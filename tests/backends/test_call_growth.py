@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.ir.interpreter import Interpreter
-from shpy.ir.verifier import verify
-from shpy.passes.pipeline import optimise
-from shpy.passes.share import share_calls
 from shpy.passes.size import inlined_sizes, kept_apart
 
 HALVE = " %1: f = const 0x1p-1\n %2: f = mul %0, %1\n store $0 = %2\n"
@@ -102,69 +98,3 @@ def test_small_programs_keep_nothing_apart():
     assert not kept_apart(small)
     assert len(kept_apart(large)) > 3
     assert inlined_sizes(large, kept_apart(large))["main"] < 100 < 2**20 < inlined_sizes(large)["main"]
-
-
-def unrolled(calls: int) -> sh.Program:
-    """Two functions in turn, one of whose arguments depends on what came before, and a value that is used later."""
-
-    @sh.program
-    def waves(v: sh.Point3f) -> sh.Attrib3f:
-        y = sh.Attrib1f(0.25)
-        first = sh.Attrib1f(v.x)
-        for k in range(calls):
-            t = sh.noise(v * (1.0 + k))
-            y += sh.noise(v + y) * t
-            if k == 3:
-                first = t
-        return sh.Attrib3f(y, first, t)
-
-    return waves
-
-
-def test_unrolled_calls_share_code_on_opengl_and_give_the_same_bits():
-    program = unrolled(40)
-    with pytest.warns(sh.ShpyWarning, match="its calls stand in loops") as told:
-        kernel = program.compile("glsl")
-    assert [warning.filename for warning in told] == [__file__]
-    assert "stand in loops" in kernel.notes[-1]
-    assert 2 <= kernel.source.count("= noise3_(") <= 12
-    x = np.random.default_rng(4).uniform(-9, 9, (50, 3)).astype(np.float32)
-    np.testing.assert_array_equal(kernel(x), program.compile("numpy")(x))
-
-
-def test_few_calls_stay_where_they_are():
-    assert unrolled(4).compile("glsl").source.count("noise3_(") == 9
-
-
-def test_sharing_keeps_the_meaning():
-    """Alternating functions, a reference, calls in branches: the interpreter agrees before and after."""
-
-    @sh.subroutine
-    def bend(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
-        t = sh.Attrib1f(x * y)
-        with sh.SH_IF(t > 1):
-            t -= y
-        for k in range(60):
-            t += x * (0.5**k)
-        x += t
-        return t - y
-
-    @sh.program
-    def p(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib2f:
-        y = sh.Attrib1f(x)
-        with sh.SH_FOR(0, n) as i:
-            for k in range(30):
-                y -= bend(y, x + k) * 0.125
-                with sh.SH_IF(y > 2):
-                    y -= bend(x, y)
-                    y -= bend(x, y)
-                y += sh.noise(sh.Attrib3f(x, y, k)) + i
-        return sh.Attrib2f(x, y)
-
-    module = optimise(p.ir)
-    shared = share_calls(module)
-    verify(shared)
-    assert inlined_sizes(shared)["p"] < inlined_sizes(module)["p"] / 2
-    for x, n in ((0.3, 1), (-1.7, 2), (2.5, 2)):
-        given = np.float32(x), np.int32(n)
-        assert repr(Interpreter(shared).run_element(given)) == repr(Interpreter(module).run_element(given))

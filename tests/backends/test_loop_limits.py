@@ -272,39 +272,6 @@ def test_arrays_of_a_subroutine_count() -> None:
     right_or_told(summed, np.full(5, 2000, np.int32), None, stops=True)
 
 
-def test_loops_that_share_calls_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A large function that is called many times is called in a loop, which has flags like any other."""
-    from shpy.passes import pipeline, share
-
-    monkeypatch.setattr(share, "WORTH_SHARING", 100)
-    monkeypatch.setattr(pipeline, "WORTH_SHARING", 100)
-
-    @sh.subroutine
-    def long(x: sh.Attrib1i, n: sh.Attrib1i) -> sh.Attrib1i:
-        c = I1(0)
-        for_with_continue(c, n)
-        y = I1(x)
-        for k in range(60):
-            y[:] = (y * 3) ^ k
-        return sh.cond(y == 123_456_789, 0, c)
-
-    @sh.program
-    def calls(n: sh.Attrib1i) -> sh.Attrib1i:
-        total = I1(0)
-        for k in range(16):
-            total += long(n + k, n // 16)
-        return total
-
-    with pytest.warns(sh.ShpyWarning, match="slower"):
-        kernel = calls.compile("glsl", loop_limit=None)
-    assert len(re.findall(r"long\(", kernel.source)) < 16
-    few, many = np.full(3, 32_000, np.int32), np.full(3, 160_000, np.int32)
-    assert kernel(few).tolist() == few.tolist()
-    if stops_loops():
-        with pytest.raises(sh.LoopLimitExceeded, match="the device stopped"):
-            kernel(many)
-
-
 def every() -> sh.Program:
     """Element by element another loop, for targets whose compilers take long."""
 

@@ -31,7 +31,7 @@ from shpy.backend.glsl.text.interface import Limits, Shader
 from shpy.backend.glsl.text.nesting import MAX_NESTING
 from shpy.backend.glsl.text.operations import FAST, NATIVE
 from shpy.backend.glsl.text.shader import print_shader
-from shpy.errors import BackendUnavailable, CompileError, warn
+from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir.builder import Builder
 from shpy.ir.exact import hard_cases
 from shpy.ir.nodes import Loc, Module, Port, Value, Variable
@@ -48,11 +48,7 @@ from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 
-TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING, inlines=True)
-_SHARED = (
-    "its calls stand in loops, which take longer to run, because OpenGL's compilers copy each function to each call "
-    "and would take many times as long to compile it"
-)
+TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING)
 _FLOAT: Final = vec(Base.F)
 _HARD: Final = ("exp", "sin", "log10", "sinh", "asin")
 """Functions whose formulas in binary64 have numbers with all digits, late digits of 1 / pi, and square roots."""
@@ -135,9 +131,6 @@ class GlslBackend:
         programs = [build(part, flagged=prepared.flagged) for part in _parts(prepared, groups, exact)]
         sources = [p.shader.source for p in programs]
         text, notes = "\n".join(sources), _notes(limits)
-        if prepared.shared:
-            notes = (*notes, _SHARED)
-            warn(f"{module.entry.loc}: {module.name} is slower on GLSL: {_SHARED}")
         return GlslExecutable(
             text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups, cache(rejection)
         )
