@@ -22,14 +22,12 @@ from typing import Any
 
 import shpy as sh
 from raytracer import viewing
-from raytracer.accel.choice import check
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, exposed, writer
 from raytracer.integrators import integrator
 from raytracer.integrators.renderer import Progress, Renderer
-from raytracer.layered.cube import is_layered
 from raytracer.memory import PIXEL, check_fits
 from raytracer.meshes.folder import shown
 from raytracer.rendering import render
@@ -155,6 +153,7 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--integrator", choices=integrator.INTEGRATORS, default="whitted", help="as of render")
     command.add_argument("--bounces", type=_whole, help="as of render")
     command.add_argument("--samples", type=_positive, help="as of render")
+    viewing.add_tracing(command)
     _add_math(command)
     _add_cluster(command)
     command.add_argument("--resume", action="store_true", help="keep the frames of this size that the folder has")
@@ -184,17 +183,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
     )
-    command.add_argument(
-        "--accel",
-        type=_accel,
-        help="how rays find triangles: bvh, bvh:sah, bvh:ploc, grid, brute, or ldc:1024 (bvh; grid if staged)",
-    )
-    command.add_argument(
-        "--tracer",
-        choices=integrator.TRACERS,
-        default="unified",
-        help="one kernel, or stages over streams of rays (unified)",
-    )
+    viewing.add_tracing(command)
     command.add_argument(
         "--threshold",
         type=_share,
@@ -236,15 +225,6 @@ def _add_cluster(command: argparse.ArgumentParser) -> None:
 
 
 _whole, _positive, _error, _share = sh.command.whole(0), sh.command.whole(1), sh.command.real(0), sh.command.real(0)
-
-
-def _accel(text: str) -> str:
-    try:
-        if not is_layered(text):
-            check(text)
-    except SceneError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -388,7 +368,11 @@ def _gallery(options: argparse.Namespace) -> int:
 
 def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
-    given = {name: value for name in ("bounces", "samples", "math") if (value := getattr(options, name)) is not None}
+    given = {
+        name: value
+        for name in ("bounces", "samples", "math", "accel", "tracer")
+        if (value := getattr(options, name)) is not None
+    }
     named = ("size", "integrator", "backend", "resume", "cluster", "exposure")
     asked = {name: getattr(options, name) for name in named}
     framed = Path(options.scene).suffix.lower() in FORMATS

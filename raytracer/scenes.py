@@ -231,6 +231,44 @@ def _planks(hit: Hit) -> Surface:
     return Surface(color=tone * (0.8 + 0.4 * own) * (1 - 0.8 * seam), reflectivity=varnish)
 
 
+def chrome() -> Scene:
+    """Return Newell's teapot of chrome, with a ball of glass and one of brass, under a sky: 69,442 triangles."""
+    metal = Material((0.05, 0.05, 0.055), diffuse=0.5, specular=0.4, shininess=200, reflectivity=0.9)
+    brass = Material((0.55, 0.33, 0.08), diffuse=0.9, specular=0.6, shininess=120, reflectivity=0.35)
+    clear = Material((0, 0, 0), specular=0.0, transmission=1.0, ior=1.5)
+    ball = sphere(0.55, rings=32, segments=66)
+    tiles = checker((0.42, 0.39, 0.34), (0.30, 0.27, 0.24), 160)
+    ground = floor(240, Material(surface=tiles, specular=0.0, reflectivity=0.06))
+    meshes = [
+        newells_teapot(metal).moved(turn=25),
+        ball.with_material(brass).moved((2.2, 0.55, 2.1)),
+        ball.with_material(clear).moved((-1.5, 0.552, 2.9)),
+        ground,
+    ]
+    lights = (DirectionalLight((-_SUN[0], -_SUN[1], -_SUN[2]), (1.0, 0.93, 0.8)),)
+    camera = Camera((1.2, 2.6, 8.6), (0.1, 1.35, 0), fov=38)
+    return Scene(meshes, lights, camera, background=_sky, ambient=0.22, name="chrome")
+
+
+_SUN: Triple = (-0.55, 0.62, 0.56)
+"""The direction of the sun of `_sky`."""
+
+
+def _sky(direction: sh.Vector3f) -> sh.Color3f:
+    """Return the light of a sky with clouds above a hazy horizon, and with the sun."""
+    height = sh.max(direction.y, 0.0)
+    clear = sh.mix(sh.Color3f(0.72, 0.78, 0.84), sh.Color3f(0.10, 0.24, 0.58), sh.sqrt(height))
+    place = sh.Attrib2f(direction.x, direction.z) * (1.4 / (height + 0.12))  # on a layer of clouds overhead
+    thick = sh.library.fbm(place, 5)
+    cover = sh.smoothstep(-0.05, 0.45, thick) * sh.smoothstep(0.0, 0.22, height)
+    cloud = sh.mix(sh.Color3f(1.05, 1.02, 0.98), sh.Color3f(0.55, 0.58, 0.63), sh.smoothstep(0.15, 0.7, thick))
+    near = sh.max(sh.dot(direction, sh.normalize(sh.Vector3f(*_SUN))), 0.0)
+    glow = 0.35 * sh.pow(near, 16) + 8 * sh.smoothstep(0.9985, 0.9993, near) * (1 - cover)
+    above = sh.mix(clear, cloud, 0.9 * cover) + glow * sh.Color3f(1.0, 0.9, 0.72)
+    haze = sh.Color3f(0.40, 0.37, 0.33)
+    return sh.mix(above, haze, sh.smoothstep(0.0, 0.05, -direction.y))
+
+
 def cornell() -> Scene:
     """Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
 
@@ -286,5 +324,6 @@ SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "glass": glass,
     "materials": materials,
     "teapot": teapot,
+    "chrome": chrome,
     "cornell": cornell,
 }

@@ -18,15 +18,18 @@ from typing import Any
 
 import numpy as np
 
+from raytracer.accel.choice import check as check_structure
 from raytracer.appearance.materials import Triple
-from raytracer.appearance.textures import decoded
+from raytracer.appearance.textures import Texture, decoded
 from raytracer.arrays import real
 from raytracer.errors import SceneError
 from raytracer.image import READING
+from raytracer.integrators.integrator import TRACERS
+from raytracer.layered.cube import is_layered
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import EnvironmentLight
-from raytracer.scene.scene import Scene
+from raytracer.scene.scene import Background, Scene
 from raytracer.scenes import SCENES
 
 EXAMPLES = """examples:
@@ -37,6 +40,10 @@ EXAMPLES = """examples:
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _NEGATIVE = ("--camera", "--target", "--up", "--background", "--exposure")
 """The options whose values may begin with a minus, which argparse takes for another option's."""
+PICTURES = frozenset(
+    (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".ppm", ".hdr", ".exr")
+)
+"""The endings by which a background is taken for a picture, though there is no such file."""
 MOST = 64.0
 """The largest exposure, in stops: beyond it a picture is black or white."""
 
@@ -53,12 +60,30 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--strict", action="store_true", help="files: a bad entry or a missing picture is an error, not a warning"
     )
     group.add_argument(
-        "--background", type=_color, metavar="COLOR", help="what is seen where nothing is: #RRGGBB, or linear R,G,B"
+        "--background",
+        type=_background,
+        metavar="COLOR",
+        help="what is seen where nothing is: #RRGGBB, linear R,G,B, or the file of a 360 degree picture",
     )
     group.add_argument(
         "--exposure", type=_stops, metavar="EV", help="pictures for the eye: brighter by 2 to this power; -1 is half"
     )
     group.add_argument("--environment", type=Path, metavar="FILE", help="path: a 360 degree picture that lights all")
+
+
+def add_tracing(command: argparse.ArgumentParser) -> None:
+    """Add the options that say how rays find triangles, and in how many kernels."""
+    command.add_argument(
+        "--accel",
+        type=_accel,
+        help="how rays find triangles: bvh, bvh:sah, bvh:ploc, grid, brute, or ldc:1024 (bvh; grid if staged)",
+    )
+    command.add_argument(
+        "--tracer",
+        choices=TRACERS,
+        default="unified",
+        help="one kernel, or stages over streams of rays (unified)",
+    )
 
 
 def joined(arguments: Sequence[str]) -> list[str]:
@@ -90,19 +115,21 @@ def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed
 
 def scene_of(options: argparse.Namespace) -> Scene:
     """Open the scene of a command and apply its options; SceneError, or OSError for files, where that is impossible."""
-    sky = _skies(options)
+    sky, shown = _skies(options), _shown(options)
     if options.scene in SCENES:
-        return _altered(Scene.builtin(options.scene), options, sky)
-    return _painted(find_scene(options.scene, **_reading(options, sky)), options)
+        return _altered(Scene.builtin(options.scene), options, sky, shown)
+    return _painted(find_scene(options.scene, **_reading(options, sky)), shown)
 
 
 def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Callable[[float], Any]:
     """Return the function of time whose scenes are those of `make` with the options of a command."""
-    sky = _skies(options)
+    sky, shown = _skies(options), _shown(options)
 
     def scene(time: float) -> Any:
         found = make(time)
-        return _altered(found, options, sky) if isinstance(found, Scene) else found  # `animate` refuses anything else
+        return (
+            _altered(found, options, sky, shown) if isinstance(found, Scene) else found
+        )  # `animate` refuses anything else
 
     return scene
 
@@ -111,15 +138,17 @@ def scenes_of_file(
     options: argparse.Namespace, file: AnimatedFile, frames: int, fps: float
 ) -> Callable[[float], Scene]:
     """Return the function of time that gives the scenes of a file with the options of a command."""
-    make = file.make(frames, fps, **_framing(options, _skies(options)))
-    return lambda time: _painted(make(time), options)
+    make, shown = file.make(frames, fps, **_framing(options, _skies(options))), _shown(options)
+    return lambda time: _painted(make(time), shown)
 
 
-def _altered(scene: Scene, options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> Scene:
+def _altered(
+    scene: Scene, options: argparse.Namespace, sky: Sequence[EnvironmentLight], shown: Background | None
+) -> Scene:
     """Return a scene that is as it is made, seen as the options say and lit by a sky if there is one."""
     assert scene.camera is not None  # a scene makes one
     lights = [*(scene.placed_lights if sky else scene.lights), *sky]
-    return _painted(dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options)), options)
+    return _painted(dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options)), shown)
 
 
 def _framing(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> dict[str, Any]:
@@ -132,8 +161,14 @@ def _reading(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> di
     return _framing(options, sky) | {"strict": options.strict}
 
 
-def _painted(scene: Scene, options: argparse.Namespace) -> Scene:
-    return scene if options.background is None else dataclasses.replace(scene, background=options.background)
+def _shown(options: argparse.Namespace) -> Background | None:
+    """Return the background of the options, if there is one; a picture is read."""
+    found: Background | None = options.background
+    return Texture(found) if isinstance(found, Path) else found
+
+
+def _painted(scene: Scene, shown: Background | None) -> Scene:
+    return scene if shown is None else dataclasses.replace(scene, background=shown)
 
 
 def find_scene(name: str, **framing: Any) -> Scene:
@@ -177,6 +212,15 @@ def _skies(options: argparse.Namespace) -> tuple[EnvironmentLight, ...]:
     return (EnvironmentLight(path),)
 
 
+def _accel(text: str) -> str:
+    try:
+        if not is_layered(text):
+            check_structure(text)
+    except SceneError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def _numbers(text: str, count: int) -> list[float] | None:
     """Return finite numbers with commas between them; None for another text."""
     words = text.split(",")
@@ -217,6 +261,12 @@ def _stops(text: str) -> float:
     return found[0]
 
 
+def _background(text: str) -> Triple | Path:
+    """Return a linear colour, or the path of a picture."""
+    path = Path(text)
+    return path if path.is_file() or path.suffix.lower() in PICTURES else _color(text)
+
+
 def _color(text: str) -> Triple:
     """Return a linear colour."""
     if re.fullmatch("#[0-9a-fA-F]{6}", text):
@@ -224,5 +274,7 @@ def _color(text: str) -> Triple:
         return r, g, b
     found = _numbers(text, 3)
     if found is None or min(found) < 0:
-        raise argparse.ArgumentTypeError(f'"#RRGGBB" of sRGB or three linear numbers R,G,B from 0 on, not {text!r}')
+        raise argparse.ArgumentTypeError(
+            f'"#RRGGBB" of sRGB, three linear numbers R,G,B from 0 on, or a picture such as sky.hdr, not {text!r}'
+        )
     return found[0], found[1], found[2]

@@ -125,6 +125,7 @@ GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmiss
 """The outputs that a `surface` may have."""
 UNSHADED = ("transmission", "ior", "emission")
 """The outputs of a `surface` that `shade` does not get: it gives the colour of the opaque share under a light."""
+_CUTOUT = "a cutout says where there is no surface"
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,9 +193,12 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
     return converted(sh.Color3f, found, "what a shade gives", place_of(program))
 
 
-def ask_environment(program: Callable[..., Any], direction: Any) -> Any:
-    """Record the program of an EnvironmentLight for a unit vector; SceneError where it gives no colour."""
-    takes, where = "the program of an EnvironmentLight takes one input, a direction", place_of(program)
+def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
+    """Record a program of the light from a direction for a unit vector; SceneError where it gives no colour.
+
+    `whose` says in errors what the program is of, such as "an EnvironmentLight".
+    """
+    takes, where = f"the program of {whose} takes one input, a direction", place_of(program)
     if isinstance(program, sh.Program):
         needed = [name for name in program.inputs if name not in program.recorded.defaults]
         if len(needed) > 1 or not program.inputs:
@@ -202,7 +206,7 @@ def ask_environment(program: Callable[..., Any], direction: Any) -> Any:
         found = program(direction)
     else:
         found = _called(program, takes, direction)
-    return converted(sh.Color3f, found, "what the program of an EnvironmentLight gives", where)
+    return converted(sh.Color3f, found, f"what the program of {whose} gives", where)
 
 
 def _readers(known: _Known) -> Sources:
@@ -247,18 +251,19 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
         hits.append(Hit({name: partial(getattr, fields, name) for name in fields_of(Hit)}))
         return ask_surface(program, hits[-1]).given or sh.Attrib1f(0)
 
-    _check_ends(program, surface)
+    _check_ends(program, surface, _CUTOUT)
     return Examined(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
 
 
-def examine_environment(program: Callable[..., Any]) -> Examined:
-    """Record the program of an EnvironmentLight by itself; raises SceneError or ShpyError for mistakes in it."""
+def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
+    """Record a program as `ask_sky` does, by itself; raises SceneError or ShpyError for mistakes in it."""
 
     @sh.program
     def environment(direction: sh.Vector3f) -> sh.Color3f:
-        found: sh.Color3f = ask_environment(program, direction)
+        found: sh.Color3f = ask_sky(program, direction, whose)
         return found
 
+    _check_ends(program, environment, "give black where there is no light")
     return Examined(frozenset(), frozenset(), environment)
 
 
@@ -271,15 +276,13 @@ def examine_shade(program: Callable[..., Any]) -> None:
         ask_shade(program, surface, sh.Vector3f(0, 0, 1))
         return sh.Attrib1f(0)
 
-    _check_ends(program, shade)
+    _check_ends(program, shade, _CUTOUT)
 
 
-def _check_ends(program: Callable[..., Any], recorded: Any) -> None:
+def _check_ends(program: Callable[..., Any], recorded: Any, cure: str) -> None:
     """Raise SceneError for a program that discards: it would end the rays of its pixel, with all light so far."""
     if recorded.recorded.discards:
-        raise SceneError(
-            f"{place_of(program)}: SH_DISCARD would end the whole pixel: a cutout says where there is no surface"
-        )
+        raise SceneError(f"{place_of(program)}: SH_DISCARD would end the whole pixel: {cure}")
 
 
 def _zeros(cls: type[_Known]) -> Sources:

@@ -70,7 +70,14 @@ class Part:
         corners = data.layout.triangles[:, :3].reshape(-1, 3, 3)
         structure = build(integrator.structure, corners, integrator.precision, backend=data.backend)
         layout = dataclasses.replace(data.layout, structure=structure)
-        tracer = Tracer(layout, data.background, data.ambient, integrator.bounces, data.backend)
+        tracer = Tracer(
+            layout,
+            data.background,
+            data.ambient,
+            integrator.bounces,
+            data.backend,
+            integrator.min_contribution,
+        )
         tracer.surfaces.black = data.black
         walk = tracer.intersector
         assert isinstance(walk, BvhIntersector)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raytracer.appearance.programs import examine_sky
 from raytracer.arrays import is_whole
 from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, check_alike
@@ -28,14 +29,15 @@ from raytracer.cluster.store import KEPT, kept
 from raytracer.cluster.tasks import await_worker, is_loss, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
-from raytracer.integrators.integrator import Whitted
+from raytracer.integrators.integrator import Whitted, check_scene
 from raytracer.integrators.layers import take_samples, unscale, whole_size
-from raytracer.integrators.renderer import Progress, check_scene
+from raytracer.integrators.renderer import Progress
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.surfaces import is_black
 from raytracer.kernels.tracer import Pixel
 from raytracer.layered.cube import is_layered
 from raytracer.scene.layout import Layout
+from raytracer.scene.scene import Background
 
 MOST = 1024
 """Parts, at most."""
@@ -92,9 +94,11 @@ def check_partitions(job: Job, partitions: int) -> None:
         raise SceneError('partitions work at precision="f32" or "f64", not "f16"')
 
 
-def _check_layout(layout: Layout) -> Appearance:
-    """Return the materials of a scene; SceneError where some are clear."""
+def _check_layout(layout: Layout, background: Background) -> Appearance:
+    """Return the materials of a scene; SceneError where some are clear, and for mistakes in programs."""
     appearance = Appearance(layout)
+    if callable(background):
+        examine_sky(background, "a background")
     if (layout.glass[::2, 0] > 0).any() or "transmission" in appearance.gives:
         raise SceneError("partitions follow mirrored rays alone, and this scene has glass: leave the partitions out")
     return appearance
@@ -102,7 +106,7 @@ def _check_layout(layout: Layout) -> Appearance:
 
 def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> list[PartData]:
     """Cut a scene into parts of about equally many triangles."""
-    appearance = _check_layout(layout)
+    appearance = _check_layout(layout, job.scene.background)
     corners = layout.triangles[:, :3].reshape(-1, 3, 3)
     groups = [np.sort(group) for group in _groups(corners.mean(axis=1), np.arange(len(corners)), partitions)]
     groups = [group for group in groups if len(group)]

@@ -15,15 +15,16 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from raytracer.appearance.programs import examine_shade, examine_surface
+from raytracer.appearance.programs import examine_shade, examine_sky, examine_surface
 from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, Prepared, check_alike
 from raytracer.cluster.store import kept
 from raytracer.cluster.tasks import finished, key_of, scattered
 from raytracer.image import Image, Stats
+from raytracer.integrators.integrator import check_scene
 from raytracer.integrators.layers import whole_size
 from raytracer.integrators.progressive import Layers, check_resume, resumed
-from raytracer.integrators.renderer import Progress, Resume, check_scene
+from raytracer.integrators.renderer import Progress, Resume
 from raytracer.scene.scene import Scene
 
 TILE = 1 << 16
@@ -85,12 +86,14 @@ def render_tiles(
 
 
 def _check_programs(scene: Scene) -> None:
-    """Record the materials' programs by themselves: here mistakes are shown with their lines."""
+    """Record the programs of materials and the background by themselves: here mistakes are shown with their lines."""
     materials = {mesh.material for mesh in scene.meshes}
     for surface in {material.surface for material in materials} - {None}:
         examine_surface(surface)
     for shade in {material.shade for material in materials} - {None}:
         examine_shade(shade)
+    if callable(scene.background):
+        examine_sky(scene.background, "a background")
 
 
 def _tile(job: Job, key: str, size: tuple[int, int], piece: tuple[int, int, _Begun | None]) -> Tile:

@@ -21,7 +21,10 @@ from raytracer.accel.choice import HIERARCHIES, check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
+from raytracer.kernels.stages import AT_ONCE
+from raytracer.kernels.tracer import MIN_CONTRIBUTION
 from raytracer.layered.cube import LayeredCube, is_layered
+from raytracer.scene.scene import Scene
 
 THRESHOLD: Final = 0.2
 """The share of waiting rays in Christen's thesis."""
@@ -29,6 +32,7 @@ PRECISIONS: Final = ("f16", "f32", "f64")
 MATH: Final = ("strict", "portable", "relaxed", "fast")
 """The values of `precision` and `math` that `Program.compile` takes."""
 MOST_BOUNCES: Final = 64
+MOST_AT_ONCE: Final = 1 << 16
 MOST_SAMPLES: Final = 1 << 24
 """Samples of a path traced pixel, at most: f32 does not hold every larger number."""
 
@@ -86,21 +90,29 @@ class Whitted(Integrator):
 
     A ray is mirrored or refracted at most `bounces` times. A pixel is the mean of `samples` eye rays, a square number,
     on a regular grid; layers other than the colour are those of the middle one. `secondary`, a `LayeredCube`, finds
-    the hits of all rays but the eye's; `accel="ldc[:resolution[:hit]]"` makes one. Source: Whitted 1980.
+    the hits of all rays but the eye's; `accel="ldc[:resolution[:hit]]"` makes one.
+
+    A mirrored or refracted ray is followed if its share of the pixel, in the brightest channel, is above
+    `min_contribution`, from 0 to 1. The default, 2**-17, counts in scenes with glass alone, where each ray has two
+    successors: without glass all `bounces` are followed, unless another number says otherwise. Sources: Whitted 1980;
+    Christen 2005, section 2.2.
     """
 
     bounces: int = 3
     samples: int = 1
     secondary: LayeredCube | None = None
+    min_contribution: float = MIN_CONTRIBUTION
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_cube(self)
+        _check_share("min_contribution", self.min_contribution)
 
     @property
     def is_plain(self) -> bool:
-        """Return True if the user chose no accelerator, grid or secondary accelerator."""
-        return (self.accel, self.grid, self.secondary) == (None, None, None)
+        """Return True if the user chose no accelerator, grid, secondary accelerator or least contribution."""
+        chosen = self.accel, self.grid, self.secondary, self.min_contribution
+        return chosen == (None, None, None, MIN_CONTRIBUTION)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,12 +120,17 @@ class Staged(Integrator):
     """The pictures of `Whitted`, bit for bit, by kernels over streams of rays, for scenes without glass.
 
     Rays walk through a grid or try every triangle. The intersector runs once the share `threshold` of the rays on
-    their way, from 0 to 1, waits for it. Source: Christen 2005.
+    their way, from 0 to 1, waits for it. In one call a ray goes through up to `at_once` cells or triangles; the thesis
+    has 1. With `early_z` each call goes over all rays, after a pass that masks those in other states, as in the thesis:
+    on GLSL by the depth test, elsewhere as `Kernel.run(where=)` does there. Without it, rays that have become few are
+    copied to streams of their own. No option changes a bit of the pictures. Source: Christen 2005, sections 5.4 to 5.6.
     """
 
     bounces: int = 3
     samples: int = 1
     threshold: float = THRESHOLD
+    at_once: int = AT_ONCE
+    early_z: bool = False
 
     _structure: ClassVar[str] = "grid"
 
@@ -125,7 +142,13 @@ class Staged(Integrator):
             raise SceneError(
                 f'the staged tracer goes through cells of a grid: accel="grid" or "brute", not "{self.structure}"'
             )
-        _check_threshold(self.threshold)
+        _check_share("a threshold", self.threshold)
+        if not is_whole(self.at_once, 1, MOST_AT_ONCE):
+            raise SceneError(
+                f"at_once is a number of cells or triangles from 1 to {MOST_AT_ONCE:,}, not {self.at_once!r}"
+            )
+        if not isinstance(self.early_z, bool):
+            raise SceneError(f"early_z is True or False, not {self.early_z!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +195,9 @@ class Options(TypedDict, total=False):
     grid: int | None
     seed: int
     secondary: LayeredCube | None
+    min_contribution: float
+    at_once: int
+    early_z: bool
 
 
 def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
@@ -197,7 +223,7 @@ def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
     if kind is Staged and given.pop("secondary", None) is not None:
         raise SceneError(_NO_CUBE)
     if kind is not Staged:
-        _check_threshold(given.pop("threshold", THRESHOLD))
+        _check_share("a threshold", given.pop("threshold", THRESHOLD))
     if kind is not Path:
         _check_seed(given.pop("seed", 0))
     known = [field.name for field in fields(kind)]
@@ -207,14 +233,33 @@ def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
     return kind(**given)
 
 
+def check_scene(scene: Scene, integrator: Integrator) -> None:
+    """Raise SceneError for what is no Scene, and for a sky that the integrator cannot show."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"pictures show a Scene, such as Scene.framed(mesh), not {scene!r:.60}")
+    if not scene.triangles and not isinstance(scene.background, tuple):
+        raise SceneError(
+            "a scene without triangles shows a colour: a Texture or program as its background needs a mesh beside it"
+        )
+    if scene.environment is None:
+        return
+    if not isinstance(integrator, Path):
+        raise SceneError(
+            'an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out; '
+            "Scene(background=...) shows a picture or program without lighting by it"
+        )
+    if not scene.triangles:
+        raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
+
+
 def _check_choice(option: str, value: Any, choices: tuple[str, ...]) -> None:
     if not (isinstance(value, str) and value in choices):
         raise SceneError(f"{option} is one of {', '.join(map(repr, choices))}, not {value!r}")
 
 
-def _check_threshold(threshold: Any) -> None:
-    if isinstance(threshold, bool) or not isinstance(threshold, int | float) or not 0 <= threshold <= 1:
-        raise SceneError(f"a threshold is a share from 0 to 1, not {threshold!r}")
+def _check_share(what: str, share: Any) -> None:
+    if isinstance(share, bool) or not isinstance(share, int | float) or not 0 <= share <= 1:
+        raise SceneError(f"{what} is a share from 0 to 1, not {share!r}")
 
 
 def _check_seed(seed: Any) -> None:

@@ -53,8 +53,12 @@ def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[s
 
 
 def clear(layers: dict[str, Any], background: Any) -> None:
-    """Fill the layers with the values of a ray that hits nothing: the background, depth infinity, object -1."""
-    nothing = {"pixels": background, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
+    """Fill the layers with the values of a ray that hits nothing: the background, depth infinity, object -1.
+
+    A background that is no colour is for kernels to find: its pixels are 0.
+    """
+    color = background if isinstance(background, tuple) else 0
+    nothing = {"pixels": color, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
     for name, value in nothing.items():
         layers[name][:] = value
 

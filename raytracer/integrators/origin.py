@@ -49,7 +49,7 @@ def origin_of(
     parts = {name: value for name, value in options.items() if name not in _NO_BITS}
     if integrator.math not in _SAME_BITS:
         parts["backend"] = backend
-    parts["background"] = _digest(repr(scene.background))
+    parts["background"] = _digest(*_background(scene, tracer))
     if layout is None or tracer is None:
         parts["triangles"] = _digest(None)
     else:
@@ -67,9 +67,9 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
     lights = light_rows(scene.placed_lights, np.zeros(3), 1.0, np.dtype(np.float64))
     around: list[Any] = []
     if environment is not None:
-        picture = environment.light.picture
+        picture, examined = environment.sky.picture, environment.sky.examined
         around = [repr(environment.light.color), picture and _picture(picture)]
-        around += [] if environment.examined is None else _recorded(environment.examined)
+        around += [] if examined is None else _recorded(examined)
     return {
         "triangles": _digest(layout.origin, repr(layout.scale), layout.triangles, layout.object_of),
         "normals": _digest(layout.normals),
@@ -81,6 +81,17 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
         "environment": _digest(*around),
         "secondary-accelerator": _digest(layout.secondary and repr(layout.secondary.options)),
     }
+
+
+def _background(scene: Scene, tracer: PathTracer | None) -> Iterable[Any]:
+    """Yield what decides the light of a scene's background."""
+    examined = None if tracer is None else tracer.background.examined
+    if isinstance(scene.background, Texture):
+        yield _picture(scene.background)
+    elif examined is not None:
+        yield from _recorded(examined)
+    else:
+        yield repr(scene.background)
 
 
 def _described(material: Material, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:

@@ -26,7 +26,7 @@ from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
-from raytracer.integrators.integrator import Given, Options, Path, Staged, chosen
+from raytracer.integrators.integrator import Given, Options, Path, Staged, Whitted, check_scene, chosen
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.origin import origin_of
@@ -225,7 +225,9 @@ class Renderer:
         """Return the tracer of the integrator and of what the scene has."""
         if isinstance(self.integrator, Path):
             return PathTracer(layout, self.scene, self.integrator.bounces, self.backend)
-        given: Any = (layout, self.scene.background, self.scene.ambient, self.integrator.bounces, self.backend)
+        given: list[Any] = [layout, self.scene.background, self.scene.ambient, self.integrator.bounces, self.backend]
+        if isinstance(self.integrator, Whitted):
+            given.append(self.integrator.min_contribution)
         tracer = Tracer(*given)
         if not tracer.surfaces.clear:
             return tracer
@@ -247,8 +249,9 @@ class Renderer:
         if isinstance(self._tracer, PathTracer):
             program = self._tracer.program(rays)
         elif isinstance(self.integrator, Staged):
-            threshold = self.integrator.threshold
-            staged = StagedTracer(self._tracer, rays, backend=self.backend, threshold=threshold, **self._options)
+            given = self._options | {"threshold": self.integrator.threshold, "early_z": self.integrator.early_z}
+            staged = StagedTracer(self._tracer, rays, backend=self.backend, **given)
+            staged.at_once.value = self.integrator.at_once
             self.compile_seconds += time.perf_counter() - started
             return {"staged": staged, "params": staged.params}
         else:
@@ -480,15 +483,3 @@ def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
         return tracer(*rays(row, column))
 
     return picture
-
-
-def check_scene(scene: Scene, integrator: Any) -> None:
-    """Raise SceneError for what is no Scene, and for an environment light that the integrator cannot show."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"pictures show a Scene, such as Scene.framed(mesh), not {scene!r:.60}")
-    if scene.environment is None:
-        return
-    if not isinstance(integrator, Path):
-        raise SceneError('an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out')
-    if not scene.triangles:
-        raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")

@@ -3,8 +3,8 @@
 Stage: render. Christen 2005, section 5.6. In each round every ray is followed to its end, then all are shaded at once,
 which makes the rays of the next round: those to a light, or the mirrored ones. Within a round the traverser and the
 intersector take turns: the intersector runs once the share `threshold` of the rays on their way waits for it.
-The thesis lets the depth test reject the rays that a kernel does not need, so that each call goes over all of them;
-here rays that have become few are copied to streams of their own.
+Rays that have become few are copied to streams of their own. In the thesis each call goes over all rays, and a pass
+before it sets depths, so that the depth test rejects the rays that the kernel does not need: so it is with `early_z`.
 
     staged = StagedTracer(tracer, rays, backend="opencl", threshold=0.2)
     pixel = staged.trace((256, 256))        # the arrays of a Pixel
@@ -61,8 +61,9 @@ class StagedTracer:
     """The compiled stages of a tracer whose accelerator is a grid.
 
     `threshold`, from 0 to 1, is the share of the rays on their way that must wait before the intersector runs.
-    `params` are the uniforms of the eye rays; `clock` gives the seconds of the log;
-    `compacts` says whether kernels run over the rays on their way alone once these are few.
+    With `early_z` a pass before each stage makes the mask of the rays that need it: see `_masked`. `kernels` are those
+    of the stages by name; `params` are the uniforms of the eye rays; `clock` gives the seconds of the log; `compacts`
+    says whether kernels run over the rays on their way alone once these are few.
     """
 
     def __init__(
@@ -72,21 +73,23 @@ class StagedTracer:
         *,
         backend: str,
         threshold: float,
+        early_z: bool = False,
         precision: str = "f32",
         math: str = "strict",
     ) -> None:
         self.threshold = threshold
         self.log = Log()
-        self.compacts = True
+        self.compacts = not early_z
         self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
         self._streams = _STREAMS | {"point": stages.point_of(tracer)}
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
+        options = {**self._place, "math": math}
         # No budget of iterations: a stage goes through `at_once` cells or triangles and no more.
-        self._kernels = {
-            name: program.compile(**self._place, math=math, loop_limit=None) for name, program in self.programs.items()
-        }
+        self.kernels = {name: program.compile(**options, loop_limit=None) for name, program in self.programs.items()}
+        masks = stages.MASKS if early_z else {}
+        self._masks = {name: program.compile(**options) for name, program in masks.items()}
 
     @property
     def at_once(self) -> Any:
@@ -152,11 +155,26 @@ class StagedTracer:
     def _run(self, stage: str, band: dict[str, Any]) -> sh.Result:
         """Start a stage, whose inputs and outputs are the streams of their names."""
         self.log.calls[stage] += 1
-        program, kernel = self.programs[stage], self._kernels[stage]
+        program, kernel = self.programs[stage], self.kernels[stage]
         written = stages.WRITES.get(stage)
         out = written and {name: _stream(band, name) for name in written}
-        result: sh.Result = kernel.run(**{name: _stream(band, name) for name in program.inputs}, out=out)
+        given = {name: _stream(band, name) for name in program.inputs}
+        if stage in self._masks:
+            given["where"] = self._masked(stage, band)
+        result: sh.Result = kernel.run(**given, out=out)
         return result
+
+    def _masked(self, stage: str, band: dict[str, Any]) -> Any:
+        """Return the mask of the rays that a stage needs, by a pass of early-z culling.
+
+        Where kernels are fragment programs, the mask becomes a depth, and the depth test keeps the other rays'
+        fragments from running; other backends skip the rays in their own ways.
+        """
+        self.log.calls["mask"] += 1
+        if "mask" not in band:
+            band["mask"] = sh.Stream.empty(band["state"].shape, sh.Attrib1b, **self._place)
+        self._masks[stage].run(band["state"], out=band["mask"])
+        return band["mask"]
 
 
 def _stream(band: dict[str, Any], name: str) -> Any:

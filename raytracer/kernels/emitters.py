@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import Rows
-from raytracer.appearance.programs import ask_environment, examine_environment
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
 from raytracer.kernels.lights import LightList
 from raytracer.kernels.point import barylerp
+from raytracer.kernels.sky import Sky, turn_of
 from raytracer.kernels.surfaces import Interaction, SurfaceTables, glow_rows
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
@@ -181,40 +181,21 @@ class Emitters:
 
 
 class Environment:
-    """The light around a scene; `mean` is its mean radiance, over the channels too.
-
-    `examined` is its program as it was recorded, None where it has none.
-    """
+    """The light around a scene, `sky`, and how it is sampled; `mean` is its mean radiance, over the channels too."""
 
     def __init__(self, light: EnvironmentLight) -> None:
+        source = next(s for s in (light.color, light.picture, light.program) if s is not None)
         self.light = light
-        self.examined = None if light.program is None else examine_environment(light.program)
+        self.sky = Sky(source, "environment", "environment_color", "an EnvironmentLight")
         self.cells: Chances | None = None
-        self.mean = 1.0
-        if light.color is not None:
-            self.mean = float(np.mean(light.color))
-            self.color = sh.Param(sh.Color3f, light.color, name="environment_color")
+        self.mean = 1.0 if light.color is None else float(np.mean(light.color))
         if light.picture is None:
             return
-        image = light.picture.image
-        weights = brightness_table(image)
+        weights = brightness_table(light.picture.image)
         self.rows, self.columns = weights.shape
         self.mean = float(weights.mean())
         weights = weights + EVERYWHERE * (self.mean or 1.0)
         self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
-        self.size = image.shape[:2]
-        self.picture = sh.Texture2D(padded(image), filter=light.picture.filter, name="environment")
-
-    def radiance(self, ray: Any) -> Any:
-        """Return the light from the direction of a unit vector."""
-        if self.light.color is not None:
-            return self.color
-        if self.light.program is not None:
-            return ask_environment(self.light.program, sh.Vector3f(ray))
-        height, width = self.size
-        column = turn_of(ray) * width + 1
-        row = sh.acos(sh.clamp(ray.y, -1, 1)) * (height / pi) + 1
-        return self.picture(sh.TexCoord2f(column * (1 / (width + 2)), row * (1 / (height + 2))))
 
     def sample(self, surface: Interaction, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
         """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""
@@ -234,18 +215,6 @@ class Environment:
         row = sh.clamp(sh.Attrib1i((1 - ray.y) * (self.rows / 2)), 0, self.rows - 1)
         column = sh.clamp(sh.Attrib1i(turn_of(ray) * self.columns), 0, self.columns - 1)
         return self.cells.density_at(row * self.columns + column)
-
-
-def turn_of(ray: Any) -> Any:
-    """Return the place of a direction across an equirectangular picture, from 0 to 1."""
-    return sh.atan2(ray.x, -ray.z) * (1 / (2 * pi)) + 0.5
-
-
-def padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Pad a picture by one texel on each side: columns wrap around, and beyond a pole lies its other side."""
-    half = image.shape[1] // 2
-    tall = np.concatenate([np.roll(image[:1], half, axis=1), image, np.roll(image[-1:], half, axis=1)])
-    return np.concatenate([tall[:, -1:], tall, tall[:, :1]], axis=1)
 
 
 def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:

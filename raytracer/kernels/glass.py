@@ -16,15 +16,13 @@ from raytracer.accel.bounds import far
 from raytracer.kernels.bsdf import largest
 from raytracer.kernels.media import Held
 from raytracer.kernels.surfaces import Interaction
-from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
+from raytracer.kernels.tracer import MIN_CONTRIBUTION, PathState, Pixel, Tracer, mirrored
 from raytracer.scene.layout import Layout
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
 """Rays that have a place to wait, or the next power of two from `bounces` on: of as many rays, each has made another
 number of bounces."""
-LEAST = 2.0**-17
-"""The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
 
 
 @sh.struct
@@ -65,8 +63,16 @@ class GlassTracer(Tracer):
 
     scattered = True
 
-    def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
-        super().__init__(layout, background, ambient, bounces, backend)
+    def __init__(
+        self,
+        layout: Layout,
+        background: Any,
+        ambient: float,
+        bounces: int,
+        backend: str,
+        min_contribution: float = MIN_CONTRIBUTION,
+    ) -> None:
+        super().__init__(layout, background, ambient, bounces, backend, min_contribution)
         self.places = max(WAITING, 1 << (bounces - 1).bit_length())
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
@@ -93,7 +99,7 @@ class GlassTracer(Tracer):
                 mirror[:] = 0
                 clear[:] = 0
                 local[:] = 1
-                path.scolor[:] = self.background
+                self.show_color(path)
                 with SH_IF(hit.id >= 0):
                     emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
                     reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
@@ -109,6 +115,7 @@ class GlassTracer(Tracer):
                     if emission is not None:  # mirrors and glass send out all of it, too
                         path.color += share * emission
                     path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
+                self.show_sky(path, ray)
             if self.lights.count:
                 with SH_ELSE():
                     self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through, shadow)
@@ -117,6 +124,17 @@ class GlassTracer(Tracer):
                 self.branch(path, surface, share, waiting, held, (mirror, clear, bent), ray, eye)
             SH_UNTIL(path.finished)
         return pixel
+
+    def show_color(self, path: PathState) -> None:
+        """Take a background that is a colour for what the ray sees, unless it has met something."""
+        if self.background.plain:
+            path.scolor[:] = self.background.color
+
+    def show_sky(self, path: PathState, ray: Any) -> None:
+        """Take a picture or program for what the ray sees, after the branch for one that has met something."""
+        if not self.background.plain:
+            with SH_ELSE():
+                path.scolor[:] = self.background.radiance(ray)
 
     def meet_light(
         self,
@@ -159,7 +177,7 @@ class GlassTracer(Tracer):
         path.tracing[:] = True
         goes_on = path.r > 0
         path.r -= 1
-        reflects, refracts = (goes_on & (largest(share) * part > LEAST) for part in (mirror, clear))
+        reflects, refracts = (goes_on & (largest(share) * part > self.least) for part in (mirror, clear))
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):

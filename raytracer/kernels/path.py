@@ -28,6 +28,7 @@ from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.media import Held, Media
+from raytracer.kernels.sky import Sky
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
@@ -118,7 +119,7 @@ class PathTracer:
         self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.bsdf = Bsdf(self.surfaces.highlights)
-        self.background = sh.Param(sh.Color3f, tuple(map(float, scene.background)), name="background")
+        self.background = Sky(scene.background)
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
         self.mirrors = self.surfaces.reflects
@@ -140,6 +141,8 @@ class PathTracer:
             "textures": len(appearance.textured),
             "cutouts": self.surfaces.accept is not None,
         }
+        if self.emitters.around is None and not self.background.plain:
+            self.features["sky"] = True
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
         """Update the tables after changes; return False where a kernel must be made anew."""
@@ -151,11 +154,12 @@ class PathTracer:
 
         Return False, having changed nothing, where they need another kernel.
         """
-        if not self.surfaces.suit(layout) or not self.emitters.renew(layout):
+        suits = self.surfaces.suit(layout) and self.background.suits(scene.background)
+        if not suits or not self.emitters.renew(layout):
             return False
         self.surfaces.repaint(layout, tinted)
         self.emitters.placed.renew(layout.lights)
-        self.background.value = tuple(map(float, scene.background))
+        self.background.renew(scene.background)
         return True
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
@@ -283,15 +287,21 @@ class PathTracer:
         of_light = path.lighting
         if self.emitters.around is None:
             # A background is seen by the eye, directly or in mirrors, and lights nothing.
-            brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), self.background)
-            path.color += sh.cond(of_light, pending, brought)
+            if self.background.plain:
+                brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), self.background.color)
+                path.color += sh.cond(of_light, pending, brought)
+                return
+            with SH_IF(of_light):
+                path.color += pending
+            with SH_ELSE(), SH_IF(~(path.density > 0)):
+                path.color += brought * self.background.radiance(ray)
             return
         with SH_IF(path.density > 0):
             other = path.aimed if self.straight else self.density_around(ray, surface)
             brought *= self.met_share(path.density, other)
         brought[:] = sh.cond(of_light, pending, brought)
         with SH_IF(~of_light | around):
-            brought *= self.emitters.around.radiance(ray)
+            brought *= self.emitters.around.sky.radiance(ray)
         path.color += brought
 
     def density_around(self, ray: Any, surface: Interaction) -> Any:

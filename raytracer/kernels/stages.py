@@ -185,6 +185,22 @@ def unfinished(state: sh.Attrib1i) -> sh.Attrib1b:
     return sh.Attrib1b(state != FINISHED)
 
 
+@sh.program
+def active(state: sh.Attrib1i) -> sh.Attrib1b:
+    """Return whether rays go from cell to cell."""
+    return sh.Attrib1b(state == ACTIVE)
+
+
+@sh.program
+def stopped(state: sh.Attrib1i) -> sh.Attrib1b:
+    """Return whether rays have triangles to try."""
+    return sh.Attrib1b(state == WAIT)
+
+
+MASKS = {"precalculate": active, "traverse": active, "intersect": stopped, "shade": unfinished}
+"""The program that tells the rays of a stage from the others, for the passes of early-z culling."""
+
+
 def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     """Record the program that makes the eye rays of a band."""
 

@@ -15,19 +15,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.lights import LightList
+from raytracer.kernels.sky import Sky
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout
 from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
+
+MIN_CONTRIBUTION: Final = 2.0**-17
+"""The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
 
 
 class Pixel(NamedTuple):
@@ -69,16 +73,29 @@ class PathState:
 class Tracer:
     """The tables of a scene, and the loop that follows a ray through it.
 
-    `features` says what the recorded kernel contains.
+    `features` says what the recorded kernel contains. A `min_contribution` other than the default one ends the rays of
+    a smaller share of the picture.
     """
 
     scattered = False
 
-    def __init__(self, layout: Layout, background: Any, ambient: float, bounces: int, backend: str) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        background: Any,
+        ambient: float,
+        bounces: int,
+        backend: str,
+        min_contribution: float = MIN_CONTRIBUTION,
+    ) -> None:
         self.intersector = scene_walk(layout, backend, scattered=self.scattered)
-        self.background = sh.Param(sh.Color3f, tuple(map(float, background)), name="background")
+        self.background = Sky(background)
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
+        self.least: Any = min_contribution
+        self.cuts = min_contribution != MIN_CONTRIBUTION
+        if self.cuts:
+            self.least = sh.Param(sh.Attrib1f, min_contribution, name="min_contribution")
         self.surfaces = surface_tables(layout, self.intersector.triangles, backend)
         self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
@@ -103,6 +120,8 @@ class Tracer:
             self.features["textures"] = len(appearance.textured)
         if self.surfaces.accept is not None:
             self.features["cutouts"] = True
+        if not self.background.plain:
+            self.features["sky"] = True
         self.loops = self.reflects or self.lights.count > 0
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
@@ -115,11 +134,11 @@ class Tracer:
 
         Return False, having changed nothing, where they need another kernel.
         """
-        if not self.surfaces.suit(layout):
+        if not (self.surfaces.suit(layout) and self.background.suits(scene.background)):
             return False
         self.surfaces.repaint(layout, tinted)
         self.lights.renew(layout.lights)
-        self.background.value = tuple(map(float, scene.background))
+        self.background.renew(scene.background)
         self.ambient.value = float(scene.ambient)
         return True
 
@@ -176,7 +195,7 @@ class Tracer:
                     path.color += path.rn.x * emission
                 path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
             with SH_ELSE():
-                path.scolor[:] = self.background
+                path.scolor[:] = self.background.radiance(ray)
                 path.rn.y = 0
         if self.lights.count:
             with SH_ELSE():
@@ -193,12 +212,18 @@ class Tracer:
             if self.reflects:
                 path.rn.x *= path.rn.y
                 path.color -= path.rn.x * path.scolor
-                finished[:] = (path.r == 0) | (path.rn.y == 0)
+                finished[:] = self.is_last(path)
                 path.r -= 1
                 tracing[:] = True
                 ray[:] = mirrored(surface)
                 eye[:] = surface.inter
         return finished
+
+    def is_last(self, path: PathState) -> Any:
+        """Return whether no mirrored ray follows."""
+        if self.cuts:
+            return (path.r == 0) | (path.rn.y == 0) | ~(path.rn.x > self.least)
+        return (path.r == 0) | (path.rn.y == 0)
 
     def note(self, pixel: Pixel, hit: RayHit, surface: Interaction) -> None:
         """Store the first surface that the eye ray hits in the layers."""

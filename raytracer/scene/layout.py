@@ -252,7 +252,7 @@ def check_range(scene: Scene, materials: Sequence[Material]) -> None:
         given += [("a number of a material", numbers), ("a colour of a material", material.tint)]
         given.append(("the emission of a material", material.emission))
     for what, held in given:
-        plain = held is not None and not isinstance(held, Texture)
+        plain = held is not None and not (isinstance(held, Texture) or callable(held))
         largest = float(np.abs(held).max()) if plain else 0.0
         if largest > float(np.finfo(np.float32).max):
             raise _out_of_range(what, largest)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.textures import Texture
 from raytracer.arrays import finite_triple
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices, named
@@ -32,6 +33,8 @@ from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, uprig
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
 
+Background = Triple | Texture | Callable[..., Any]
+"""The light that rays see where they meet nothing: a colour, a picture of all directions, or a program of them."""
 BACKGROUND: Triple = (0.42, 0.52, 0.66)
 
 
@@ -42,25 +45,33 @@ class Scene:
     `meshes` is a Mesh, an `Instance`, a trimesh.Trimesh or trimesh.Scene, or several of them; a Scene keeps a tuple of
     meshes, in order, whose places are the object ids of pictures. Of a trimesh.Scene it takes the shapes with their
     materials, and neither lights nor camera. `ambient` is the share of a surface's colour that is seen without any
-    light. A scene may be empty: its picture is the background. Without a camera one is framed that sees every mesh.
+    light. Without a camera one is framed that sees every mesh.
 
-    With `integrator="path"` there is no ambient light, and the background is seen, directly and in mirrors, but lights
-    nothing: that is for an `EnvironmentLight`, which is then seen instead.
+    `background` is what rays see that meet nothing, also those from mirrors and through glass: a colour (r, g, b); a
+    `Texture`, which is an equirectangular picture (a latitude-longitude map); or a program from a unit `direction`, an
+    sh.Vector3f, to an sh.Color3f. The middle of a picture lies in the direction (0, 0, -1), its right half in that of
+    x, and its top row in that of y, as in an `EnvironmentLight`; its `wrap` has no effect, since columns wrap around. A
+    background lights nothing, with any integrator: no shadow ray is sent to it, and matt surfaces are as they are
+    without it. A scene may be empty: its picture is the background, which is a colour then.
 
-    Raises SceneError for meshes of another kind, backgrounds and ambients that make no sense.
+    With `integrator="path"` there is no ambient light. Where the scene has an `EnvironmentLight`, that is seen instead
+    of the background, so that no light counts twice.
+
+    Raises SceneError for meshes of another kind, backgrounds and ambients that make no sense. Source of the picture as
+    a background: Bürger and others 2007, section 2.1.
     """
 
     meshes: Any = ()
     lights: Sequence[Light] = ()
     camera: Camera | None = None
-    background: Triple = BACKGROUND
+    background: Background = BACKGROUND
     ambient: float = 0.12
     name: str = "scene"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "meshes", placed(self.meshes))
         object.__setattr__(self, "lights", _lights(self.lights))
-        object.__setattr__(self, "background", finite_triple("a background", self.background))
+        object.__setattr__(self, "background", _background(self.background))
         if not (isinstance(self.ambient, float | int | np.number) and 0 <= self.ambient <= 1):
             raise SceneError(f"ambient lies in [0, 1], not {self.ambient!r}")
         if sum(isinstance(light, EnvironmentLight) for light in self.lights) > 1:
@@ -185,6 +196,25 @@ def furnished(
     eye = _camera(camera, found.camera or fitted(found.meshes, turn))
     shining = (*found.lights, *lights) or lights_for(name, found.meshes, eye, turn)
     return Scene(found.meshes, shining, eye, name=name)
+
+
+def _background(given: Any) -> Background:
+    """Return the background of a scene, a colour as three floats; SceneError for anything but the three kinds."""
+    if isinstance(given, Texture) or callable(given):
+        found: Background = given
+        return found
+    if isinstance(given, str | PathLike):
+        raise SceneError(
+            f"a background is a colour (r, g, b), a Texture or a program, not {str(given)!r}: "
+            f"Texture({str(given)!r}) reads a picture"
+        )
+    if isinstance(given, np.ndarray) and given.ndim > 1:
+        raise SceneError("a background is a colour (r, g, b), a Texture or a program, not an array: Texture(array)")
+    if isinstance(given, EnvironmentLight):
+        raise SceneError(
+            "a background is a colour (r, g, b), a Texture or a program: an EnvironmentLight is one of the lights"
+        )
+    return finite_triple("a background", given)
 
 
 def _lights(given: Any) -> tuple[Light, ...]:

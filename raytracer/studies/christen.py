@@ -1,7 +1,8 @@
 """The measurements of Christen 2005, chapter 6, on the backends at hand: the staged tracer beside the unified one.
 
 Stage: measure. Three scenes at 256 x 256 pixels: time against the size of the grid and against the iterations, which
-are bounces and the eye ray; calls of the kernels against the threshold; rays alive, and what a round of few rays costs.
+are bounces and the eye ray; calls of the kernels against the threshold; rays alive, and what a round of few rays costs;
+and what early-z culling does: calls, passes and time where each call goes over few rays, over all, or over all masked.
 
     found = study(["numpy", "opencl"], minutes=9)
     print(found.markdown())
@@ -37,8 +38,8 @@ from raytracer.studies.report import (
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
-COUNTED = ("A", "B")
-"""The scenes whose calls are counted against the threshold: with one triangle a call C would take too long."""
+WAYS = ("few", "all", "masked")
+"""The rays that a call goes over: those on their way, once they are few; all; all, with others masked by a pass."""
 SIZE = (256, 256)
 GRID = 20
 GRIDS = (5, 10, 20, 30, 50)
@@ -59,8 +60,8 @@ Clock = Callable[[], float]
 class Case:
     """One picture: a scene of the thesis, the backend and the tracer.
 
-    `threshold`, `at_once` and `compacts` are for the tracer "staged". Without `compacts` each kernel runs over all rays
-    and discards those that do not need it, as the thesis does by the depth test.
+    `threshold`, `at_once` and `way`, one of `WAYS`, are for the tracer "staged". "all": each kernel goes over all rays,
+    and its program discards those that do not need it. "masked": a pass before it masks them, as in the thesis.
     """
 
     scene: str
@@ -70,7 +71,7 @@ class Case:
     iterations: int = 1
     threshold: float = THRESHOLD
     at_once: int = AT_ONCE[-1]
-    compacts: bool = True
+    way: str = WAYS[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ class Study:
             "iterations": 1,
             "threshold": THRESHOLD,
             "at_once": AT_ONCE[-1],
-            "compacts": True,
+            "way": WAYS[0],
         } | wanted
         return [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
 
@@ -135,14 +136,30 @@ class Study:
         head = ["scene", "cells or triangles a call", "threshold", "calls of the traverser", "of the intersector"]
         yield table("Threshold: calls of the kernels, 1 iteration", head, sorted(rows))
         yield self._alive_table()
+        yield self._ways_table()
+
+    def _ways_table(self) -> str:
+        rows = []
+        for m in self._compared():
+            other = {name: m.calls.get(name, 0) for name in ("mask", "compact")}
+            calls = sum(m.calls.values()) - sum(other.values())
+            rows.append([m.case.scene, m.case.backend, m.case.way, calls, *other.values(), f"{1e3 * m.seconds:.0f}"])
+        head = ["scene", "backend", "a call goes over", "calls", "early-z passes", "copies", "milliseconds"]
+        return table(f"Early-z culling, {ITERATIONS[-1]} iterations", head, rows)
+
+    def _compared(self) -> list[Measured]:
+        """Return the measurements in all ways, those of one scene and backend together."""
+        found = self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
+        places = [(m.case.scene, list(self.backends).index(m.case.backend), WAYS.index(m.case.way)) for m in found]
+        return [found[k] for k in sorted(range(len(found)), key=places.__getitem__)]
 
     def _alive_table(self) -> str:
         rows = []
-        for m in self.find(iterations=ITERATIONS[-1], tracer="staged", compacts=...):
+        for m in self._compared():
             alive, seconds = eye_rounds(m)
             shown = [f"{n:,} / {1e6 * s / n:.2f}" for n, s in zip(alive, seconds, strict=True)]
             left = [""] * (ITERATIONS[-1] - len(shown))
-            rows.append([m.case.scene, m.case.backend, "few" if m.case.compacts else "all", *shown, *left])
+            rows.append([m.case.scene, m.case.backend, m.case.way, *shown, *left])
         head = ["scene", "backend", "a call goes over", *(str(k + 1) for k in range(ITERATIONS[-1]))]
         return table("Rays alive in each iteration / microseconds for each of them", head, rows)
 
@@ -204,15 +221,16 @@ class Study:
         axis.set_title("calls of kernels against the threshold", fontsize=9)
 
     def _draw_alive(self, alive_axis: Any, cost_axis: Any) -> None:
-        for m in self.find(iterations=ITERATIONS[-1], tracer="staged", compacts=...):
+        for m in self._compared():
             k, b = list(SCENES).index(m.case.scene), list(self.backends).index(m.case.backend)
             alive, _ = eye_rounds(m)
-            if m.case.backend == self._counted and m.case.compacts:
+            few = m.case.way == WAYS[0]
+            if m.case.backend == self._counted and few:
                 label = f"{m.case.scene}, {m.case.backend}"
                 alive_axis.plot(range(1, len(alive) + 1), alive, "-", marker=_MARKS[k], color=f"C{k}", label=label)
             cost = [1e6 * s / n for n, s in zip(m.alive, m.round_seconds, strict=True)]
-            label = f"{m.case.scene}, {m.case.backend}{'' if m.case.compacts else ', over all rays'}"
-            full = "full" if m.case.compacts else "none"
+            label = f"{m.case.scene}, {m.case.backend}{'' if few else f', {m.case.way}'}"
+            full = {"few": "full", "all": "none", "masked": "top"}[m.case.way]
             cost_axis.plot(m.alive, cost, _MARKS[k], color=f"C{b}", fillstyle=full, label=label)
         alive_axis.set(yscale="log", xlabel="iteration", ylabel="eye rays and mirrored rays")
         alive_axis.set_title("rays alive", fontsize=9)
@@ -234,15 +252,20 @@ def cases(backends: Sequence[str]) -> list[Case]:
     wanted += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
     wanted += [
         Case(scene, counted, "staged", threshold=threshold, at_once=at_once)
-        for scene in COUNTED
         for at_once in reversed(AT_ONCE)
+        for scene in SCENES
         for threshold in THRESHOLDS
     ]
-    wanted += [Case(scene, counted, "staged", iterations=ITERATIONS[-1], compacts=False) for scene in COUNTED]
+    wanted += [
+        Case(scene, backend, "staged", iterations=ITERATIONS[-1], way=way)
+        for backend in fast or [counted]
+        for scene in SCENES
+        for way in WAYS[1:]
+    ]
     wanted += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
     if "numpy" in backends:
+        wanted += [Case(*names, iterations=n) for n in ITERATIONS for names in _named(["numpy"])]
         wanted += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
-        wanted += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
     return list(dict.fromkeys(wanted))
 
 
@@ -282,11 +305,12 @@ def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> R
     else:
         scene = Scene.builtin(SCENES[case.scene])
         options = {"tracer": case.tracer, "bounces": case.iterations - 1, "accel": "grid", "grid": case.grid}
+        options |= {"early_z": case.way == "masked"} if case.tracer == "staged" else {}
         renderer = Renderer(scene, integrator=chosen("whitted", options), backend=case.backend)
         renderer.render((8, 8))  # drivers compile once more when a kernel runs for the first time
     if renderer.staged is not None:
         renderer.staged.clock = clock
-        renderer.staged.compacts = case.compacts
+        renderer.staged.compacts = case.way == WAYS[0]
         renderer.staged.threshold = case.threshold
         renderer.staged.at_once.value = case.at_once
     return renderer
@@ -294,7 +318,7 @@ def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> R
 
 def _kernels(case: Case) -> tuple[Any, ...]:
     """Return the fields of a case that its compiled kernels depend on."""
-    return case.scene, case.backend, case.tracer, case.grid, case.iterations
+    return case.scene, case.backend, case.tracer, case.grid, case.iterations, case.way == "masked"
 
 
 def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measured:

@@ -26,8 +26,8 @@ import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError, warn
 from raytracer.image import Image, encoded
-from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.renderer import Renderer, check_scene
+from raytracer.integrators.integrator import Whitted, check_scene
+from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
 from raytracer.studies.report import Told, new_figure, save_figure

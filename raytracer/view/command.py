@@ -42,6 +42,7 @@ def add_arguments(
     command.add_argument("--integrator", choices=kinds, default="whitted", help="as of render (whitted)")
     command.add_argument("--bounces", type=bounces, help="as of render")
     command.add_argument("--samples", type=samples, help="when to stop refining a pixel (16; path: 256)")
+    viewing.add_tracing(command)
     command.add_argument("--clip", metavar="NAME", help="which animation of a GLB or glTF file (the first one)")
     command.add_argument(
         "--seconds", type=sh.command.real(0.01), default=10.0, help="Python files: when to begin anew (10)"
@@ -75,8 +76,13 @@ def file_of(scene: str) -> Path:
 
 
 def chosen(options: argparse.Namespace, kind: str) -> integrator.Integrator:
-    """Return the integrator of a kind; `bounces` and `samples` of the options are for the one that they name."""
-    said = {"samples": SAMPLES[kind]}
+    """Return the integrator of a kind; `bounces` and `samples` of the options are for the one that they name.
+
+    `accel` is for both kinds, and `tracer` for Whitted's, since path tracing has one alone.
+    """
+    said: dict[str, Any] = {"samples": SAMPLES[kind], "accel": options.accel}
+    if kind in ("whitted", options.integrator):
+        said["tracer"] = options.tracer
     if kind == options.integrator:
         named = {name: getattr(options, name) for name in ("bounces", "samples")}
         said |= {name: value for name, value in named.items() if value is not None}
@@ -95,6 +101,7 @@ def options_of(request: dict[str, Any]) -> argparse.Namespace:
     words: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in request["options"].items()
     }
-    if words["environment"] is not None:
-        words["environment"] = Path(words["environment"])
+    for name in ("environment", "background"):
+        if isinstance(words[name], str):
+            words[name] = Path(words[name])
     return argparse.Namespace(**words)

@@ -316,8 +316,10 @@ class Session:
         """Return the text that is emitted for the tracer."""
         if self._drawer is None:
             return {"problem": "nothing is compiled yet"}
-        kernel = self._drawer.renderer.kernel
-        return {"form": str(self._drawer.form), "texts": [{"name": kernel.recorded.module.name, "text": kernel.source}]}
+        staged, kernel = self._drawer.renderer.staged, self._drawer.renderer.kernel
+        kernels = [kernel] if staged is None else staged.kernels.values()
+        texts = [{"name": each.recorded.module.name, "text": each.source} for each in kernels]
+        return {"form": str(self._drawer.form), "texts": texts}
 
     def _names(self, number: int) -> dict[str, Any]:
         return {"object": self._scene.meshes[number].name, "material": self.edits.label(self._scene, number)}
@@ -344,9 +346,9 @@ def explain_opening(error: BaseException, request: dict[str, Any]) -> dict[str, 
 
 
 def files_of(request: dict[str, Any]) -> list[str]:
-    """Return the files that are watched: what this process has read in the scene's folder, and the environment."""
-    environment = request["options"]["environment"]
-    return [*map(str, sh.view.files_read()), *([environment] if environment else [])]
+    """Return the files that are watched: what this process has read in the scene's folder, and pictures of skies."""
+    skies = (request["options"].get(name) for name in ("environment", "background"))
+    return [*map(str, sh.view.files_read()), *(sky for sky in skies if isinstance(sky, str))]
 
 
 def warm() -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from raytracer.animation import ANIMATIONS, spread
-from raytracer.integrators.integrator import Integrator, Path as PathTracing
+from raytracer.integrators.integrator import Integrator, Path as PathTracing, Staged
 from raytracer.scene.camera import Camera
 from raytracer.scene.loading import FORMATS
 from raytracer.scenes import SCENES
@@ -51,7 +51,7 @@ class Shown:
         """Return the command that renders the picture."""
         words = ["raytracer", "render", self.options.scene]
         words += ["--size", f"{self.size[0]}x{self.size[1]}", "--backend", self.backend, *self._timed()]
-        words += ["--integrator", "path"] if self._is_path else []
+        words += self._tracing()
         for name, value in self._unusual().items():
             words += [f"--{name}", str(value)]
         return shlex.join([*words, *self._seen()])
@@ -61,7 +61,8 @@ class Shown:
         if self.time is None:
             return None
         words = ["raytracer", "animate", self.options.scene, *self._clip(), "--size", f"{self.size[0]}x{self.size[1]}"]
-        words += ["--integrator", "path"] if self._is_path else []
+        words += self._tracing()
+        words += ["--accel", self.integrator.accel] if self.integrator.accel else []
         return shlex.join([*words, *self._seen()])
 
     def note(self) -> str:
@@ -77,6 +78,12 @@ class Shown:
     def _is_path(self) -> bool:
         return isinstance(self.integrator, PathTracing)
 
+    def _tracing(self) -> list[str]:
+        """Return the options that name the integrator."""
+        if self._is_path:
+            return ["--integrator", "path"]
+        return ["--tracer", "staged"] if isinstance(self.integrator, Staged) else []
+
     def _clip(self) -> list[str]:
         return ["--clip", self.options.clip] if self.options.clip else []
 
@@ -86,7 +93,7 @@ class Shown:
     def _unusual(self) -> dict[str, Any]:
         """Return the numbers of the integrator that are not its default."""
         found = {field.name: (getattr(self.integrator, field.name), field.default) for field in fields(self.integrator)}
-        return {name: found[name][0] for name in ("bounces", "samples") if found[name][0] != found[name][1]}
+        return {name: found[name][0] for name in ("bounces", "samples", "accel") if found[name][0] != found[name][1]}
 
     def _placed(self) -> dict[str, Any]:
         """Return the options of the camera: those of the command line until the page turns it."""
@@ -104,7 +111,9 @@ class Shown:
         found += ["--exposure", repr(self.stops)] if self.stops else []
         found += ["--no-floor"] if options.no_floor else []
         found += ["--strict"] if options.strict else []
-        found += ["--background", _numbers(options.background)] if options.background is not None else []
+        shown = options.background
+        if shown is not None:
+            found += ["--background", str(shown) if isinstance(shown, Path) else _numbers(shown)]
         found += ["--environment", str(options.environment)] if options.environment is not None else []
         return found
 
@@ -202,7 +211,9 @@ class Shown:
         given |= {"lights": _Text("lights")} if self.lights else {}
         if self.seen.intrinsics is None and (self.turned is not None or (not self._is_framed and self._placed())):
             given["camera"] = _Text(f"rt.{self.camera()}")
-        given |= {"background": options.background} if options.background is not None else {}
+        if options.background is not None:
+            shown = options.background
+            given["background"] = _Text(f"rt.Texture({str(shown)!r})") if isinstance(shown, Path) else shown
         return [f"scene = dataclasses.replace(scene, {_named(given)})"] if given else []
 
 

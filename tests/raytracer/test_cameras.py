@@ -272,7 +272,7 @@ def test_falloffs_that_are_none():
         (lambda: PointLight(5), "a light's position is three finite numbers, not 5"),
         (lambda: PointLight((0, 0, 0), 0.5), r"a light's color is three finite numbers, not 0\.5"),
         (lambda: DirectionalLight(None), "a light's direction is three finite numbers, not None"),
-        (lambda: Scene(background="red"), "a background is three finite numbers, not 'red'"),
+        (lambda: Scene(background=["red"]), r"a background is three finite numbers, not \['red'\]"),
     ],
 )
 def test_what_is_no_place_or_colour_is_told(make, message):

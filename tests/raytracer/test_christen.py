@@ -15,7 +15,6 @@ from raytracer.studies import christen
 def few(monkeypatch):
     """Two sizes of a grid, two numbers of iterations, one threshold, the smallest scene, once."""
     monkeypatch.setattr(christen, "SCENES", {"A": "boxes"})
-    monkeypatch.setattr(christen, "COUNTED", ("A",))
     monkeypatch.setattr(christen, "GRIDS", (5, 20))
     monkeypatch.setattr(christen, "_OFTEN", 1)
     monkeypatch.setattr(christen, "ITERATIONS", (1, 2))
@@ -30,7 +29,11 @@ def test_cases_are_different_and_cover_what_the_thesis_varies():
     for key, values in (("grid", christen.GRIDS), ("iterations", christen.ITERATIONS)):
         assert {getattr(c, key) for c in found} == set(values)
         assert {getattr(c, key) for c in found if c.backend == "opencl" and c.tracer == "unified"} == set(values)
-    assert {c.threshold for c in found if c.at_once == 1} == set(christen.THRESHOLDS)
+    for scene in christen.SCENES:
+        assert {c.threshold for c in found if (c.scene, c.at_once) == (scene, 1)} == set(christen.THRESHOLDS)
+        assert {c.iterations for c in found if (c.scene, c.backend) == (scene, "numpy")} == set(christen.ITERATIONS)
+        ways = [c for c in found if c.scene == scene and c.way == "masked"]
+        assert [c.backend for c in ways] == ["opencl", "glsl"]
 
 
 def test_the_study_measures_every_case_and_writes_them(few, tmp_path):

@@ -148,6 +148,11 @@ CHANGES = {
     "Scene.lights": change("Scene", "lights", [PointLight((2, 3, 2))]),
     "Scene.camera": change("Scene", "camera", Camera((0, 1, 4))),
     "Scene.background": change("Scene", "background", (1, 0, 0)),
+    "Scene.background, a picture": change("Scene", "background", Texture(PIXELS)),
+    "Scene.background, another picture": change("Scene", "background", Texture(OTHER)),
+    "Scene.background, a filter": change("Scene", "background", Texture(PIXELS, filter="nearest")),
+    "Scene.background, a program": change("Scene", "background", lambda d: abs(sh.Color3f(*d))),
+    "Scene.background, another program": change("Scene", "background", lambda d: abs(sh.Color3f(d.x))),
     "Material.color": change("Material", "color", (0.5, 0.5, 0.5)),
     "Material.diffuse": change("Material", "diffuse", 0.71),
     "Material.specular": change("Material", "specular", 0.1),
@@ -273,8 +278,11 @@ def test_every_public_argument_has_a_case():
     cases = [name.split(",")[0] for name in (*CHANGES, *NO_BITS, *OUT_OF_PLACE) if "." in name]
     assert wanted == set(cases)
     assert set(Options.__annotations__) <= {name.split(".")[1] for name in wanted if name.startswith("Path.")} | {
-        "tracer",  # for Whitted alone
+        "tracer",  # for Whitted and Staged alone
         "threshold",
+        "min_contribution",
+        "at_once",
+        "early_z",
     }
 
 

@@ -48,8 +48,12 @@ def numbered(hit):
     return Surface(color=sh.Color3f(0.01 * sh.Attrib1f(hit.triangle)))
 
 
+def sky(direction):
+    return sh.Color3f(0.4, 0.5, 0.5 + 0.5 * direction.y)
+
+
 def mirrors():
-    """Boxes and balls that share faces, edges and corners, with lights, mirrors, a program and a texture."""
+    """Boxes and balls that share faces, edges and corners, with lights, mirrors, programs and a texture."""
     mirror = Material((0.9, 0.9, 0.9), reflectivity=0.7)
     picture = Material(Texture(np.random.default_rng(0).random((4, 4, 3))))
     meshes = (
@@ -61,7 +65,8 @@ def mirrors():
         sphere(0.3, Material(surface=numbered), rings=3, segments=4).moved((1, 1.2, 0.5)),
         floor(9, picture).moved((0, -0.5, 0)),
     )
-    return Scene(meshes, (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), PointLight((-4, 5, 3), (0.3, 0.3, 0.4))))
+    lights = (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), PointLight((-4, 5, 3), (0.3, 0.3, 0.4)))
+    return Scene(meshes, lights, background=sky)
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4, 8])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scene_pictures import same
 
-from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, render
+from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, Staged, render
 from raytracer.cli import main
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
@@ -37,6 +37,11 @@ def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backen
         image = staged.render((24, 16))
         same(image, unified)
         assert image.stats.calls["compact"] > 2
+    masked = render(scene, (24, 16), backend=backend, integrator=Staged(bounces=1, early_z=True, at_once=4))
+    same(masked, unified)
+    calls = masked.stats.calls
+    assert "compact" not in calls
+    assert calls["mask"] == sum(calls[stage] for stage in ("precalculate", "traverse", "intersect", "shade"))
 
 
 @pytest.mark.parametrize("scene", [Scene.builtin("boxes"), Scene.builtin("mixed")], ids=["boxes", "mixed"])
@@ -123,6 +128,16 @@ def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
     assert "compact" not in among_all.stats.calls
 
 
+def test_at_once_decides_how_many_calls_there_are():
+    few, many = (
+        render(small(), (24, 16), backend="numpy", integrator=Staged(bounces=1, grid=12, at_once=n)) for n in (64, 1)
+    )
+    same(few, many)
+    for stage in ("traverse", "intersect"):
+        assert many.stats.calls[stage] > 2 * few.stats.calls[stage]
+    assert many.stats.calls["shade"] == few.stats.calls["shade"]
+
+
 def test_stats_tell_the_rays_of_each_round():
     stats = render(small(), (24, 16), backend="numpy", bounces=1, tracer="staged").stats
     assert stats.alive[0] == 24 * 16
@@ -145,6 +160,9 @@ def test_an_empty_scene_shows_its_background():
         ({"tracer": "staged", "threshold": 1.5}, "a share from 0 to 1, not 1.5"),
         ({"tracer": "staged", "threshold": float("nan")}, "a share from 0 to 1, not nan"),
         ({"tracer": "staged", "threshold": True}, "a share from 0 to 1, not True"),
+        ({"tracer": "staged", "at_once": 0}, "at_once is a number of cells or triangles from 1 to 65,536, not 0"),
+        ({"tracer": "staged", "at_once": 2.0}, "at_once is a number of cells or triangles from 1 to 65,536, not 2.0"),
+        ({"tracer": "staged", "early_z": 1}, "early_z is True or False, not 1"),
         ({"tracer": "staged", "grid": 0}, "from 1 to 128 cells along each axis, not 0"),
         ({"tracer": "staged", "grid": 20.0}, "from 1 to 128 cells along each axis, not 20.0"),
         ({"grid": 20}, "grid=20 is for accel=\"grid\", not 'bvh'"),

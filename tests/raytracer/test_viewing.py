@@ -218,7 +218,7 @@ def test_a_built_in_scene_keeps_its_floor(capsys):
         ("--up", "0,0,0", "a direction that is not zero, such as 0,0,1, or z"),
         ("--fov", "180", "an angle between 0 and 180 degrees, such as 40, not '180'"),
         ("--background", "red", "'red'"),
-        ("--background", "-1,0,0", "three linear numbers R,G,B from 0 on, not '-1,0,0'"),
+        ("--background", "-1,0,0", "three linear numbers R,G,B from 0 on, or a picture such as sky.hdr, not '-1,0,0'"),
         ("--exposure", "1e9", "a number from -64 to 64, such as 1.5"),
     ],
 )
