@@ -21,9 +21,9 @@ from benchmarks.work import TARGETS, Work
 from raytracer import Camera, Intersector, Mesh
 from raytracer.accel.choice import build
 from raytracer.accel.space import triangle_rows
-from raytracer.intersector import alike
 from raytracer.kernels.walk import walk_through
 from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.rays import alike
 
 NAMES = ("primary", "primary-any", "secondary", "secondary-any")
 EDGES = "Rays that graze an edge may miss it."

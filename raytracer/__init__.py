@@ -18,10 +18,11 @@ from raytracer.errors import ClusterError, SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
 from raytracer.integrators.renderer import Renderer
-from raytracer.intersector import AllHits, Closest, Hits, Intersector
+from raytracer.intersector import Intersector
 from raytracer.kernels.component import TracedHit
 from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
+from raytracer.rays import AllHits, Closest, Hits
 from raytracer.rendering import render
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight

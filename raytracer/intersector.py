@@ -7,6 +7,7 @@ Stage: query. The same walk as the pictures', without their shading.
     every = shoot.all_hits(origins, directions)          # every.t[every.offsets[k] : every.offsets[k + 1]]
     near = shoot.closest_point(points)                   # near.points, near.distances, near.triangles
     shoot.move(transform)                                # a rigid object elsewhere
+    shoot.move("wheel", transform)                       # one object of a scene elsewhere
     hit = shoot.trace(origin, direction)                 # inside a program of yours: hit.position, hit.normal, …
 """
 
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,58 +31,16 @@ from raytracer.kernels.triangle import AheadBound, Triangles, Walk
 from raytracer.kernels.walk import Structure, walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
+from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
-from raytracer.rays import Frame, Pose, Rays, check_streams, is_stream, triples
+from raytracer.moved import MovedObjects
+from raytracer.rays import AllHits, Closest, Frame, Hits, Pose, Rays, alike, check_streams, is_stream, triples
 from raytracer.scene.scene import Scene
 
-_NEIGHBOURS, _GROUPS = 16, 64
 START = 16.0
 """The largest distance from its triangle of the origin of a ray with `leaving=True`, in roundings of coordinates."""
 _FARTHEST = 2.0**56
 """The limit of the kernel's coordinates, 2**24 times the size of the scene: farther points are clamped to it."""
-
-
-class Hits(NamedTuple):
-    """The nearest hits of rays, each of the rays' shape; t = infinity and triangle = -1 where nothing was met.
-
-    `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners. On
-    a triangle far larger than the distance, `origin + t * direction` is closer to it.
-    """
-
-    t: NDArray[Any]
-    triangle: NDArray[np.int32]
-    u: NDArray[Any]
-    v: NDArray[Any]
-
-
-class AllHits(NamedTuple):
-    """Every hit of N rays, ray by ray and in order of (t, triangle), as flat arrays of H hits.
-
-    Those of ray k, counted in C order of the rays' shape, are at `offsets[k] : offsets[k + 1]`; `offsets` (N + 1,).
-    `t`, `triangle`, `u` and `v`, each (H,), are those of `Hits`.
-    """
-
-    offsets: NDArray[np.int64]
-    t: NDArray[Any]
-    triangle: NDArray[np.int32]
-    u: NDArray[Any]
-    v: NDArray[Any]
-
-    @property
-    def ray(self) -> NDArray[np.int64]:
-        """The number of each hit's ray, (H,)."""
-        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
-
-
-class Closest(NamedTuple):
-    """The closest `points` (..., 3) of a mesh, their `distances` (...) and `triangles` (...).
-
-    Where there is no triangle: NaN, infinity and -1.
-    """
-
-    points: NDArray[np.float64]
-    distances: NDArray[np.float64]
-    triangles: NDArray[np.int32]
 
 
 class Intersector:
@@ -129,12 +88,14 @@ class Intersector:
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._accel = accel
         self._pose: Pose | None = None
+        self._given = mesh_or_scene
+        self._moved: MovedObjects | None = None
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING[precision]
         self._frame = Frame(np.zeros(3), 1.0, precision)
         self._kernels: dict[Any, Any] = {}
-        self._structure: Structure | None = None
+        self._structure: Structure | PlacedCubes | None = None
         self._meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         if meshes:
             corners = np.concatenate([mesh.corners for mesh in meshes])
@@ -150,13 +111,26 @@ class Intersector:
             if isinstance(self._structure, LayeredCube):
                 self._structure.check_triangles(self._rows)
 
-    def move(self, transform: ArrayLike | None) -> None:
-        """Place the mesh where `transform` takes it from where it was made; None for there. Nothing is built anew.
+    def move(self, name: str | int | ArrayLike | None = None, transform: ArrayLike | None = None) -> None:
+        """Place all meshes, or those of a name, where `transform` takes them from where they were made; None for there.
 
-        `transform` (4, 4) multiplies columns (x, y, z, 1): a rotation, a move, and one scale for all axes; it may
-        mirror. Rays are taken to the mesh in float64, which costs a little for each. Raises SceneError for other
-        matrices.
+        `move(transform)` places all of them, and nothing is built anew: rays are taken to them in float64, which costs
+        a little for each. `transform` (4, 4) multiplies columns (x, y, z, 1): a rotation, a move, and one scale for all
+        axes; it may mirror.
+
+        `move(name, transform)` places the meshes of a name, or the one of a number, among the others, by any matrix
+        that `Renderer.move` takes; the hits are those of a new Intersector of a scene made so. The first move of an
+        object gives it an accelerator of its own; later ones change its parts of the tables alone, unless the scene
+        grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`, build a hierarchy
+        anew after a move. Programs that `trace` the scene see later moves; one that was recorded before the first move
+        of an object raises SceneError when it runs.
+
+        Raises SceneError for unknown names, naming those that there are, for other matrices, and for accel="brute".
         """
+        if isinstance(name, str | int) or (name is not None and transform is not None):
+            self._move_one(name, np.eye(4) if transform is None else transform)
+            return
+        transform = name if transform is None else transform
         self._pose = None if transform is None else Pose.of(transform)
         if "_component" in self.__dict__:
             self._component.place.put(self._placed)
@@ -210,6 +184,37 @@ class Intersector:
     def _ahead(self, leaving: bool, start: float = 0.0) -> AheadBound | None:
         """Return the bound for rays that leave surfaces, from origins that may be `start` roundings off them."""
         return AheadBound(float(np.finfo(self._floats).eps) / 2, start) if leaving else None
+
+    def _move_one(self, name: Any, transform: ArrayLike) -> None:
+        """Move the meshes of a name or a number."""
+        moved = self._moved or MovedObjects(self._given, self._accel, self._precision, self._target)
+        renewed = moved.move(name, transform)
+        self._moved = moved
+        for cached in ("_tree", "_wide", "_closest"):
+            self.__dict__.pop(cached, None)
+        layout = moved.layout
+        self._structure, self._corners, self._rows = moved.structure_now, moved.corners, layout.triangles
+        self._frame = Frame(layout.origin, layout.scale, self._precision)
+        self._meshes = moved.meshes
+        self._renew_component(name, renewed)
+        if renewed:
+            self.__dict__ |= {"_walk": moved.walk, "_triangles": moved.walk.triangles}
+        several = ("count", "list_hits", "list_more") if self._accel == "grid" else ()
+        self._kernels = {key: kernel for key, kernel in self._kernels.items() if not renewed and key[0] not in several}
+
+    def _renew_component(self, name: Any, renewed: bool) -> None:
+        """Let programs that trace the scene see a move; those with tables that are no longer used say so when they run."""
+        component: Component | None = self.__dict__.get("_component")
+        if component is None or self._moved is None:
+            return
+        if not renewed:
+            component.renew(self._moved.layout.normals, self._moved.changes)
+            return
+        component.precision.stale = (
+            f"the mesh {name!r} has got an accelerator of its own since this was recorded: record the program after "
+            f"move({name!r}, None), or after a move as far as the scene reaches"
+        )
+        del self.__dict__["_component"]
 
     def intersect(
         self,
@@ -409,7 +414,7 @@ class Intersector:
         key = name, self._walks_alone(rays), leaving, exact
         if key not in self._kernels:
             program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
-            layered = self._target == "opencl" and isinstance(self._structure, LayeredCube)
+            layered = self._target == "opencl" and self._is_layered
             lanes: dict[str, Any] = {"lanes": 1} if key[1] or layered else {}
             self._kernels[key] = program.compile(**self._options, **lanes)
         return self._kernels[key]
@@ -420,17 +425,19 @@ class Intersector:
         bound = AheadBound(roundoff, START) if leaving else None
         assert self._structure is not None
         several = name in ("count", "list_hits", "list_more")
-        if several and isinstance(self._structure, LayeredCube):
+        if several and self._is_layered:
             raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
         if alone:
             return self._wide.bounded(bound)
         if several and self._accel == "grid":
-            return walk_with(self._tree, self._triangles, self._target, bound)
+            return walk_with(self._tree, self._tree_triangles, self._target, bound)
         return self._walk.bounded(bound)
 
     def _walks_alone(self, rays: Rays) -> bool:
         """Return True if rays diverge, so that each walks through the BVH in a packet of one lane."""
         if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
+            return False
+        if self._moved is not None:  # see `walk.scene_walk`
             return False
         if np.any(rays.near < 0):
             return False
@@ -443,6 +450,7 @@ class Intersector:
     def _walk(self) -> Walk:
         """The walk of packets of coherent rays, built on first use: rays that walk alone do not need it."""
         assert self._structure is not None
+        assert not isinstance(self._structure, PlacedCubes)  # whose walk `_move_one` has
         return walk_with(self._structure, self._triangles, self._target, None)
 
     @cached_property
@@ -460,7 +468,7 @@ class Intersector:
     @cached_property
     def _wide(self) -> WideIntersector:
         """The walk of lone rays, built on first use."""
-        return WideIntersector(self._tree, self._triangles, backend=self._target)
+        return WideIntersector(self._tree, self._tree_triangles, backend=self._target)
 
     @cached_property
     def _triangles(self) -> Any:
@@ -470,30 +478,22 @@ class Intersector:
     @cached_property
     def _tree(self) -> Bvh:
         """The hierarchy over the triangles."""
-        if isinstance(self._structure, Bvh):
+        if isinstance(self._structure, Bvh) and self._moved is None:
             return self._structure
         return build_bvh(self._corners, self._floats)
+
+    @property
+    def _tree_triangles(self) -> Any:
+        """The triangles of `_tree`: those of the walk, or where objects have moved tables of what they are now."""
+        return self._triangles if self._moved is None else Triangles.of(self._rows, self._floats)
+
+    @property
+    def _is_layered(self) -> bool:
+        """Return whether rays walk through layered depth cubes."""
+        return isinstance(self._structure, LayeredCube | PlacedCubes)
 
     @cached_property
     def _closest(self) -> Any:
         """The kernel for closest points."""
         program = nearby.closest_point(self._wide)
         return program.compile(**self._options, **({"lanes": 1} if self._target == "opencl" else {}))
-
-
-def alike(eye: NDArray[Any], ray: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> bool:
-    """Return True if neighbouring rays (N, 3) go through much the same parts of a box.
-
-    Judged by some groups of neighbours: at the middle of the box and a little farther on, half of the groups keep
-    together to a tenth of the box's size. Packets and single rays are equally fast about there.
-    """
-    size = float(np.max(high - low))
-    first = np.linspace(0, max(len(ray) - _NEIGHBOURS, 0), _GROUPS, dtype=np.int64)
-    some = np.minimum(first[:, None] + np.arange(_NEIGHBOURS), len(ray) - 1)
-    with np.errstate(all="ignore"):  # of NaN nothing is said here
-        eye, ray = eye[some].astype(np.float64), ray[some].astype(np.float64)
-        ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
-        along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)
-        middle = eye + np.maximum(along, 0) * ray
-        apart = [np.ptp(points, axis=1).max(axis=-1) for points in (middle, middle + size / 2 * ray)]
-        return bool(np.median(np.maximum(*apart)) < size / 10)

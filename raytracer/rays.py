@@ -10,7 +10,7 @@ invalid rays (`kernels.queries.GivenRay`). Numbers out of the range of f32 are c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,51 @@ _RIGID = 1e-4
 _TRIPLES = sh.Attrib3f, sh.Point3f, sh.Vector3f, sh.Normal3f, sh.Color3f, sh.TexCoord3f
 _DIRECT = 2.0**-40, 2.0**60
 """Scales with which f32 holds all numbers of the conversion."""
+_NEIGHBOURS, _GROUPS = 16, 64
+"""Rays of a group of neighbours, and how many groups tell whether rays diverge."""
+
+
+class Hits(NamedTuple):
+    """The nearest hits of rays, each of the rays' shape; t = infinity and triangle = -1 where nothing was met.
+
+    `t` is in lengths of the ray's direction; the point is `(1 - u - v) a + u b + v c` of the triangle's corners. On
+    a triangle far larger than the distance, `origin + t * direction` is closer to it.
+    """
+
+    t: NDArray[Any]
+    triangle: NDArray[np.int32]
+    u: NDArray[Any]
+    v: NDArray[Any]
+
+
+class AllHits(NamedTuple):
+    """Every hit of N rays, ray by ray and in order of (t, triangle), as flat arrays of H hits.
+
+    Those of ray k, counted in C order of the rays' shape, are at `offsets[k] : offsets[k + 1]`; `offsets` (N + 1,).
+    `t`, `triangle`, `u` and `v`, each (H,), are those of `Hits`.
+    """
+
+    offsets: NDArray[np.int64]
+    t: NDArray[Any]
+    triangle: NDArray[np.int32]
+    u: NDArray[Any]
+    v: NDArray[Any]
+
+    @property
+    def ray(self) -> NDArray[np.int64]:
+        """The number of each hit's ray, (H,)."""
+        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+
+
+class Closest(NamedTuple):
+    """The closest `points` (..., 3) of a mesh, their `distances` (...) and `triangles` (...).
+
+    Where there is no triangle: NaN, infinity and -1.
+    """
+
+    points: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    triangles: NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,3 +280,21 @@ def _exponents(ray: Floats) -> NDArray[Any]:
     """Return the powers of two that bring the largest component of directions into [1/4, 1/2)."""
     _, exponent = np.frexp(np.abs(ray).max(axis=1, initial=0).astype(np.float64))
     return np.asarray(exponent + 1)
+
+
+def alike(eye: NDArray[Any], ray: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> bool:
+    """Return True if neighbouring rays (N, 3) go through much the same parts of a box.
+
+    Judged by some groups of neighbours: at the middle of the box and a little farther on, half of the groups keep
+    together to a tenth of the box's size. Packets and single rays are equally fast about there.
+    """
+    size = float(np.max(high - low))
+    first = np.linspace(0, max(len(ray) - _NEIGHBOURS, 0), _GROUPS, dtype=np.int64)
+    some = np.minimum(first[:, None] + np.arange(_NEIGHBOURS), len(ray) - 1)
+    with np.errstate(all="ignore"):  # of NaN nothing is said here
+        eye, ray = eye[some].astype(np.float64), ray[some].astype(np.float64)
+        ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+        along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)
+        middle = eye + np.maximum(along, 0) * ray
+        apart = [np.ptp(points, axis=1).max(axis=-1) for points in (middle, middle + size / 2 * ray)]
+        return bool(np.median(np.maximum(*apart)) < size / 10)

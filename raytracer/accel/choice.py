@@ -66,3 +66,5 @@ HIERARCHIES: dict[str, Callable[[Corners, DTypeLike, str], Bvh]] = {
     "bvh:ploc": build_ploc,
 }
 """The hierarchy: with the builder that suits, from the top down, or from the bottom up, which takes less time."""
+MOVABLE = (*HIERARCHIES, "grid")
+"""The accelerators in which objects can move, or beside which they can."""

@@ -42,7 +42,8 @@ GAP = 256
 class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
-    `accel` names the builder, as in `accel.choice`, which may run on `backend`.
+    `accel` names the builder, as in `accel.choice`, which may run on `backend`. Without `static` the hierarchy holds
+    the moving objects alone, beside another accelerator for the rest.
 
     `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those (octant,
     first, past) of nodes whose links changed, `stale_items` the changed ranges of `bvh.items`. `shapes` are the shapes
@@ -56,14 +57,13 @@ class Forest:
         dtype: DTypeLike = np.float32,
         accel: str = "bvh",
         backend: str = "numpy",
+        *,
+        static: bool = True,
     ) -> None:
         self.dtype, self.accel, self.backend = np.dtype(dtype), accel, backend
         self.moving = list(moving)
         self.rebuilt = 0
-        stays = np.ones(len(corners), bool)
-        for first, past in self.moving:
-            stays[first:past] = False
-        still = np.flatnonzero(stays)
+        still = still_of(len(corners), moving) if static else np.zeros(0, np.int64)
         sizes = [past - first for first, past in self.moving]
         # An object has room for as many nodes as its triangles can need.
         roots = np.cumsum([len(sizes), *(2 * size - 1 for size in sizes)])
@@ -71,7 +71,7 @@ class Forest:
         self.still = self._built(corners[still]) if len(still) else None
         total = int(roots[-1]) + (0 if self.still is None else len(self.still.low))
         low, high = np.zeros((total, 3), self.dtype), np.zeros((total, 3), self.dtype)
-        links, items = np.full((8, total, 2), END, np.int32), np.zeros(len(corners), np.int32)
+        links, items = np.full((8, total, 2), END, np.int32), np.zeros(sum(sizes) + len(still), np.int32)
         self.bvh = Bvh(low, high, links, items)
         places = np.cumsum([0, *sizes])
         self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
@@ -121,6 +121,14 @@ class Forest:
         if not np.array_equal(before, bvh.links[:, :inner]):
             self.stale_links += [(octant, 0, inner) for octant in range(8)]
         self.stale_boxes.append((0, inner))
+
+
+def still_of(count: int, moving: Sequence[tuple[int, int]]) -> Ints:
+    """Return the numbers of those of `count` triangles that are in none of the ranges (first, past) of `moving`."""
+    stays = np.ones(count, bool)
+    for first, past in moving:
+        stays[first:past] = False
+    return np.flatnonzero(stays)
 
 
 class _Object:

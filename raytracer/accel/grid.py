@@ -14,7 +14,7 @@ grid at the head of `items`; every ray tests them first, and the cells stay as f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,14 @@ def build_grid(corners: NDArray[np.floating], across: int | None = None) -> Grid
     cells = np.stack([ends - counts, ends], axis=-1).astype(np.int32).reshape(nz, ny, nx, 2)
     items = np.concatenate([outside, inside[owner[order]]]).astype(np.int32)
     return Grid(low, cell, shape, cells, items, len(outside))
+
+
+def build_part(corners: NDArray[np.floating], numbers: Ints, across: int | None = None) -> Grid:
+    """Build the grid of those triangles alone whose `numbers` are given; `items` has their numbers among all."""
+    if not len(numbers):
+        return Grid(np.zeros(3), np.ones(3), (1, 1, 1), np.zeros((1, 1, 1, 2), np.int32), np.zeros(1, np.int32), 0)
+    found = build_grid(corners[numbers].astype(np.float32), across)
+    return replace(found, items=numbers[found.items].astype(np.int32))
 
 
 def far_larger(triangles: Floats) -> NDArray[np.bool_]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import shpy as sh
-from raytracer.accel.choice import HIERARCHIES
+from raytracer.accel.choice import MOVABLE
 from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
@@ -137,8 +137,9 @@ class Renderer:
         The first picture after an object's first move costs as much as a new Renderer: the object gets an accelerator
         of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
         of what does not move stays. It is all built anew where the scene grows beyond the next power of two, or moves
-        to far away from 0, which `builds` counts. Raises SceneError for unknown names, for other matrices, and for
-        accelerators without a hierarchy.
+        to far away from 0, which `builds` counts. With accel="grid" the objects that have moved leave the grid, which
+        stays, and are found by a hierarchy beside it. Raises SceneError for unknown names, for other matrices, and for
+        accel="brute".
         """
         self._check_movable()
         self._motion.move(name, transform)
@@ -187,13 +188,16 @@ class Renderer:
 
     def _check_movable(self) -> None:
         if self._obstacle is not None:
-            raise SceneError(f'objects move in a hierarchy, and this Renderer has {self._obstacle}: choose accel="bvh"')
+            raise SceneError(
+                f"objects move in a hierarchy or beside a grid, and this Renderer has {self._obstacle}: "
+                'choose accel="bvh"'
+            )
 
     @property
     def _obstacle(self) -> str | None:
         """The accelerator as the user wrote it, if objects cannot move in it; None if they can."""
         structure = self.integrator.structure
-        return None if structure in HIERARCHIES else f"accel={structure!r}"
+        return None if structure in MOVABLE else f"accel={structure!r}"
 
     def _follow_motion(self) -> None:
         """Update tables and accelerators to the present places of the objects, and samples to their programs' data."""

@@ -102,7 +102,7 @@ class StagedTracer:
         layers = Pixel(*(sh.Stream.empty(shape, type_, **self._place) for type_ in _LAYERS))  # type: ignore[arg-type]
         band = {**streams, **layers._asdict()}
         self._run("generate", band)
-        self._rounds(band, 0, self._run("precalculate", band).count)
+        self._rounds(band, 0, self._placed(band))
         return Pixel(*(np.asarray(layer) for layer in layers))  # type: ignore[arg-type]
 
     def _rounds(self, band: dict[str, Any], round: int, rays: int) -> None:
@@ -117,9 +117,16 @@ class StagedTracer:
             started = self.clock()
             self._follow(band)
             self._run("shade", band)
-            left = self._run("precalculate", band).count
+            left = self._placed(band)
             self.log.add(round, rays, self.clock() - started)
             round, rays = round + 1, left
+
+    def _placed(self, band: dict[str, Any]) -> int:
+        """Place rays in the grid, and let them try the objects that move beside it; return the number of rays."""
+        rays: int = self._run("precalculate", band).count
+        if "objects" in self.programs:
+            self._run("objects", band)
+        return rays
 
     def _follow(self, band: dict[str, Any]) -> None:
         """Run traverser and intersector until no ray is on its way."""

@@ -27,7 +27,7 @@ from raytracer.kernels.queries import GivenRay
 from raytracer.kernels.triangle import AheadBound, Walk
 from raytracer.kernels.walk import Found
 from raytracer.meshes import Mesh
-from raytracer.scene.layout import normal_rows, uv_rows
+from raytracer.scene.layout import Change, normal_rows, uv_rows
 from shpy import SH_IF
 
 Pose = tuple[Rows, Rows, Rows] | None
@@ -99,15 +99,20 @@ class Surfaces:
 class Precision(sh.Table):
     """A table without a use but its data: to send them to a kernel of another precision than the scene's is an error.
 
-    The kernel's text does not have it, as nothing reads it there.
+    The kernel's text does not have it, as nothing reads it there. `stale`, if it is not empty, says why programs that
+    have it no longer see the scene.
     """
+
+    stale = ""
 
     def __init__(self, precision: str) -> None:
         super().__init__([0.0], sh.Attrib1f, "precision_of_scene")
         self.precision, self.line = precision, ""
 
     def data(self, dtype: Any) -> Any:
-        """Return the data; SceneError for another precision."""
+        """Return the data; SceneError for another precision, and for a scene that has other tables now."""
+        if self.stale:
+            raise SceneError(f"{self.line}: {self.stale}")
         if np.dtype(dtype) != WORKING[self.precision]:
             other = next(name for name, floats in WORKING.items() if floats == np.dtype(dtype))
             raise SceneError(
@@ -214,6 +219,14 @@ class Component:
             found.t, found.triangle, found.uv.x, found.uv.y, hit, number,
             inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
         )  # fmt: skip
+
+    def renew(self, normals: Rows | None, changes: Sequence[Change]) -> None:
+        """Update the normals of the objects that have moved; the walk's tables have been updated."""
+        if self._normals is None or normals is None:
+            return
+        for change in changes:
+            rows = slice(3 * change.first, 3 * change.past)
+            self._normals.update(normals[rows], start=rows.start)
 
     def is_recorded(self) -> bool:
         """Return whether a program is recorded: a table's element has no number then."""

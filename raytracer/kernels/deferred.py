@@ -46,7 +46,7 @@ class SampledSurfaces:
 
     def __init__(self, surfaces: SurfaceTables, cube: LayeredCube | PlacedCubes, backend: str) -> None:
         _check(surfaces)
-        self._inputs = cube.records[:, -1].view(np.int32), cube.weights
+        self._inputs = cube.numbers_of, cube.weights
         self._program = _program(surfaces)
         self._kernel = self._program.compile(backend, loop_limit=None)
         self._table = sh.Table(self._made(), sh.Attrib2u, "shades")

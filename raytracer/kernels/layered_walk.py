@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
+from raytracer.kernels.layered_samples import Sample, sample_tables
 from raytracer.kernels.triangle import (
     AheadBound,
     PlaneView,
@@ -73,13 +72,11 @@ class LayeredIntersector(Walk):
             self.cubes = sh.Param(sh.Attrib1i, len(cube.cubes), name="cubes")
         self.bound, self.test, self.conservative = bound, cube.options["hit"], cube.options["conservative"]
         self.triangles = Triangles.of(triangles)
-        records = cube.records if cube.samples else np.zeros((1, 4 if self.test == "plane" else 2), np.uint32)
         self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
-        self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")
         self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
         self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside") if len(cube.outside) else None
         self.left_out = sh.Param(sh.Attrib1i, len(cube.outside), name="left_out")
-        self.samples = sh.Table(records, sh.Attrib4u if self.test == "plane" else sh.Attrib2u, "samples")
+        self.samples: Any = sample_tables(cube)
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:
         """Update `hit` with the samples that the ray hits at a distance in [near, hit.l), for texels from `begin` on.
@@ -116,7 +113,7 @@ class LayeredIntersector(Walk):
             major = raster.largest_axis(heading)
             with SH_FOR(0, 3) as k:
                 axis = sh.cond(major + k >= 3, major + k - 3, major + k)
-                self.walk(ImageRay(frame, way, axis), test, any_hit)
+                self.walk(ImageRay(frame, way, axis, self.samples.coding(frame, axis)), test, any_hit)
                 SH_BREAK(any_hit & (hit.id >= 0))
             test.finish()
 
@@ -163,14 +160,14 @@ class LayeredIntersector(Walk):
                 texels.look()
                 number = (image.axis * image.resolution + texels.cell.y) * image.resolution + texels.cell.x
                 texel = image.frame.texel(number, image.resolution)
-                item[:] = self.offsets[texel]
-                end[:] = self.offsets[texel + 1]
+                item[:] = self.samples.offset(texel)
+                end[:] = self.samples.offset(texel + 1)
                 near, beyond = image.depths(texels.t, texels.out)
                 far[:] = beyond
-                self.skip(item, end, near)
-                SH_BREAK((item < end) & (self.depth(item) <= far))
+                self.skip(image, item, end, near)
+                SH_BREAK((item < end) & (self.depth(image, item) <= far))
                 texels.advance()
-            with SH_WHILE(lambda: (item < end) & (self.depth(item) <= far)):
+            with SH_WHILE(lambda: (item < end) & (self.depth(image, item) <= far)):
                 self.try_sample(test, image, texels, item)
                 item += 1
             texels.advance()
@@ -181,30 +178,29 @@ class LayeredIntersector(Walk):
 
         The exact test finds a triangle by its first sample on the way, and the hit may lie texels ahead.
         """
-        sample: Any = self.samples[item]
+        sample = self.samples.sample(item, image.coding)
         hit = image.way.hit
         if not self.notes:
             test(image, texels, sample)
             return
         reach = sh.Attrib1f(hit.l)
         test(image, texels, sample)
-        is_own = hit.id == sh.Attrib1i(sample.w if self.test == "plane" else sample.y)
+        is_own = hit.id == sample.number
         is_here = (hit.l < reach) | (texels.t <= hit.l - image.way.begin)
         hit.sample[:] = sh.cond(is_own & is_here, item, hit.sample)
 
-    def skip(self, item: Any, end: Any, near: Any) -> None:
+    def skip(self, image: ImageRay, item: Any, end: Any, near: Any) -> None:
         """Go on to the first of a texel's samples at the depth `near` or beyond, by bisection."""
         last = sh.Attrib1i(end)
         with SH_WHILE(lambda: item < last):
             middle = (item + last) >> 1
-            before = self.depth(middle) < near
+            before = self.depth(image, middle) < near
             item[:] = sh.cond(before, middle + 1, item)
             last[:] = sh.cond(before, last, middle)
 
-    def depth(self, item: Any) -> Any:
+    def depth(self, image: ImageRay, item: Any) -> Any:
         """Return the depth of a sample."""
-        sample: Any = self.samples[item]
-        return sh.float_from_bits(sample.x)
+        return self.samples.depth(item, image.coding)
 
 
 class CubeTables:
@@ -245,10 +241,13 @@ class Way:
 
 
 class ImageRay:
-    """A ray in the coordinates of an image: column, row and depth at its start, and how they change along it."""
+    """A ray in the coordinates of an image: column, row and depth at its start, and how they change along it.
 
-    def __init__(self, frame: CubeTables, way: Way, axis: Any) -> None:
-        self.frame, self.way, self.axis = frame, way, axis
+    `coding` decodes the image's depths; see `layered_samples`.
+    """
+
+    def __init__(self, frame: CubeTables, way: Way, axis: Any, coding: Any) -> None:
+        self.frame, self.way, self.axis, self.coding = frame, way, axis, coding
         inverse = frame[raster.INVERSE].xyz
         self.resolution, self.block, self.blocks = (sh.Attrib1i(frame[raster.COUNTS][k]) for k in range(3))
         x, y, _ = raster.turned((way.start - frame[raster.LOW].xyz) * inverse, axis)
@@ -334,9 +333,9 @@ class ExactTest:
         self.way, self.triangles = way, walk.triangles
         self.test = TriangleTest(way.ray, way.eye, walk.bound)
 
-    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Sample) -> None:
         """Try the triangle."""
-        self.test(self.triangles, sh.Attrib1i(sample.y), self.way.near, self.way.hit)
+        self.test(self.triangles, sample.number, self.way.near, self.way.hit)
         self.way.shorten()
 
     def finish(self) -> None:
@@ -351,11 +350,11 @@ class DepthTest:
         self.pace = sh.length(way.heading)
         self.close = CLOSER if walk.test == "plane" and not walk.conservative else CLOSE
 
-    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Sample) -> None:
         """Offer the sample to the way's hit."""
-        depth = sh.float_from_bits(sample.x)
+        depth = sample.depth
         s = sh.clamp((depth - image.depth) * image.per_depth, texels.t, lower(texels.out, image.end()))
-        self.offer(image, abs(image.depth + s * image.deepening - depth) <= image.slack, s, sh.Attrib1i(sample.y))
+        self.offer(image, abs(image.depth + s * image.deepening - depth) <= image.slack, s, sample.number)
 
     def offer(self, image: ImageRay, met: Any, s: Any, number: Any) -> None:
         """Offer what is `met` at a distance from the way's start, unless it may be the surface that the ray left."""
@@ -392,14 +391,14 @@ class DepthTest:
 class PlaneTest(DepthTest):
     """The test of the plane of a sample's triangle, within the sample's texel."""
 
-    def __call__(self, image: ImageRay, texels: Cells, sample: Any) -> None:
+    def __call__(self, image: ImageRay, texels: Cells, sample: Sample) -> None:
         """Offer the plane to the way's hit."""
-        depth, slope = sh.float_from_bits(sample.x), sh.float_from_bits(sample.yz)
+        depth, slope = sample.depth, sample.slope
         middle = sh.Attrib2f(texels.cell) + 0.5
         s = (depth - image.depth + sh.dot(slope, image.place - middle)) / (image.deepening - sh.dot(slope, image.pace))
         beside = abs(image.at(s) - middle)
         met = (beside.x <= 0.5 + raster.MARGIN) & (beside.y <= 0.5 + raster.MARGIN)
-        self.offer(image, met, s, sh.Attrib1i(sample.w))
+        self.offer(image, met, s, sample.number)
 
 
 TESTS: dict[str, Any] = {"sample": DepthTest, "plane": PlaneTest, "triangle": ExactTest}

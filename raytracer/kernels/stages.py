@@ -6,6 +6,7 @@ both share: a stream holds what a variable holds there, to the bit.
 
     generate     makes the eye ray of each pixel: active
     precalculate finds the first cell of an active ray that has none yet: dead, wait or active
+    objects      tries the objects that move, which are not in the grid: inactive for a shadow ray that met one
     traverse     goes on from cell to cell: wait where there are triangles; inactive or overflow at the end
     intersect    tries the triangles of a cell: inactive for a shadow ray that met one; else active
     shade        takes in what the ray met, and makes its pixel's next ray: active or finished
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple, cast
 
 import shpy as sh
 from raytracer.accel.bounds import far
+from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
 from raytracer.kernels.tracer import PathState, Pixel, Tracer
@@ -114,6 +116,13 @@ class Placed(NamedTuple):
     state: sh.Attrib1i
 
 
+class Tried(NamedTuple):
+    """The outputs of the walk through the objects that move."""
+
+    nearest: Nearest
+    state: sh.Attrib1i
+
+
 class Traversed(NamedTuple):
     """The outputs of the traverser."""
 
@@ -142,6 +151,7 @@ def point_of(tracer: Tracer) -> Any:
 WRITES = {
     "generate": Generated._fields,
     "precalculate": Placed._fields,
+    "objects": Tried._fields,
     "traverse": Traversed._fields,
     "intersect": Intersected._fields,
     "shade": tuple(SHADED),
@@ -150,11 +160,18 @@ WRITES = {
 
 
 def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
-    """Record the programs of a tracer's stages; return them by name. Its accelerator is a grid."""
-    walk = tracer.intersector
+    """Record the programs of a tracer's stages; return them by name. Its accelerator is a grid.
+
+    Where objects move beside the grid, they have a stage of their own.
+    """
+    walk, moving_objects = tracer.intersector, {}
+    if isinstance(walk, GridBeside):
+        moving_objects = {"objects": _objects(walk)}
+        walk.grid.accept = walk.accept
+        walk = walk.grid
     assert isinstance(walk, GridIntersector)
     at_once = sh.Param(sh.Attrib1i, AT_ONCE, name="at_once")
-    return {
+    return moving_objects | {
         "generate": generator(tracer, rays),
         "precalculate": _precalculation(walk),
         "traverse": _traverser(walk, at_once),
@@ -228,6 +245,18 @@ def _precalculation(walk: GridIntersector) -> Any:
         return Placed(Cell(cells.t, cells.voxel), items, nearest, state)
 
     return precalculate
+
+
+def _objects(walk: GridBeside) -> Any:
+    @sh.program
+    def objects(ray: Ray, nearest: Nearest, state: sh.Attrib1i) -> Tried:
+        SH_DISCARD(state == FINISHED)
+        hit = RayHit.held_in(nearest, walk.accept)
+        walk.objects.collect(hit, ray.direction, ray.eye, 0.0, 0.0, ~ray.tracing)
+        state[:] = sh.cond(~ray.tracing & (nearest.id >= 0), INACTIVE, state)
+        return Tried(nearest, state)
+
+    return objects
 
 
 def _traverser(walk: GridIntersector, at_once: Any) -> Any:

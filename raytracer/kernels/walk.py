@@ -14,6 +14,7 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid
+from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
@@ -101,8 +102,8 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     Not among objects that move: the wide nodes gather boxes of several levels and lie in the order of the whole
     hierarchy, so that no part of them belongs to one object and could be replaced by itself.
     """
-    exact = walk_through(layout.structure, layout.triangles, backend, layout.roundoff)
     bound = AheadBound(layout.roundoff)
+    exact = exact_walk(layout, backend, bound)
     if layout.secondary is not None:
         notes = layout.secondary.options["shading"] == "deferred"
         secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
@@ -116,6 +117,14 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     return exact
 
 
+def exact_walk(layout: Layout, backend: str, bound: AheadBound | None) -> Walk:
+    """Return the walk through the exact accelerator of a layout, and the objects that move beside it."""
+    structure, forest = layout.structure, layout.forest
+    if forest is not None and isinstance(structure, Grid):
+        return GridBeside(structure, forest, layout.triangles, backend in TOGETHER, bound)
+    return walk_with(structure, layout.triangles, backend, bound)
+
+
 def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]) -> None:
     """Update the tables of a walk through moving objects after changes."""
     if isinstance(walk, SplitWalk):
@@ -123,7 +132,7 @@ def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]
         assert isinstance(layout.secondary, PlacedCubes)
         walk.secondary.renew(layout.secondary)
         walk = walk.exact
-    assert isinstance(walk, BvhIntersector)
+    assert isinstance(walk, BvhIntersector | GridBeside)
     assert layout.forest is not None
     walk.renew(layout.forest, changes)
 

@@ -18,6 +18,7 @@ import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError
 from raytracer.layered import raster
+from raytracer.layered.halves import Codes, decoded, depth_codes
 from raytracer.layered.peeling import Spans, peeled
 from raytracer.memory import free_bytes
 
@@ -32,7 +33,8 @@ class Samples:
 
     `depths` (n,), `triangles` (n,) and `slopes` (n, 2) are those of the samples (see `raster.Sample`), `ranges`
     and `slices`, each (3 B B, 2), those of the blocks (see `raster.Block`), B blocks along a side. `weights` (n, 2) are
-    those of corners 1 and 2 of a sample's triangle, at the sample; None where nothing is shaded from samples.
+    those of corners 1 and 2 of a sample's triangle, at the sample; None where nothing is shaded from samples. `halves`
+    (n,) are the bits of binary16 that `depths` were decoded from (see `halves`); None for depths of binary32.
     """
 
     offsets: NDArray[np.int32]
@@ -42,6 +44,7 @@ class Samples:
     ranges: NDArray[np.float32]
     slices: NDArray[np.uint32]
     weights: NDArray[np.float32] | None = None
+    halves: Codes | None = None
 
 
 class Scanlines:
@@ -92,12 +95,18 @@ class Scanlines:
 
 
 def build_samples(
-    triangles: NDArray[Any], frame: NDArray[np.float32], conservative: bool, backend: str, builder: str, shaded: bool
+    triangles: NDArray[Any],
+    frame: NDArray[np.float32],
+    conservative: bool,
+    backend: str,
+    builder: str,
+    shaded: bool,
+    half: bool = False,
 ) -> Samples:
     """Return the samples of triangles (see `triangle_rows`) in the raster of a `frame` (see `raster`).
 
-    `builder` is one of BUILDERS; `shaded` asks for weights. Raises SceneError if there are more samples than memory
-    holds.
+    `builder` is one of BUILDERS; `shaded` asks for weights, `half` for depths of binary16. Raises SceneError if there
+    are more samples than memory holds.
     """
     if not len(triangles):
         return nothing(*(int(frame[raster.COUNTS, k]) for k in (0, 2)))
@@ -105,11 +114,16 @@ def build_samples(
     found = BUILDERS[builder](lines)
     if found is None:
         return nothing(lines.resolution, lines.blocks)
-    offsets, depths, _, _ = found
+    offsets, depths, triangle, slopes = found
+    halves = None
+    if half:
+        texels = np.asarray(offsets)
+        halves = depth_codes(frame, texels, np.asarray(depths))
+        depths = sh.Stream(decoded(frame, texels, halves), sh.Attrib1f, backend=backend)
     coarse = raster.coarse_blocks().compile(backend, loop_limit=None)
     blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
-    samples = Samples(*(np.asarray(part) for part in (*found, *blocks)))
-    return replace(samples, weights=lines.weights(samples)) if shaded else samples
+    samples = Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, *blocks)))
+    return replace(samples, halves=halves, weights=lines.weights(samples) if shaded else None)
 
 
 def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
@@ -151,7 +165,8 @@ def nothing(resolution: int, blocks: int) -> Samples:
     ranges = np.tile(np.array([FAR, -FAR], np.float32), (3 * blocks**2, 1))
     offsets, slopes = np.zeros(3 * resolution**2 + 1, np.int32), np.zeros((0, 2), np.float32)
     slices = np.zeros((3 * blocks**2, 2), np.uint32)
-    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges, slices, slopes)
+    halves = np.zeros(0, np.uint16)
+    return Samples(offsets, slopes[:, 0], np.zeros(0, np.int32), slopes, ranges, slices, slopes, halves)
 
 
 def check_count(count: int, what: str) -> None:

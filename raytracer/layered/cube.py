@@ -25,10 +25,12 @@ from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.layered import raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
+from raytracer.layered.halves import ERROR, STEEPEST, Codes, HalfTables, slope_codes
 from raytracer.meshes import Mesh
 
 HITS = ("sample", "plane", "triangle")
 SHADINGS = ("exact", "deferred")
+DEPTHS = ("single", "half")
 MAX_RESOLUTION = 8192
 """Texels along a side, so that an index counts the texels of three images."""
 _RESOLUTION, _BLOCK = 1024, 16
@@ -71,6 +73,9 @@ class LayeredCube:
     With `shading="deferred"` a hit in a picture takes the colour and the normal of its sample, as in the paper. They
     are interpolated and textured once per sample, and take 8 bytes each.
 
+    With `depths="half"` depths are binary16, as in the paper, and slopes have 8 bits (see `layered.halves`), which
+    takes about half the memory; with "single" both are binary32.
+
     `images` are the samples (see `Samples`), `triangles` (3N, 4) the triangles they belong to, `frame` (8, 4) the
     raster (see `layered.raster`); `build_seconds` is the time to build them, compilation included.
 
@@ -86,6 +91,7 @@ class LayeredCube:
     conservative: bool
     tolerance: float | None
     shading: str
+    depths: str
     build_seconds: float
 
     @classmethod
@@ -101,6 +107,7 @@ class LayeredCube:
         conservative: bool | None = None,
         builder: str = "sort",
         shading: str = "exact",
+        depths: str = "single",
     ) -> LayeredCube:
         """Return the cube of a mesh, or of all meshes of a scene, built on a backend.
 
@@ -108,10 +115,11 @@ class LayeredCube:
         is half the sum of a texel's sides; `conservative` None is True for "triangle", False for the others.
         `builder` is how samples are put into order, with the same result: "sort", by collective operations, or "peel",
         by drawing layer after layer with OpenGL, for backend "glsl". `shading` is "exact", from the triangle that was
-        hit, or "deferred", from the sample.
+        hit, or "deferred", from the sample. `depths` is "single" or "half", which hit="triangle" does not take.
 
-        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, `builder`
-        or `shading`, and for more samples than memory holds; sh.BackendUnavailable for a missing backend.
+        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, `builder`,
+        `shading` or `depths`, for half depths with hit="triangle", and for more samples than memory holds;
+        sh.BackendUnavailable for a missing backend.
         """
         backend = backend or sh.default_backend()
         _check(mesh_or_scene, resolution, block, hit, tolerance)
@@ -120,19 +128,23 @@ class LayeredCube:
         _check_builder(builder, backend)
         if shading not in SHADINGS:
             raise SceneError(f"shading is one of {', '.join(map(repr, SHADINGS))}, not {shading!r}")
+        _check_depths(depths, hit)
         started = time.perf_counter()
         meshes: Any = (mesh_or_scene,) if isinstance(mesh_or_scene, Mesh) else mesh_or_scene.meshes
         corners, _, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in meshes)]), "f32")
         conservative = hit == "triangle" if conservative is None else bool(conservative)
         inside, outside = _apart(corners)
         some = corners[inside]
-        frame = _frame(some, resolution, block, None if tolerance is None else tolerance * scale, hit)
-        images = build_samples(triangle_rows(some), frame, conservative, backend, builder, shading == "deferred")
+        width = None if tolerance is None else tolerance * scale
+        half, shaded = depths == "half", shading == "deferred"
+        frame = _frame(some, resolution, block, width, hit, half)
+        images = build_samples(triangle_rows(some), frame, conservative, backend, builder, shaded, half)
         if len(outside):
             images = replace(images, triangles=inside[images.triangles])
         _limit(frame, images)
         seconds = time.perf_counter() - started
-        return cls(images, triangle_rows(corners), outside, frame, hit, conservative, tolerance, shading, seconds)
+        rows, options = triangle_rows(corners), (hit, conservative, tolerance, shading, depths)
+        return cls(images, rows, outside, frame, *options, seconds)
 
     @property
     def resolution(self) -> int:
@@ -159,7 +171,9 @@ class LayeredCube:
     def nbytes(self) -> int:
         """The bytes of the tables through which rays walk, without the triangles, which every accelerator has."""
         shades = 8 * self.samples if self.shading == "deferred" else 0
-        return self.images.offsets.nbytes + self.blocks.nbytes + self.records.nbytes + shades
+        half = self.depths == "half"
+        samples = HalfTables.of(self).nbytes if half else self.images.offsets.nbytes + self.records.nbytes
+        return self.blocks.nbytes + samples + shades
 
     @property
     def records(self) -> NDArray[np.uint32]:
@@ -168,6 +182,19 @@ class LayeredCube:
         if self.hit == "plane":
             parts.insert(1, self.images.slopes.view(np.uint32))
         return np.concatenate(parts, axis=1)
+
+    @property
+    def numbers_of(self) -> NDArray[np.int32]:
+        """The number of the triangle of each sample, (n,)."""
+        return self.images.triangles
+
+    @property
+    def codes(self) -> tuple[Codes, Codes | None]:
+        """The half depths of samples, and for "plane" their slopes, as 16 bits each; see `layered.halves`."""
+        images = self.images
+        assert images.halves is not None
+        slopes = slope_codes(self.frame, images.offsets, images.slopes) if self.hit == "plane" else None
+        return images.halves, slopes
 
     @property
     def weights(self) -> NDArray[np.float32]:
@@ -191,6 +218,7 @@ class LayeredCube:
         return {
             "resolution": self.resolution, "block": self.block, "hit": self.hit,
             "tolerance": self.tolerance, "conservative": self.conservative, "shading": self.shading,
+            "depths": self.depths,
         }  # fmt: skip
 
     def check_triangles(self, triangles: NDArray[Any]) -> None:
@@ -201,8 +229,9 @@ class LayeredCube:
             )
 
     def __repr__(self) -> str:
+        half = ", half depths" if self.depths == "half" else ""
         return (
-            f"<LayeredCube {self.resolution}^2 of {len(self.triangles) // 3:,} triangles, hit={self.hit!r}: "
+            f"<LayeredCube {self.resolution}^2 of {len(self.triangles) // 3:,} triangles, hit={self.hit!r}{half}: "
             f"{self.samples:,} samples, layers {self.layers}, {self.nbytes / 2**20:.1f} MiB>"
         )
 
@@ -210,22 +239,39 @@ class LayeredCube:
 def is_layered(accel: str) -> bool:
     """Return whether the name of an accelerator is "ldc", "ldc:resolution", or this with ":hit" or ":hit:shading".
 
-    Raises SceneError for a name that begins like these and goes on otherwise.
+    A last ":half" is for depths in binary16. Raises SceneError for a name that begins like these and goes on otherwise.
     """
     name, *more = str(accel).split(":")
     if name != "ldc":
         return False
-    if len(more) > 3 or (more and not (more[0].isascii() and more[0].isdigit())):
-        raise SceneError(f'a layered depth cube is "ldc", "ldc:1024" or "ldc:1024:triangle", not {accel!r}')
+    words, half = _words(more)
+    if len(words) > 3 or (more and not (more[0].isascii() and more[0].isdigit())):
+        raise SceneError(
+            f'a layered depth cube is "ldc", "ldc:1024", "ldc:1024:half" or "ldc:1024:triangle", not {accel!r}'
+        )
+    _check_depths("half" if half else "single", _hit_and_shading(words)[0], words[0] if words else "")
     return True
 
 
 def cube_of(accel: str, mesh_or_scene: Mesh | HasMeshes, backend: str | None) -> LayeredCube:
     """Return the cube that an accelerator's name stands for; see `is_layered`."""
-    _, *more = accel.split(":")
-    resolution = int(more[0]) if more else _RESOLUTION
-    hit, shading = (*more[1:], *("plane", "exact")[len(more[1:]) :])
-    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=hit, shading=shading)
+    words, half = _words(accel.split(":")[1:])
+    resolution = int(words[0]) if words else _RESOLUTION
+    hit, shading = _hit_and_shading(words)
+    depths = "half" if half else "single"
+    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=hit, shading=shading, depths=depths)
+
+
+def _words(more: list[str]) -> tuple[list[str], bool]:
+    """Return the words of an accelerator's name after "ldc" without a last "half", and whether there is one."""
+    half = len(more) > 1 and more[-1] == "half"
+    return (more[:-1] if half else more), half
+
+
+def _hit_and_shading(words: list[str]) -> tuple[str, str]:
+    """Return the hit test and the shading of an accelerator's words, which begin with the resolution."""
+    hit, shading = (*words[1:3], *("plane", "exact")[len(words[1:3]) :])
+    return hit, shading
 
 
 def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance: Any) -> None:
@@ -242,6 +288,17 @@ def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance:
         raise SceneError(f'tolerance is for hit="sample": hit={hit!r} needs none')
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number) or not 0 <= tolerance < np.inf:
         raise SceneError(f"tolerance is a length of 0 or more, not {tolerance!r}")
+
+
+def _check_depths(depths: Any, hit: str, resolution: str = "") -> None:
+    if depths not in DEPTHS:
+        raise SceneError(f"depths is one of {', '.join(map(repr, DEPTHS))}, not {depths!r}")
+    if depths == "half" and hit == "triangle":
+        size = resolution or str(_RESOLUTION)
+        raise SceneError(
+            f'half depths are rounded, and hit="triangle" is exact: write "ldc:{size}:triangle" for exact hits, '
+            f'or "ldc:{size}:half" for less memory and the hits of hit="plane"'
+        )
 
 
 def _check_builder(builder: str, backend: str) -> None:
@@ -261,7 +318,7 @@ def _apart(corners: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.
 
 
 def _frame(
-    corners: NDArray[np.float64], resolution: int, block: int, tolerance: float | None, hit: str
+    corners: NDArray[np.float64], resolution: int, block: int, tolerance: float | None, hit: str, half_depths: bool
 ) -> NDArray[np.float32]:
     """Return the raster over the box of `corners`, which are those of a kernel; see `layered.raster`."""
     frame = np.zeros((8, 4))
@@ -278,6 +335,9 @@ def _frame(
     frame[raster.SLACK, :3] = half * (1 + 2 * raster.MARGIN) + _ROUNDING * max(
         float(np.abs([low, high]).max()), largest
     )
+    if half_depths:
+        sizes = (frame[raster.HIGH] - frame[raster.LOW])[:3] / 2 + 2 * half
+        frame[raster.SLACK, :3] += half / STEEPEST + ERROR * sizes
     if hit == "sample":
         frame[raster.SLACK, :3] = half if tolerance is None else tolerance
     frame[raster.COUNTS] = resolution, block, -(-resolution // block), raster.SLICES / resolution

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from raytracer.accel.space import to_kernel
 from raytracer.layered.cube import LayeredCube
+from raytracer.layered.halves import Codes
 from raytracer.meshes import Mesh
 
 
@@ -119,9 +120,20 @@ class PlacedCubes:
         parts = []
         for cube, numbers in zip(self.cubes, self.numbers, strict=True):
             found = cube.records
-            found[:, -1] = numbers[cube.images.triangles].view(np.uint32)
+            found[:, -1] = numbers[cube.numbers_of].view(np.uint32)
             parts.append(found)
         return np.concatenate(parts)
+
+    @property
+    def numbers_of(self) -> NDArray[np.int32]:
+        """The number in the scene of the triangle of each sample."""
+        return np.concatenate([n[cube.numbers_of] for cube, n in zip(self.cubes, self.numbers, strict=True)])
+
+    @property
+    def codes(self) -> tuple[Codes, Codes | None]:
+        """The half depths of samples, and for "plane" their slopes, as 16 bits each; see `layered.halves`."""
+        depths, slopes = zip(*(cube.codes for cube in self.cubes), strict=True)
+        return np.concatenate(depths), None if slopes[0] is None else np.concatenate(slopes)
 
     @property
     def weights(self) -> NDArray[np.float32]:

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build
-from raytracer.accel.forest import Forest
-from raytracer.accel.grid import Grid
+from raytracer.accel.forest import Forest, still_of
+from raytracer.accel.grid import Grid, build_part
 from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, placed, rounded, to_kernel, triangle_rows
@@ -63,8 +63,8 @@ class Layout:
     `secondary` is the cube that all rays but those from the eye go through, or the cubes of objects that move; None
     where they go through `structure`.
 
-    `forest` is the hierarchy of moving objects, of which `structure` is the joined one; None if none moves. Where one
-    does, rows are held in the working precision.
+    `forest` is the hierarchy of moving objects, of which `structure` is the joined one, or beside which `structure` is
+    the grid of the other triangles; None if none moves. Where one does, rows are held in the working precision.
     """
 
     origin: NDArray[np.float64]
@@ -96,7 +96,7 @@ class Layout:
     ) -> Layout:
         """Return the layout of a scene of at least one triangle, for kernels that work at `precision`; see `build`.
 
-        `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a hierarchy.
+        `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a hierarchy or a grid.
         """
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
         corners = np.concatenate([mesh.corners for mesh in meshes])
@@ -108,11 +108,17 @@ class Layout:
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
         check_range(scene, materials)
-        forest = Forest(corners, ranges, dtype, accel, backend) if moving else None
+        forest = _forest(corners, ranges, dtype, accel, backend) if moving else None
+        structure: Grid | Bvh
+        if forest is not None:
+            is_grid = accel == "grid"
+            structure = build_part(corners, still_of(len(corners), ranges), across) if is_grid else forest.bvh
+        else:
+            structure = build(accel, corners, precision, across, backend)
         found = cls(
             origin=origin,
             scale=scale,
-            structure=build(accel, corners, precision, across, backend) if forest is None else forest.bvh,
+            structure=structure,
             dtype=dtype,
             triangles=triangle_rows(corners),
             normals=normal_rows(meshes),
@@ -239,6 +245,13 @@ class Layout:
             for material in self.materials
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _forest(corners: Rows, ranges: Sequence[tuple[int, int]], dtype: np.dtype[Any], accel: str, backend: str) -> Forest:
+    """Return the hierarchies of moving objects, without that of the other triangles where these lie in a grid."""
+    if accel == "grid":
+        return Forest(corners, ranges, dtype, backend=backend, static=False)
+    return Forest(corners, ranges, dtype, accel, backend)
 
 
 def check_range(scene: Scene, materials: Sequence[Material]) -> None:

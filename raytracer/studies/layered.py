@@ -47,18 +47,23 @@ _AMPLIFIED = 8
 
 @dataclass(frozen=True)
 class Plan:
-    """The measurements: `framed` are the resolutions of Table 1, `tolerances` those of the hit test "sample"."""
+    """The measurements: `framed` are the resolutions of Table 1, `tolerances` those of the hit test "sample".
+
+    `blocks` are the sizes of the blocks of the coarse level, compared at the first of `framed`. The last size is the
+    whole image: no coarse level.
+    """
 
     size: tuple[int, int]
     framed: tuple[int, ...]
     resolutions: tuple[int, ...]
     tolerances: tuple[float, ...]
+    blocks: tuple[int, ...]
     studied: str = "knot"
     """The model whose errors are measured over all of these."""
 
 
-FULL = Plan((1280, 1024), (512, 1024), (128, 256, 512, 1024, 2048), (1e-4, 1e-3, 1e-2))
-QUICK = Plan((64, 48), (32,), (32,), (1e-2,))
+FULL = Plan((1280, 1024), (512, 1024), (128, 256, 512, 1024, 2048), (1e-4, 1e-3, 1e-2), (1, 4, 16, 64, 512))
+QUICK = Plan((64, 48), (32,), (32,), (1e-2,), (4, 32))
 
 
 @dataclass(frozen=True)
@@ -94,15 +99,23 @@ class Study:
             head = ["hit test", "texels", "build ms", "MiB", "secondary rays", "RMSE/255", "FLIP"]
             head += [f"{kind}: missed / false / misplaced" for kind in KINDS]
             yield table(f"Errors, {self.plan.studied}, {backend}", head, rows)
+        for backend in self.backends:
+            rows = [_block_row(m) for m in self._of(backend) if m.case.block is not None]
+            title = f"Blocks of the coarse level, {self.plan.studied}, {self.plan.framed[0]}² plane, {backend}"
+            head = ["block", "build ms", "MiB", "secondary rays", *(f"{kind} ms" for kind in KINDS)]
+            yield table(title, head, rows)
 
     def _of(self, backend: str) -> list[Measured]:
         return [m for m in self.measured if m.case.backend == backend]
 
     def studied(self, backend: str) -> list[Measured]:
         """Return the cubes of the model whose errors are studied, by test and resolution."""
-        found = [m for m in self._of(backend) if m.case.model == self.plan.studied and m.case.accel == "ldc"]
+        cubes = [m for m in self._of(backend) if m.case.model == self.plan.studied and m.case.accel == "ldc"]
+        found = [m for m in cubes if m.case.block is None]
         order = {test: k for k, test in enumerate(_TESTS)}
-        return sorted(found, key=lambda m: (order[m.case.hit], m.case.tolerance or 0, m.case.resolution))
+        return sorted(
+            found, key=lambda m: (order[m.case.hit], m.case.depths == "half", m.case.tolerance or 0, m.case.resolution)
+        )
 
     def json(self) -> dict[str, Any]:
         """Return everything but pictures, for `json.dump`."""
@@ -181,7 +194,7 @@ class Study:
         found = {
             m.case.hit: m.pixels
             for m in self.studied(backend)
-            if (m.case.resolution, m.case.tolerance) == (resolution, None)
+            if (m.case.resolution, m.case.tolerance, m.case.depths) == (resolution, None, "single")
         }
         exact = [m.pixels for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "bvh")]
         if not found or not exact:
@@ -222,6 +235,12 @@ def _error_row(m: Measured) -> list[str]:
     return [m.case.test, str(m.case.resolution), build, memory, f"{m.cost:.2f} x", *_error(m), *shares]
 
 
+def _block_row(m: Measured) -> list[str]:
+    times = [f"{1e3 * w.seconds:.0f}" for w in m.wrong.values()]
+    build, memory = f"{1e3 * m.build_seconds:.0f}", f"{m.nbytes / 2**20:.1f}"
+    return [str(m.case.block), build, memory, f"{m.cost:.2f} x", *times]
+
+
 def _error(m: Measured) -> list[str]:
     return [f"{m.errors['rmse']:.3g}", f"{m.errors['flip']:.4f}" if "flip" in m.errors else ""]
 
@@ -235,6 +254,14 @@ def cases(backends: Sequence[str], given: Sequence[Model], plan: Plan) -> list[C
     wanted += [Case(*name, "bvh") for name in names]
     wanted += [Case(*name, "ldc", resolution, "plane") for name in names for resolution in plan.framed]
     wanted += [Case(*name, "grid") for name in names]
+    rounded = [test for test in _TESTS if test != "triangle"]
+    wanted += [
+        Case(*name, "ldc", resolution, hit, depths="half")
+        for name in studied
+        for hit in rounded
+        for resolution in plan.resolutions
+    ]
+    wanted += [Case(*name, "ldc", plan.framed[0], "plane", block=block) for name in studied for block in plan.blocks]
     wanted += [
         Case(*name, "ldc", resolution, "sample", tolerance)
         for name in studied
@@ -272,7 +299,9 @@ def study(
     clock = time.process_time if cpu else time.perf_counter
     benches = {(m.name, name): Bench(m, name, plan.size, clock) for m in given for name in devices}
     for case in in_time(wanted, minutes, progress):
-        framed = case.accel != "ldc" or (case.resolution in plan.framed and case.tolerance is None)
+        framed = case.accel != "ldc" or (
+            case.resolution in plan.framed and case.tolerance is None and case.block is None
+        )
         measured.append(benches[case.model, case.backend].measure(case, framed=framed))
     return Study(machine(), devices, plan, tuple(measured), tuple(wanted[len(measured) :]), cpu)
 

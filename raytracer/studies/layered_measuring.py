@@ -66,6 +66,8 @@ class Case:
     resolution: int = 0
     hit: str = ""
     tolerance: float | None = None
+    depths: str = "single"
+    block: int | None = None
 
     def __str__(self) -> str:
         if self.accel != "ldc":
@@ -74,8 +76,9 @@ class Case:
 
     @property
     def test(self) -> str:
-        """The hit test with its tolerance."""
-        return self.hit if self.tolerance is None else f"{self.hit} {self.tolerance:g}"
+        """The hit test with its tolerance, and "half" for half depths."""
+        tolerance = "" if self.tolerance is None else f" {self.tolerance:g}"
+        return f"{self.hit}{tolerance}{' half' if self.depths == 'half' else ''}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,14 +247,15 @@ class Bench:
 
     def _build(self, case: Case, scene: Scene) -> tuple[float, Any]:
         """Build the accelerator of a case; return the seconds and the accelerator."""
-        options: dict[str, Any] = {"backend": self.backend, "hit": case.hit, "tolerance": case.tolerance}
+        options: dict[str, Any] = {"hit": case.hit, "tolerance": case.tolerance, "depths": case.depths}
+        options |= {} if case.block is None else {"block": case.block}
         if case.accel != "ldc":
             corners = np.concatenate([mesh.corners for mesh in scene.meshes])
             started = self.clock()
             found: Any = build(case.accel, corners, backend=self.backend)
         else:
             started = self.clock()
-            found = LayeredCube.of(scene, case.resolution, **options)
+            found = LayeredCube.of(scene, case.resolution, backend=self.backend, **options)
         return self.clock() - started, found
 
     def _renderer(self, case: Case, frame: int, structure: Any) -> Renderer:

@@ -6,12 +6,12 @@ import pytest
 from raytracer import Camera, DirectionalLight, Intersector, Material, Mesh, PointLight, Scene, cli, render
 from raytracer.accel.bvh import build_bvh
 from raytracer.accel.space import triangle_rows
-from raytracer.intersector import alike
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
+from raytracer.rays import alike
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 

@@ -6,10 +6,9 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from random_scenes import Part, Sketch, known, rays, sketches
 
 from raytracer import Intersector, Mesh
-from raytracer.intersector import Hits
 from raytracer.kernels import queries
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.rays import Rays
+from raytracer.rays import Hits, Rays
 
 CELLS = 2**12
 """Cells from the grid's middle within which a ray must begin for the grid to give the hits of the others.

@@ -1,0 +1,172 @@
+"""The samples of layered depth cubes as a walk reads them: in binary32, or with depths of binary16.
+
+Stage: kernel. A table gives where the samples of texels begin, the depth of a sample, and a `Sample` with its slope and
+its triangle. Numbers of 16 bits are decoded by operations on integers, so every device has the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+import shpy as sh
+from raytracer.layered import raster
+from raytracer.layered.cube import LayeredCube
+from raytracer.layered.halves import STEEPEST, HalfTables
+from raytracer.layered.placed import PlacedCubes
+
+_SIGN, _REST = 0x8000, 0x7FFF
+_EXPONENT = (127 - 15) << 23
+"""The difference between the biases of the exponents of binary32 and binary16, at its place."""
+
+
+class Sample(Protocol):
+    """A sample: its depth, how that changes by a texel along a row and a column, and the number of its triangle."""
+
+    @property
+    def depth(self) -> Any:
+        """The depth of the sample."""
+
+    @property
+    def slope(self) -> Any:
+        """The change of the depth, for hit="plane"."""
+
+    @property
+    def number(self) -> Any:
+        """The number of the triangle."""
+
+
+def sample_tables(cube: LayeredCube | PlacedCubes) -> SingleSamples | HalfSamples:
+    """Return the tables of the samples of a cube, or of several."""
+    return HalfSamples(cube) if cube.options["depths"] == "half" else SingleSamples(cube)
+
+
+class SingleSamples:
+    """Samples in binary32: a row for each, with bits of the depth, slopes for hit="plane", and the triangle."""
+
+    def __init__(self, cube: LayeredCube | PlacedCubes) -> None:
+        self.has_slopes = cube.options["hit"] == "plane"
+        records = cube.records if cube.samples else np.zeros((1, 4 if self.has_slopes else 2), np.uint32)
+        self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")
+        self.samples = sh.Table(records, sh.Attrib4u if self.has_slopes else sh.Attrib2u, "samples")
+
+    def coding(self, frame: Any, axis: Any) -> None:
+        """Return what decodes the depths of an image, which these do not need."""
+
+    def offset(self, texel: Any) -> Any:
+        """Return where the samples of a texel begin."""
+        return self.offsets[texel]
+
+    def depth(self, item: Any, coding: None) -> Any:
+        """Return the depth of a sample."""
+        sample: Any = self.samples[item]
+        return sh.float_from_bits(sample.x)
+
+    def sample(self, item: Any, coding: None) -> SingleSample:
+        """Return a sample."""
+        sample: Any = self.samples[item]
+        return SingleSample(sample, self.has_slopes)
+
+
+@dataclass(frozen=True)
+class SingleSample:
+    """A row of `SingleSamples`."""
+
+    row: Any
+    has_slopes: bool
+
+    @property
+    def depth(self) -> Any:
+        """The depth of the sample."""
+        return sh.float_from_bits(self.row.x)
+
+    @property
+    def slope(self) -> Any:
+        """The change of the depth by a texel along a row and a column."""
+        slope: Any = sh.float_from_bits(self.row.yz)
+        return slope
+
+    @property
+    def number(self) -> Any:
+        """The number of the triangle."""
+        return sh.Attrib1i(self.row.w if self.has_slopes else self.row.y)
+
+
+class DepthCoding:
+    """What decodes the samples of an image: the middle of its depths, their unit, and the slopes of code 1."""
+
+    def __init__(self, frame: Any, axis: Any) -> None:
+        low, high = (raster.turned(frame[k].xyz, axis)[2] for k in (raster.LOW, raster.HIGH))
+        self.middle, self.unit = (low + high) * 0.5, (high - low) * 0.5
+        across, down, _ = raster.turned(frame[raster.SIZE].xyz, axis)
+        self.steps = sh.Attrib2f(across, down) / STEEPEST
+
+
+class HalfSamples:
+    """Samples whose depths are binary16; see `layered.halves`."""
+
+    def __init__(self, cube: LayeredCube | PlacedCubes) -> None:
+        tables = HalfTables.of(cube)
+        triangles = tables.triangles if len(tables.triangles) else np.zeros(1, np.int32)
+        self.depths = sh.Table(tables.depths, sh.Attrib1u, "depths")
+        self.slopes = None if tables.slopes is None else sh.Table(tables.slopes, sh.Attrib1u, "slopes")
+        self.triangles = sh.Table(triangles, sh.Attrib1i, "numbers")
+        self.bases = sh.Table(tables.offsets.bases, sh.Attrib1i, "bases")
+        self.starts = sh.Table(tables.offsets.starts, sh.Attrib1u, "starts")
+        self.shift = sh.Param(sh.Attrib1i, tables.offsets.shift, name="shift")
+
+    def coding(self, frame: Any, axis: Any) -> DepthCoding:
+        """Return what decodes the samples of an image."""
+        return DepthCoding(frame, axis)
+
+    def offset(self, texel: Any) -> Any:
+        """Return where the samples of a texel begin."""
+        return self.bases[texel >> self.shift] + sh.Attrib1i(code_of(self.starts, texel))
+
+    def depth(self, item: Any, coding: DepthCoding) -> Any:
+        """Return the depth of a sample."""
+        code = code_of(self.depths, item)
+        bits = ((code & _SIGN) << 16) | (((code & _REST) << 13) + _EXPONENT)
+        return sh.float_from_bits(bits) * coding.unit + coding.middle
+
+    def slope(self, item: Any, coding: DepthCoding) -> Any:
+        """Return the change of the depth by a texel along a row and a column."""
+        assert self.slopes is not None
+        code = code_of(self.slopes, item)
+        return (sh.Attrib2f(sh.Attrib1f(code & 0xFF), sh.Attrib1f(code >> 8)) - STEEPEST) * coding.steps
+
+    def sample(self, item: Any, coding: DepthCoding) -> HalfSample:
+        """Return a sample."""
+        return HalfSample(self, item, coding)
+
+
+@dataclass(frozen=True)
+class HalfSample:
+    """The sample at a place of `HalfSamples`."""
+
+    samples: HalfSamples
+    item: Any
+    coding: DepthCoding
+
+    @property
+    def depth(self) -> Any:
+        """The depth of the sample."""
+        return self.samples.depth(self.item, self.coding)
+
+    @property
+    def slope(self) -> Any:
+        """The change of the depth by a texel along a row and a column."""
+        return self.samples.slope(self.item, self.coding)
+
+    @property
+    def number(self) -> Any:
+        """The number of the triangle."""
+        return self.samples.triangles[self.item]
+
+
+def code_of(table: Any, item: Any) -> Any:
+    """Return the 16 bits at a place of a table of pairs."""
+    word: Any = table[item >> 1]
+    return (word >> sh.Attrib1u((item & 1) << 4)) & 0xFFFF

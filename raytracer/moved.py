@@ -1,0 +1,134 @@
+"""The objects of a scene that an Intersector moves one by one: their accelerators, and the tables that walks read.
+
+Stage: query. As in a `Renderer`, an object that has moved once has a hierarchy or a cube of its own, and a move changes
+only the parts of tables that it has.
+
+    moved = MovedObjects(scene, "bvh", "f32", "opencl")
+    moved.move("wheel", transform)                       # True: `walk` is another one
+    moved.move("wheel", transform)                       # False: the tables of `walk` have changed
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raytracer.accel.choice import MOVABLE
+from raytracer.accel.space import frame_of
+from raytracer.appearance.materials import Material
+from raytracer.errors import SceneError
+from raytracer.integrators.cubes import follow, object_cubes
+from raytracer.integrators.integrator import Whitted
+from raytracer.integrators.motion import Motion, all_or_nothing
+from raytracer.kernels.layered_walk import LayeredIntersector
+from raytracer.kernels.triangle import Walk
+from raytracer.kernels.walk import SplitWalk, exact_walk, renew_walk
+from raytracer.layered.cube import LayeredCube, is_layered
+from raytracer.meshes import Mesh
+from raytracer.scene.camera import Camera
+from raytracer.scene.layout import Change, Layout
+from raytracer.scene.scene import Scene
+
+_CAMERA = Camera((0, 0, 1), (0, 0, 0))
+"""A camera that nobody looks through, so that none is framed."""
+
+
+class MovedObjects:
+    """The meshes of a Mesh or Scene as they have been moved, their `layout`, and the `walk` through them.
+
+    `changes` are those of the tables by the last move that made no other walk.
+
+    `accel`, `precision` and `backend` are those of an Intersector. Raises SceneError for accelerators in which nothing
+    moves.
+    """
+
+    layout: Layout
+    walk: Walk
+
+    def __init__(
+        self, mesh_or_scene: Mesh | Scene, accel: str | LayeredCube, precision: str, backend: str | None
+    ) -> None:
+        layered = isinstance(accel, LayeredCube) or is_layered(accel)
+        if not layered and accel not in MOVABLE:
+            raise SceneError(
+                f'objects move in a hierarchy, beside a grid or in cubes, and this Intersector has accel="{accel}": '
+                'choose accel="bvh"'
+            )
+        self.precision, self.backend = precision, backend or "numpy"
+        self.structure = "bvh" if layered else str(accel)
+        options: dict[str, Any] = {"secondary": accel} if isinstance(accel, LayeredCube) else {"accel": accel}
+        self._cubes = Whitted(**options) if layered else None
+        meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
+        self._motion = Motion([plain(mesh) for mesh in meshes])
+        self._moving: tuple[int, ...] = ()
+        self.changes: list[Change] = []
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """The meshes where they are now."""
+        return tuple(self._motion.meshes)
+
+    @property
+    def corners(self) -> NDArray[Any]:
+        """The corners (N, 3, 3) of the triangles in the kernel's coordinates, which follow later moves."""
+        return self.layout.triangles[:, :3].reshape(-1, 3, 3)
+
+    @property
+    def structure_now(self) -> Any:
+        """The accelerator that rays walk through."""
+        return self.layout.structure if self._cubes is None else self.layout.secondary
+
+    def move(self, name: str | int, transform: ArrayLike) -> bool:
+        """Place the meshes of a name, or the one of a number; return True where `walk` has become another one.
+
+        Raises SceneError for unknown names and other matrices, and for a mesh without triangles.
+        """
+        motion = self._motion
+        with all_or_nothing(self):
+            motion.move(name, transform)
+            if not motion.changed:
+                raise SceneError(f"the mesh {name!r} has no triangles: there is nothing to move")
+            renewed = not self._updated()
+            if renewed:
+                self._build()
+        motion.settle()
+        return renewed
+
+    def _updated(self) -> bool:
+        """Update the tables; return False where they have to be made anew."""
+        motion = self._motion
+        if not motion.changed <= set(self._moving):
+            return False
+        origin, scale = frame_of(*motion.bounds, self.precision)
+        if not np.array_equal(origin, self.layout.origin) or scale != self.layout.scale:
+            return False
+        if not follow(motion, self.layout):
+            return False
+        self.changes = self.layout.put(self._moving, motion.changes, self.precision)
+        renew_walk(self._split, self.layout, self.changes)
+        return True
+
+    def _build(self) -> None:
+        """Make the accelerators and tables, each moving object its own."""
+        motion, before = self._motion, self.layout.secondary if self._moving else None
+        self._moving = tuple(sorted(motion.changed | set(self._moving)))
+        scene = Scene(motion.meshes, camera=_CAMERA)
+        layout = Layout.of(scene, self.structure, self.precision, None, self._moving, self.backend)
+        self._split: Walk | SplitWalk
+        if self._cubes is None:
+            self.walk = self._split = exact_walk(layout, self.backend, None)
+        else:
+            cubes = object_cubes(self._cubes, motion, self._moving, layout, self.backend, before)
+            layout = dataclasses.replace(layout, secondary=cubes)
+            exact = exact_walk(layout, self.backend, None)
+            self.walk = LayeredIntersector(cubes, exact.triangles)
+            self._split = SplitWalk(exact, self.walk)
+        self.layout = layout
+
+
+def plain(mesh: Mesh) -> Mesh:
+    """Return a mesh without what only pictures need."""
+    return dataclasses.replace(mesh, colors=None, material=Material())
