@@ -203,16 +203,16 @@ class Intersector:
         self._kernels = {key: kernel for key, kernel in self._kernels.items() if not renewed and key[0] not in several}
 
     def _renew_component(self, name: Any, renewed: bool) -> None:
-        """Let programs that trace the scene see a move; those with tables that are no longer used say so when they run."""
+        """Let programs that trace the scene see a move; those whose tables are out of use raise when they run."""
         component: Component | None = self.__dict__.get("_component")
         if component is None or self._moved is None:
             return
         if not renewed:
-            component.renew(self._moved.layout.normals, self._moved.changes)
+            component.renew(self._moved.layout.normals, self._moved.changed)
             return
         component.precision.stale = (
-            f"the mesh {name!r} has got an accelerator of its own since this was recorded: record the program after "
-            f"move({name!r}, None), or after a move as far as the scene reaches"
+            f"the move of {name!r} has given the scene other tables since this was recorded: record the program anew, "
+            f"after move({name!r}, None) and the like for all objects that will move"
         )
         del self.__dict__["_component"]
 

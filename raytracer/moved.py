@@ -29,7 +29,7 @@ from raytracer.kernels.walk import SplitWalk, exact_walk, renew_walk
 from raytracer.layered.cube import LayeredCube, is_layered
 from raytracer.meshes import Mesh
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Change, Layout
+from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
 _CAMERA = Camera((0, 0, 1), (0, 0, 0))
@@ -39,7 +39,7 @@ _CAMERA = Camera((0, 0, 1), (0, 0, 0))
 class MovedObjects:
     """The meshes of a Mesh or Scene as they have been moved, their `layout`, and the `walk` through them.
 
-    `changes` are those of the tables by the last move that made no other walk.
+    `changed` are the meshes that the last move has placed elsewhere without another walk, by their first triangles.
 
     `accel`, `precision` and `backend` are those of an Intersector. Raises SceneError for accelerators in which nothing
     moves.
@@ -64,7 +64,7 @@ class MovedObjects:
         meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
         self._motion = Motion([plain(mesh) for mesh in meshes])
         self._moving: tuple[int, ...] = ()
-        self.changes: list[Change] = []
+        self.changed: dict[int, Mesh] = {}
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
@@ -107,8 +107,10 @@ class MovedObjects:
             return False
         if not follow(motion, self.layout):
             return False
-        self.changes = self.layout.put(self._moving, motion.changes, self.precision)
-        renew_walk(self._split, self.layout, self.changes)
+        meshes = motion.changes
+        changes = self.layout.put(self._moving, meshes, self.precision)
+        self.changed = {change.first: mesh for change, (mesh, _) in zip(changes, meshes.values(), strict=True)}
+        renew_walk(self._split, self.layout, changes)
         return True
 
     def _build(self) -> None:

@@ -11,7 +11,7 @@ it reads of the scene are tables and params, so that a scene which changes needs
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from raytracer.kernels.queries import GivenRay
 from raytracer.kernels.triangle import AheadBound, Walk
 from raytracer.kernels.walk import Found
 from raytracer.meshes import Mesh
-from raytracer.scene.layout import Change, normal_rows, uv_rows
+from raytracer.scene.layout import normal_rows, uv_rows
 from shpy import SH_IF
 
 Pose = tuple[Rows, Rows, Rows] | None
@@ -220,13 +220,17 @@ class Component:
             inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
         )  # fmt: skip
 
-    def renew(self, normals: Rows | None, changes: Sequence[Change]) -> None:
-        """Update the normals of the objects that have moved; the walk's tables have been updated."""
-        if self._normals is None or normals is None:
-            return
-        for change in changes:
-            rows = slice(3 * change.first, 3 * change.past)
-            self._normals.update(normals[rows], start=rows.start)
+    def renew(self, normals: Rows | None, moved: Mapping[int, Mesh]) -> None:
+        """Update what the surfaces of objects have, each by its first triangle; the walk's tables have been updated.
+
+        `normals` are those of the scene. A mesh that is mirrored has its corners in another order.
+        """
+        for first, mesh in moved.items():
+            rows = slice(3 * first, 3 * (first + len(mesh)))
+            if self._normals is not None and normals is not None:
+                self._normals.update(normals[rows], start=rows.start)
+            if self._uvs is not None:
+                self._uvs.update(uv_rows([mesh]), start=rows.start)
 
     def is_recorded(self) -> bool:
         """Return whether a program is recorded: a table's element has no number then."""

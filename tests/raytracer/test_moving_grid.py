@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scene_pictures import SIZE, same
 
-from raytracer import Camera, Intersector, LayeredCube, Material, PointLight, Renderer, Scene, SceneError
+import shpy as sh
+from raytracer import Camera, Intersector, LayeredCube, Material, PointLight, Renderer, Scene, SceneError, TracedHit
 from raytracer.integrators.staged import StagedTracer
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from raytracer.scene import layout
@@ -175,6 +176,41 @@ def test_one_object_moves_among_all_that_are_moved_and_leaves_the_kernels():
     np.testing.assert_allclose(again.t[again.triangle >= 0], first.t[again.triangle >= 0], rtol=1e-3)
     shoot.move(None)
     np.testing.assert_array_equal(shoot.intersect(origins, directions).t, first.t)
+
+
+@pytest.mark.parametrize(
+    ("accel", "backend"), [("bvh", "opencl"), ("grid", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "numpy")]
+)
+def test_programs_that_trace_a_scene_see_moves(accel, backend):
+    """Also of normals; recorded before the first move of an object, they are refused when they run."""
+    shoot, (origins, directions) = Intersector(scene(), accel, backend), rays(300)
+    origins, directions = origins.astype(np.float32), directions.astype(np.float32)
+
+    def traced(one):
+        @sh.program
+        def found(origin: sh.Point3f, direction: sh.Vector3f) -> TracedHit:
+            return one.trace(origin, direction, leaving=False)
+
+        return found
+
+    early = traced(shoot).compile(backend)
+    before = early(origins, directions)
+    shoot.move("ball", None)
+    shoot.move("box", None)
+    kernel = traced(shoot).compile(backend)
+    for move in ({}, *MOVES[:2]):
+        for name, matrix in move.items():
+            shoot.move(name, matrix)
+        found = kernel(origins, directions)
+        expected = traced(Intersector(scene(**move), backend="numpy")).compile("numpy")(origins, directions)
+        for name, one in expected._asdict().items() if move else before._asdict().items():
+            np.testing.assert_array_equal(getattr(found, name), one, name)
+        if move:
+            assert (found.triangle != before.triangle).any()
+    with pytest.raises(
+        SceneError, match=r"test_moving_grid\.py:\d+: the move of 'ball' has given .* program anew"
+    ):
+        early(origins, directions)
 
 
 def test_a_mesh_moves_by_its_own_name():
