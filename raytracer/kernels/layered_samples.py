@@ -95,7 +95,7 @@ class SingleSample:
 
 
 class DepthCoding:
-    """What decodes the samples of an image: the middle of its depths, their unit, and the slopes of code 1."""
+    """The numbers that decode the samples of an image: the middle of its depths, their unit, the slopes of code 1."""
 
     def __init__(self, frame: Any, axis: Any) -> None:
         low, high = (raster.turned(frame[k].xyz, axis)[2] for k in (raster.LOW, raster.HIGH))

@@ -10,8 +10,8 @@ operations on integers, which every device does exactly (`kernels.layered_sample
 
 >>> pairs(np.array([1, 2, 3], np.uint16)).tolist()
 [131073, 3]
->>> grouped(np.array([0, 5, 5, 9], np.int32)).starts.tolist()
-[327680, 589829]
+>>> grouped(np.array([3, 5, 5, 9], np.int32)).starts[:2].tolist()
+[131072, 393218]
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def cube_of(mesh, resolution, hit="plane", backend="numpy", **options):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_kernel_decodes_every_number_of_binary16(backend):
-    """Those that are stored: normal numbers, which are finite."""
+    """Every normal number that is finite: no others are stored."""
     every = np.arange(1 << 16, dtype=np.uint16)
     values = every.view(np.float16)
     codes = every[np.isfinite(values) & (np.abs(values) >= halves.SMALLEST)]
