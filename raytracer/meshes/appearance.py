@@ -98,17 +98,17 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
     """
     mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
     numbers = _numbers(look, float(mean.min()))
-    found = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
-    found = replace(found, normal_map=look.normal_map)
+    material = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
+    material = replace(material, normal_map=look.normal_map)
     if any(look.emission):
-        found = replace(found, emission=_color(look.emission, look.emission_picture))
+        material = replace(material, emission=_color(look.emission, look.emission_picture))
     if look.transmission and look.absorption is not None:
-        return replace(found, ior=look.ior or 1.0, absorption=look.absorption)
+        return replace(material, ior=look.ior or 1.0, absorption=look.absorption)
     if look.transmission:
-        return replace(found, ior=1.0)
+        return replace(material, ior=1.0)
     if look.clear is not None:
-        return replace(found, transmission=look.clear, ior=1.0)
-    return found if look.opacity == 1 else replace(found, transmission=1 - look.opacity, ior=1.0)
+        return replace(material, transmission=look.clear, ior=1.0)
+    return material if look.opacity == 1 else replace(material, transmission=1 - look.opacity, ior=1.0)
 
 
 def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
 
     def textures() -> dict[str, float | Texture]:
         pixels = {picture: picture.fitting(len(places) + 1) for picture in pictures}
-        shape = max((found.shape[:2] for found in pixels.values()), key=math.prod)
+        shape = max((image.shape[:2] for image in pixels.values()), key=math.prod)
         for name, (picture, number) in places.items():
             if picture is not None:
                 factors[name] = factors[name] * _resized(channel(pixels[picture], number), *shape)
@@ -132,8 +132,8 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
         }
 
     key = (*factors.values(), shared, look.ior, look.absorption is None, *pictures)
-    found: dict[str, Any] = pictures[0].made(key, textures)
-    return found
+    numbers: dict[str, Any] = pictures[0].memoize(key, textures)
+    return numbers
 
 
 def _resized(pixels: Any, height: int, width: int) -> Any:
@@ -146,8 +146,8 @@ def _lobe(
     look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
 ) -> dict[str, Any]:
     """Compute specular, shininess, reflectivity and transmission; the arguments are numbers or pictures (H, W)."""
-    given = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
-    roughness, metallic, clear = np.broadcast_arrays(*given)
+    factors = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
+    roughness, metallic, clear = np.broadcast_arrays(*factors)
     alpha = np.maximum(roughness, 1e-3) ** 2
     exponent = np.minimum(2 / alpha**2 - 2, 4 * SHARPEST)
     f0 = look.f0 + (shared - look.f0) * metallic
@@ -236,7 +236,7 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
-    found = Material(
+    material = Material(
         _color(color, pictures.color),
         diffuse=1.0,
         specular=height_of(shiny, exponent, notices) if model >= 2 else 0.0,
@@ -246,8 +246,8 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
         cutout=None if pictures.opacity is None else pictures.opacity.cutout(1.0),
     )
     if not clear:
-        return found
-    return replace(found, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)
+        return material
+    return replace(material, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)
 
 
 def height_of(specular: float, exponent: float, notices: Notices) -> float:
@@ -264,15 +264,15 @@ def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:
 
 def _number(words: Mapping[str, list[str]], name: str, default: float) -> float:
     """Return the last number of a statement; the default where it is missing."""
-    given = words.get(name, [])
-    return real(given[-1]) if given else default
+    arguments = words.get(name, [])
+    return real(arguments[-1]) if arguments else default
 
 
 def _rgb(words: Mapping[str, list[str]], name: str, default: float) -> Triple:
     """Return the colour of a statement; one number stands for three."""
-    given = [real(word) for word in words[name]] if name in words else [default]
-    if len(given) == 1:
-        given *= 3
-    if len(given) != 3 or not all(0 <= x < np.inf for x in given):
+    channels = [real(word) for word in words[name]] if name in words else [default]
+    if len(channels) == 1:
+        channels *= 3
+    if len(channels) != 3 or not all(0 <= x < np.inf for x in channels):
         raise ValueError(f"{name} of a material is three numbers, not {words.get(name)}")
-    return (given[0], given[1], given[2])
+    return (channels[0], channels[1], channels[2])

@@ -74,14 +74,14 @@ def triangles_of(
         at_broken = _faces_of(broken[np.where(beyond, 0, index)] & ~beyond, face, len(sizes)) & kept
         leave_out(AT_BROKEN, at_broken, "face", notices)
         kept &= ~at_broken
-    held = np.flatnonzero(np.repeat(kept, sizes))
+    places = np.flatnonzero(np.repeat(kept, sizes))
     numbers = np.flatnonzero(kept)
-    found = triangulated(vertices, index[held], sizes[kept])
-    found.report(notices, lambda face: f"face {numbers[face]:,}")
-    return Triangles(index[held][found.corners], held[found.corners], numbers[found.faces])
+    triangulation = triangulated(vertices, index[places], sizes[kept])
+    triangulation.report(notices, lambda face: f"face {numbers[face]:,}")
+    return Triangles(index[places][triangulation.corners], places[triangulation.corners], numbers[triangulation.faces])
 
 
 def _faces_of(corner: Any, face: Ints, count: int) -> Mask:
-    found = np.zeros(count, bool)
-    found[face[corner]] = True
-    return found
+    mask = np.zeros(count, bool)
+    mask[face[corner]] = True
+    return mask

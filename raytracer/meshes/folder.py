@@ -129,16 +129,16 @@ class Folder:
         if not plain or "\0" in name:
             raise SceneError("there is no such file")
         outside = PurePosixPath(plain).is_absolute() or bool(PureWindowsPath(plain).drive) or "://" in plain
-        found = None
+        path = None
         for base in dict.fromkeys((beside or self.root, self.root)):
             leads_out = outside or self._inside(base, plain) is None
-            found = found or self._first(base, PurePosixPath(plain).name if leads_out else name)
-        if found is None:
+            path = path or self._first(base, PurePosixPath(plain).name if leads_out else name)
+        if path is None:
             cure = "it lies outside of the file's folder: put it there"
             raise SceneError(cure if leads_out else "there is no such file")
-        if found.stat().st_size > LARGEST:
-            raise SceneError(f"it has {found.stat().st_size:,} bytes, more than {LARGEST:,}")
-        return found
+        if path.stat().st_size > LARGEST:
+            raise SceneError(f"it has {path.stat().st_size:,} bytes, more than {LARGEST:,}")
+        return path
 
     def _first(self, base: Path, name: str) -> Path | None:
         """Return the first regular file by the ways of writing a name; None if there is none."""
@@ -155,7 +155,7 @@ class Folder:
                 return None
             if place not in self._names:
                 self._names[place] = os.listdir(place)
-            alike = [held for held in self._names[place] if held.casefold() == part.casefold()]
+            alike = [entry for entry in self._names[place] if entry.casefold() == part.casefold()]
             if len(alike) != 1:
                 return None
             place = place / alike[0]

@@ -36,9 +36,9 @@ def mesh_of(part: Any, *, material: Material | None = None, name: str | None = N
     faces are taken for sRGB. Raises SceneError for what is no Trimesh.
     """
     notices = Notices(name or _name(part))
-    found = _mesh(part, material, name or _name(part), Pictures(notices), notices)
+    mesh = _mesh(part, material, name or _name(part), Pictures(notices), notices)
     notices.warn()
-    return found
+    return mesh
 
 
 LOADERS["trimesh"] = mesh_of
@@ -50,16 +50,16 @@ def parts_of(thing: Any, notices: Notices) -> Iterator[Instance]:
     if not hasattr(thing, "graph"):
         yield Instance(_mesh(thing, None, _name(thing), pictures, notices), np.eye(4))
         return
-    made: dict[str, Mesh] = {}
+    meshes: dict[str, Mesh] = {}
     for node in thing.graph.nodes_geometry:
         matrix, key = thing.graph[node]
         geometry = thing.geometry[key]
         if not hasattr(geometry, "faces"):
             notices.ignore("points and lines")
             continue
-        if key not in made:
-            made[key] = _mesh(geometry, None, key, pictures, notices)
-        yield Instance(made[key], matrix, str(node))
+        if key not in meshes:
+            meshes[key] = _mesh(geometry, None, key, pictures, notices)
+        yield Instance(meshes[key], matrix, str(node))
 
 
 def _name(part: Any) -> str:
@@ -93,8 +93,8 @@ def _colors(visual: Any, notices: Notices) -> NDArray[np.float64] | None:
         if visual.kind == "vertex":
             return _linear(visual.vertex_colors)
         return np.repeat(_linear(visual.face_colors)[:, None], 3, axis=1)
-    given = getattr(visual, "vertex_attributes", {}).get("color") if visual.kind == "texture" else None
-    return None if given is None else _linear(given)
+    colors = getattr(visual, "vertex_attributes", {}).get("color") if visual.kind == "texture" else None
+    return None if colors is None else _linear(colors)
 
 
 def _linear(colors: Any) -> NDArray[np.float64]:
@@ -103,36 +103,38 @@ def _linear(colors: Any) -> NDArray[np.float64]:
     return decoded(colors.astype(np.float64) / (255 if colors.dtype.kind in "iu" else 1))
 
 
-def _material(given: Any, pictures: Pictures, notices: Notices) -> Material:
+def _material(material: Any, pictures: Pictures, notices: Notices) -> Material:
     """Convert a PBRMaterial or SimpleMaterial, whose numbers are linear."""
-    if given is None:
+    if material is None:
         return PLAIN
-    if hasattr(given, "materials"):
+    if hasattr(material, "materials"):
         notices.ignore("several materials in one mesh")
         return PLAIN
-    pbr = hasattr(given, "metallicFactor")
-    image = given.baseColorTexture if pbr else getattr(given, "image", None)
+    pbr = hasattr(material, "metallicFactor")
+    image = material.baseColorTexture if pbr else getattr(material, "image", None)
     picture = _picture(image, pictures)
     if not pbr:
-        return _simple(given, picture, notices)
-    notices.ignore("normal maps", int(given.normalTexture is not None))
-    base = np.ones(4) if given.baseColorFactor is None else np.append(np.asarray(given.baseColorFactor) / 255, 1)[:4]
-    r, g, b, opacity = base.tolist()
-    found = MetallicRoughness(
-        (r, g, b),
-        1.0 if given.metallicFactor is None else given.metallicFactor,
-        1.0 if given.roughnessFactor is None else given.roughnessFactor,
-        picture,
-        _picture(given.metallicRoughnessTexture, pictures),
+        return _simple(material, picture, notices)
+    notices.ignore("normal maps", int(material.normalTexture is not None))
+    base = (
+        np.ones(4) if material.baseColorFactor is None else np.append(np.asarray(material.baseColorFactor) / 255, 1)[:4]
     )
-    if given.emissiveFactor is not None:
-        r, g, b = np.asarray(given.emissiveFactor, dtype=np.float64).tolist()
-        found = replace(found, emission=(r, g, b), emission_picture=_picture(given.emissiveTexture, pictures))
-    if given.alphaMode in ("MASK", "BLEND"):
-        cutoff = 0.5 if given.alphaCutoff is None else given.alphaCutoff
-        alpha = alpha_of(given.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
-        found = replace(found, **alpha._asdict())
-    return metallic_roughness(found)
+    r, g, b, opacity = base.tolist()
+    look = MetallicRoughness(
+        (r, g, b),
+        1.0 if material.metallicFactor is None else material.metallicFactor,
+        1.0 if material.roughnessFactor is None else material.roughnessFactor,
+        picture,
+        _picture(material.metallicRoughnessTexture, pictures),
+    )
+    if material.emissiveFactor is not None:
+        r, g, b = np.asarray(material.emissiveFactor, dtype=np.float64).tolist()
+        look = replace(look, emission=(r, g, b), emission_picture=_picture(material.emissiveTexture, pictures))
+    if material.alphaMode in ("MASK", "BLEND"):
+        cutoff = 0.5 if material.alphaCutoff is None else material.alphaCutoff
+        alpha = alpha_of(material.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
+        look = replace(look, **alpha._asdict())
+    return metallic_roughness(look)
 
 
 def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture | None:
@@ -147,15 +149,15 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
     return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 
 
-def _simple(given: Any, picture: Any, notices: Notices) -> Material:
+def _simple(material: Any, picture: Any, notices: Notices) -> Material:
     """Convert a SimpleMaterial; its grey default is no colour, and no factor of an image."""
-    diffuse = np.asarray(getattr(given, "diffuse", _GREY))[:3]
+    diffuse = np.asarray(getattr(material, "diffuse", _GREY))[:3]
     plain = tuple(diffuse.tolist()) == _GREY
     if picture is None and plain:
         return PLAIN
     r, g, b = (1.0, 1.0, 1.0) if plain else (diffuse / 255).tolist()
-    shiny = np.asarray(getattr(given, "specular", _GREY))[:3]
+    shiny = np.asarray(getattr(material, "specular", _GREY))[:3]
     specular = 0.0 if tuple(shiny.tolist()) == _GREY else float(shiny.mean()) / 255
     color = (r, g, b) if picture is None else picture.color((r, g, b))
-    exponent = max(float(getattr(given, "glossiness", 1.0)), 0.0)
+    exponent = max(float(getattr(material, "glossiness", 1.0)), 0.0)
     return Material(color, 1.0, height_of(specular, exponent, notices), exponent)

@@ -83,10 +83,10 @@ class Document:
     def all(self, key: str) -> list[dict[str, Any]]:
         """Return the entries of one of the file's lists."""
         if key not in self._lists:
-            found = self.tree.get(key, [])
-            if not (isinstance(found, list) and all(isinstance(entry, dict) for entry in found)):
+            entries = self.tree.get(key, [])
+            if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
                 raise SceneError(f"its {key} are no list of objects")
-            self._lists[key] = found
+            self._lists[key] = entries
         return self._lists[key]
 
     def one(self, key: str, number: Any) -> dict[str, Any]:
@@ -158,37 +158,37 @@ class Document:
             raise SceneError(f"its type is {shown(str(accessor.get('type')))}, none of {', '.join(_WIDTHS)}")
         count = count_of(accessor, "count")
         if "bufferView" in accessor:
-            held = self._rows(accessor, kind, count, width)
+            elements = self._rows(accessor, kind, count, width)
         else:
             self._zeros += count * width * kind.itemsize
             if self._zeros > _MOST_ZEROS:
                 raise SceneError(f"it has {count:,} elements without bytes")
-            held = np.zeros((count, width), kind)
+            elements = np.zeros((count, width), kind)
         if "sparse" in accessor:
             sparse = table(accessor, "sparse")
             changed, where = count_of(sparse, "count"), table(sparse, "indices")
             places = self._rows(where, _component(where), changed, 1)[:, 0]
             if changed and not 0 <= places.min() <= places.max() < count:
                 raise SceneError(f"its sparse numbers replace element {places.max()}, and there are {count:,}")
-            held = held.copy()
-            held[places.astype(np.int64)] = self._rows(table(sparse, "values"), kind, changed, width)
+            elements = elements.copy()
+            elements[places.astype(np.int64)] = self._rows(table(sparse, "values"), kind, changed, width)
         if accessor.get("normalized") and kind.kind in "iu":
-            return np.maximum(held.astype(np.float64) / np.iinfo(kind).max, -1)
-        return held
+            return np.maximum(elements.astype(np.float64) / np.iinfo(kind).max, -1)
+        return elements
 
     def _rows(self, place: dict[str, Any], kind: np.dtype[Any], count: int, width: int) -> NDArray[Any]:
         """Return rows (count, width) of a buffer view, which `place` names with an offset."""
         view, start = needed(place, "bufferView"), count_of(place, "byteOffset", 0)
-        size, held = width * kind.itemsize, self.bytes_of(view)
+        size, content = width * kind.itemsize, self.bytes_of(view)
         stride = count_of(self.one("bufferViews", view), "byteStride", size)
         if stride < size:
             raise SceneError(f"its elements of {size} bytes lie only {stride} apart")
         end = start + (count - 1) * stride + size if count else start
-        if end > len(held):
+        if end > len(content):
             raise SceneError(
-                f"its {count:,} elements end at byte {end:,} of buffer view {view}, which has {len(held):,}"
+                f"its {count:,} elements end at byte {end:,} of buffer view {view}, which has {len(content):,}"
             )
-        return np.ndarray((count, width), kind, held, start, (stride, kind.itemsize))
+        return np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))
 
 
 def _tree(text: str) -> dict[str, Any]:
@@ -223,12 +223,12 @@ def _data(uri: str) -> bytes:
     head, comma, body = uri.partition(",")
     if not comma:
         raise SceneError("its data URI has no comma before the bytes")
-    held = unquote_to_bytes(body)
+    content = unquote_to_bytes(body)
     if not head.lower().endswith(";base64"):
-        return held
-    held = re.sub(rb"\s+", b"", held).rstrip(b"=")
+        return content
+    content = re.sub(rb"\s+", b"", content).rstrip(b"=")
     try:
-        return base64.b64decode(held + b"=" * (-len(held) % 4), validate=True)
+        return base64.b64decode(content + b"=" * (-len(content) % 4), validate=True)
     except binascii.Error as error:
         raise SceneError(f"the base64 of its data URI is wrong: {str(error).lower()}") from None
 

@@ -90,10 +90,10 @@ class Clip:
 
     def pose(self, time: float) -> dict[int, dict[str, list[float]]]:
         """Return the animated properties of each node at a time in seconds after `start`, by node number."""
-        found: dict[int, dict[str, list[float]]] = {}
+        pose: dict[int, dict[str, list[float]]] = {}
         for track in self.tracks:
-            found.setdefault(track.node, {})[track.path] = track.at(self.start + time)
-        return found
+            pose.setdefault(track.node, {})[track.path] = track.at(self.start + time)
+        return pose
 
 
 def names_of(document: Document) -> list[str]:
@@ -158,10 +158,10 @@ def _one(samplers: list[dict[str, Any]], number: Any) -> dict[str, Any]:
 def _targets(document: Document, node: int) -> int:
     """Return the number of morph targets of a node's mesh."""
     mesh = document.one("meshes", document.one("nodes", node).get("mesh"))
-    found = max((len(primitive.get("targets", [])) for primitive in mesh["primitives"]), default=0)
-    if not found:
+    count = max((len(primitive.get("targets", [])) for primitive in mesh["primitives"]), default=0)
+    if not count:
         raise SceneError(f"an animation changes the weights of node {node}, whose mesh has no morph targets")
-    return found
+    return count
 
 
 def _numbers(values: Any) -> list[float]:

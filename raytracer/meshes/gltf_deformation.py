@@ -55,11 +55,11 @@ class Deformation(NamedTuple):
             if self.joints.max(initial=0) >= len(matrices):
                 raise SceneError(f"a vertex names joint {self.joints.max()}, and its skin has {len(matrices)}")
             # The mean of the matrices (section 3.7.3.3): joint by joint, as most memory would go to a product of all.
-            found = np.zeros((len(places), 4, 4))
+            means = np.zeros((len(places), 4, 4))
             for column, weight in zip(self.joints.T, self.weights.T, strict=True):
-                found += weight[:, None, None] * matrices[column]
-            turn = found[:, :3, :3]
-            places = np.einsum("vij,vj->vi", turn, places) + found[:, :3, 3]
+                means += weight[:, None, None] * matrices[column]
+            turn = means[:, :3, :3]
+            places = np.einsum("vij,vj->vi", turn, places) + means[:, :3, 3]
             if normals is not None:
                 x, y, z = turn.transpose(2, 0, 1)
                 cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)

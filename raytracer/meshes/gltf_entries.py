@@ -29,26 +29,26 @@ def needed(entry: Mapping[str, Any], key: str) -> Any:
 
 def table(entry: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Return a part that is an object, {} where it is missing; SceneError for anything else."""
-    found = entry.get(key, {})
-    if not isinstance(found, dict):
-        raise SceneError(f"its {key} is {shown(str(found))}, not an object")
-    return found
+    part = entry.get(key, {})
+    if not isinstance(part, dict):
+        raise SceneError(f"its {key} is {shown(str(part))}, not an object")
+    return part
 
 
 def rows(entry: Mapping[str, Any], key: str) -> list[Any]:
     """Return a part that is a list, [] where it is missing; SceneError for anything else."""
-    found = entry.get(key, [])
-    if not isinstance(found, list):
-        raise SceneError(f"its {key} is {shown(str(found))}, not a list")
-    return found
+    part = entry.get(key, [])
+    if not isinstance(part, list):
+        raise SceneError(f"its {key} is {shown(str(part))}, not a list")
+    return part
 
 
 def count_of(entry: Mapping[str, Any], key: str, default: int | None = None) -> int:
     """Return a part that is a number of elements or bytes; SceneError for anything else."""
-    found = needed(entry, key) if default is None else entry.get(key, default)
-    if not is_whole(found, 0):
-        raise SceneError(f"its {key} is {shown(str(found))}, not a whole number from 0 on")
-    return found
+    part = needed(entry, key) if default is None else entry.get(key, default)
+    if not is_whole(part, 0):
+        raise SceneError(f"its {key} is {shown(str(part))}, not a whole number from 0 on")
+    return part
 
 
 def number_of(entry: Mapping[str, Any], key: str, default: float) -> float:
@@ -58,17 +58,17 @@ def number_of(entry: Mapping[str, Any], key: str, default: float) -> float:
 
 def numbers_of(entry: Mapping[str, Any], key: str, default: Sequence[float]) -> list[float]:
     """Return a part that is a list of finite numbers, as many as the default has; SceneError for anything else."""
-    found = entry.get(key, default)
-    if not isinstance(found, list | tuple) or len(found) != len(default):
-        raise SceneError(f"its {key} is {shown(str(found))}, not {len(default)} numbers")
-    return [_finite(value, key) for value in found]
+    part = entry.get(key, default)
+    if not isinstance(part, list | tuple) or len(part) != len(default):
+        raise SceneError(f"its {key} is {shown(str(part))}, not {len(default)} numbers")
+    return [_finite(value, key) for value in part]
 
 
 def _finite(value: Any, key: str) -> float:
-    held = None if isinstance(value, bool) else one_float(value)
-    if held is None or not math.isfinite(held):
+    number = None if isinstance(value, bool) else one_float(value)
+    if number is None or not math.isfinite(number):
         raise SceneError(f"its {key} has {shown(str(value))}, which is not a finite number")
-    return held
+    return number
 
 
 def reason_of(error: BaseException) -> str:

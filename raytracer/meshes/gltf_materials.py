@@ -99,12 +99,12 @@ class GltfMaterials:
     def _textures(self, entry: dict[str, Any]) -> dict[str, dict[str, Any]]:
         """Return the textures of a material by our names for them."""
         look, clear = table(entry, "pbrMetallicRoughness"), _extension(entry, "transmission")
-        found = {"color": look.get("baseColorTexture"), "roughness": look.get("metallicRoughnessTexture")}
+        textures = {"color": look.get("baseColorTexture"), "roughness": look.get("metallicRoughnessTexture")}
         if gloss := _extension(entry, _GLOSSY):
-            found = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
-        found |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
-        found["normals"] = entry.get("normalTexture")
-        return {name: table(found, name) for name, texture in found.items() if texture}
+            textures = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
+        textures |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
+        textures["normals"] = entry.get("normalTexture")
+        return {name: table(textures, name) for name, texture in textures.items() if texture}
 
     def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> Material:
         """Make a material with these textures (section 3.9)."""
@@ -112,7 +112,7 @@ class GltfMaterials:
         self.notices.ignore("occlusion maps", int("occlusionTexture" in entry))
         strength = number_of(_extension(entry, "emissive_strength"), "emissiveStrength", 1)
         r, g, b = (strength * x for x in numbers_of(entry, "emissiveFactor", (0, 0, 0)))
-        found = MetallicRoughness(
+        material = MetallicRoughness(
             (color[0], color[1], color[2]),
             number_of(look, "metallicFactor", 1),
             number_of(look, "roughnessFactor", 1),
@@ -124,9 +124,9 @@ class GltfMaterials:
             normal_map=self._normals(used.get("normals")),
         )
         if gloss := _extension(entry, _GLOSSY):
-            found = self._glossy(found, gloss, color[:3], used.get("gloss"))
-        found = replace(found, **self._alpha(entry, color[3], used.get("color"))._asdict())
-        return metallic_roughness(self._clear(found, entry, used.get("transmission")))
+            material = self._glossy(material, gloss, color[:3], used.get("gloss"))
+        material = replace(material, **self._alpha(entry, color[3], used.get("color"))._asdict())
+        return metallic_roughness(self._clear(material, entry, used.get("transmission")))
 
     def _normals(self, used: dict[str, Any] | None) -> Texture | None:
         """Return the picture of normals (section 3.9.3)."""
@@ -134,7 +134,7 @@ class GltfMaterials:
         return None if picture is None or used is None else picture.normals(number_of(used, "scale", 1))
 
     def _glossy(
-        self, found: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
+        self, material: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
     ) -> MetallicRoughness:
         """Return a material with what KHR_materials_pbrSpecularGlossiness says, and of its second picture the mean."""
         specular = np.asarray(numbers_of(gloss, "specularFactor", (1, 1, 1)))
@@ -145,12 +145,12 @@ class GltfMaterials:
             specular = specular * picture.mean()
         if mask is not None:
             glossiness *= float(channel(mask.pixels, 0).mean())
-        seen = found.color_picture
+        seen = material.color_picture
         color, metallic, roughness = converted(
             diffuse, specular.tolist(), glossiness, None if seen is None else seen.mean()
         )
         seen = None if is_metal(metallic) else seen
-        return replace(found, color=color, metallic=metallic, roughness=roughness, color_picture=seen)
+        return replace(material, color=color, metallic=metallic, roughness=roughness, color_picture=seen)
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
         """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""
@@ -160,23 +160,25 @@ class GltfMaterials:
         picture = self._picture(used, alpha=True)
         return alpha_of(mode, factor, cutoff, picture, self.notices)
 
-    def _clear(self, found: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None) -> MetallicRoughness:
+    def _clear(
+        self, material: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None
+    ) -> MetallicRoughness:
         """Return a material with its transmission, and the medium inside the body."""
         factor = number_of(_extension(entry, "transmission"), "transmissionFactor", 0)
         if factor <= 0:
-            return found
-        if found.opacity < 1 or found.clear is not None:
+            return material
+        if material.opacity < 1 or material.clear is not None:
             self.notices.ignore("alpha of clear materials")
-        if found.roughness > _SHARP:
+        if material.roughness > _SHARP:
             self.notices.ignore("blur of clear materials")
-        if found.color != (1, 1, 1) or found.color_picture is not None:
+        if material.color != (1, 1, 1) or material.color_picture is not None:
             self.notices.ignore("tints of clear materials")
         volume = _extension(entry, "volume")
         absorption = None
         if number_of(volume, "thicknessFactor", 0) > 0:
             absorption = _absorption(volume)
         return replace(
-            found,
+            material,
             transmission=factor,
             transmission_picture=self._picture(used),
             absorption=absorption,
@@ -211,8 +213,8 @@ class GltfMaterials:
         name = image.get("name") or ("" if is_data(uri) else uri) or f"picture {source}"
 
         def contents() -> BytesIO:
-            held = self.document.bytes_of(image["bufferView"]) if "bufferView" in image else self.document.uri(uri)
-            return BytesIO(held)
+            content = self.document.bytes_of(image["bufferView"]) if "bufferView" in image else self.document.uri(uri)
+            return BytesIO(content)
 
         filter: Filter = "nearest" if sampler.get("magFilter") == _NEAREST else "linear"
         wrap = _WRAPS.get(across, "repeat")
@@ -241,18 +243,20 @@ class _Place(NamedTuple):
 
 def _place(texture: dict[str, Any]) -> _Place:
     """Return the place of a textureInfo, of which KHR_texture_transform may name another set of coordinates."""
-    given = table(table(texture, "extensions"), "KHR_texture_transform")
-    uv_set = count_of(given if "texCoord" in given else texture, "texCoord", 0)
-    offset, scale = (tuple(numbers_of(given, key, default)) for key, default in (("offset", (0, 0)), ("scale", (1, 1))))
-    return _Place(uv_set, offset, number_of(given, "rotation", 0), scale)
+    transform = table(table(texture, "extensions"), "KHR_texture_transform")
+    uv_set = count_of(transform if "texCoord" in transform else texture, "texCoord", 0)
+    offset, scale = (
+        tuple(numbers_of(transform, key, default)) for key, default in (("offset", (0, 0)), ("scale", (1, 1)))
+    )
+    return _Place(uv_set, offset, number_of(transform, "rotation", 0), scale)
 
 
 def _ior(entry: dict[str, Any]) -> float:
     """Return the refractive index of a material (KHR_materials_ior): 0 stands for a surface that mirrors all."""
-    found = number_of(_extension(entry, "ior"), "ior", 1.5)
-    if found < 0:
-        raise SceneError(f"its ior is {found:g}, not 0, or 1 and more")
-    return found
+    ior = number_of(_extension(entry, "ior"), "ior", 1.5)
+    if ior < 0:
+        raise SceneError(f"its ior is {ior:g}, not 0, or 1 and more")
+    return ior
 
 
 def _absorption(volume: dict[str, Any]) -> Triple:

@@ -42,11 +42,11 @@ class Numbers(NamedTuple):
         """Return the first numbers of each line (N, width); NaN where a line has fewer."""
         if (self.counts == width).all():
             return self.values.reshape(-1, width)
-        found = np.full((len(self.counts), width), np.nan)
+        table = np.full((len(self.counts), width), np.nan)
         line, place = self.places()
-        held = place < width
-        found[line[held], place[held]] = self.values[held]
-        return found
+        inside = place < width
+        table[line[inside], place[inside]] = self.values[inside]
+        return table
 
     def places(self) -> tuple[Ints, Ints]:
         """Return the line of each number, and its place in that line."""
@@ -112,20 +112,20 @@ def line_begins(text: Bytes) -> Ints:
 
 def word_begins(text: Bytes) -> NDArray[np.bool_]:
     """Return at which characters of a text (N,) words begin."""
-    found = text > SPACE
-    found[1:] &= text[:-1] <= SPACE
-    return found
+    mask = text > SPACE
+    mask[1:] &= text[:-1] <= SPACE
+    return mask
 
 
 def numbers_in(text: bytes | Bytes, begins: Ints | None = None) -> Numbers:
     """Return the numbers of a text's lines, of which the last ends with a line feed; `begins` are their places."""
-    held = np.frombuffer(text, np.uint8) if isinstance(text, bytes) else text
-    begins = line_begins(held) if begins is None else begins
-    counts = np.add.reduceat(word_begins(held), begins, dtype=np.int64)
-    text = held.tobytes()
+    characters = np.frombuffer(text, np.uint8) if isinstance(text, bytes) else text
+    begins = line_begins(characters) if begins is None else begins
+    counts = np.add.reduceat(word_begins(characters), begins, dtype=np.int64)
+    text = characters.tobytes()
     words = text.split()
     if len(words) != int(counts.sum()):  # control characters, which Python takes for letters
-        words = np.where(held < SPACE, np.uint8(SPACE), held).tobytes().split()
+        words = np.where(characters < SPACE, np.uint8(SPACE), characters).tobytes().split()
     if b"_" not in text:  # which Python allows between digits
         try:
             return Numbers(np.fromiter(map(float, words), np.float64, len(words)), counts)
@@ -143,17 +143,17 @@ def whole_numbers(text: Bytes, begins: Ints, ends: Ints) -> tuple[Ints, NDArray[
     sign = padded[begins]
     negative = sign == ord("-")
     first = begins + (negative | (sign == ord("+")))
-    found, is_whole = np.zeros(len(begins), np.int64), first < ends
+    numbers, is_whole = np.zeros(len(begins), np.int64), first < ends
     longest = int((ends - first).max(initial=0))
     for place in range(min(longest, 18)):
         digit = padded[first + place] - np.uint8(ord("0"))  # characters before 0 wrap round
         inside = first + place < ends
-        found = np.where(inside, 10 * found + digit, found)
+        numbers = np.where(inside, 10 * numbers + digit, numbers)
         is_whole &= ~inside | (digit < 10)
     for number in np.flatnonzero(ends - first > 18):
         is_whole[number] = is_whole[number] and text[first[number] : ends[number]].tobytes().isdigit()
-        found[number] = 10**18
-    return np.where(negative, -found, found), is_whole
+        numbers[number] = 10**18
+    return np.where(negative, -numbers, numbers), is_whole
 
 
 def _float(word: bytes) -> float:

@@ -87,10 +87,10 @@ class Mesh:
         shape = array_of(f"{self.name}: vertices", vertices).shape
         if shape != self.vertices.shape:
             raise SceneError(f"{self.name}: other vertices are {self.vertices.shape}, as before, not {shape}")
-        found = self._with(vertices=self._places(vertices), normals=None)
+        mesh = self._with(vertices=self._places(vertices), normals=None)
         if normals is None:
-            return found
-        return found._with(normals=found._of_unit_length(self._at_corners("normals", normals, 3)))
+            return mesh
+        return mesh._with(normals=mesh._of_unit_length(self._at_corners("normals", normals, 3)))
 
     def _places(self, values: ArrayLike) -> Floats:
         """Return vertices (V, 3), checked."""
@@ -160,23 +160,23 @@ class Mesh:
 
     def with_material(self, material: Material, name: str | None = None) -> Mesh:
         """Return the same mesh of another material, and under another name if there is one."""
-        found = self._with(material=_checked(material))
-        return found if name is None else found._with(name=name)
+        mesh = self._with(material=_checked(material))
+        return mesh if name is None else mesh._with(name=name)
 
     def _with(self, **values: Any) -> Mesh:
         """Return the mesh with other attributes, which are checked already; all others are the same arrays."""
-        found = copy.copy(self)
+        mesh = copy.copy(self)
         for name, value in values.items():
-            object.__setattr__(found, name, value)
-        return found
+            object.__setattr__(mesh, name, value)
+        return mesh
 
     def moved(self, offset: Triple = (0, 0, 0), *, scale: float = 1.0, turn: float = 0.0, tilt: float = 0.0) -> Mesh:
         """Scale, tilt about x and turn about y (degrees), then move by `offset`.
 
         A negative scale mirrors, so it turns the faces over, as `transformed` does.
         """
-        given = {"scale": scale, "turn": turn, "tilt": tilt}
-        scale, *angles = (finite_number(f"{self.name}: a {what}", value) for what, value in given.items())
+        arguments = {"scale": scale, "turn": turn, "tilt": tilt}
+        scale, *angles = (finite_number(f"{self.name}: a {what}", value) for what, value in arguments.items())
         a, b = np.radians(angles)
         about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
@@ -282,13 +282,17 @@ def _checked(material: Material) -> Material:
 def affine(matrix: ArrayLike) -> Floats:
     """Copy a matrix (4, 4) to f64; SceneError if it has another shape, is not finite, or ends not in 0 0 0 1."""
     try:
-        found = np.array(matrix, dtype=np.float64)  # a copy, as for a Mesh
+        transform = np.array(matrix, dtype=np.float64)  # a copy, as for a Mesh
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (4, 4) or not np.all(np.isfinite(found)) or not np.array_equal(found[3], (0, 0, 0, 1)):
-        given = " ".join(str(matrix).split())[:80]
-        raise SceneError(f"a transform is a matrix (4, 4) of finite numbers whose last row is 0 0 0 1, not {given}")
-    return found
+        transform = np.zeros(0)
+    if (
+        transform.shape != (4, 4)
+        or not np.all(np.isfinite(transform))
+        or not np.array_equal(transform[3], (0, 0, 0, 1))
+    ):
+        text = " ".join(str(matrix).split())[:80]
+        raise SceneError(f"a transform is a matrix (4, 4) of finite numbers whose last row is 0 0 0 1, not {text}")
+    return transform
 
 
 def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
@@ -318,9 +322,9 @@ def product(vectors: Floats, matrix: Floats) -> Floats:
     A product of many rows takes a tenth of the time of many of three rows. With `_ROWS` BLAS starts no threads, which
     would wait for each other on a machine that does other work. Parts are alike, as BLAS rounds a single row otherwise.
     """
-    found = np.empty((*vectors.shape[:-1], matrix.shape[1]))
+    products = np.empty((*vectors.shape[:-1], matrix.shape[1]))
     count = vectors.size // 3 // _ROWS + 1
-    sides = (np.array_split(rows.reshape(-1, rows.shape[-1]), count) for rows in (vectors, found))
+    sides = (np.array_split(rows.reshape(-1, rows.shape[-1]), count) for rows in (vectors, products))
     for part, place in zip(*sides, strict=True):
         np.matmul(part, matrix, out=place)
-    return found
+    return products

@@ -23,18 +23,18 @@ _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 
 def read_mtl(data: bytes) -> dict[str, Words]:
     """Read the materials of a library by name; of a statement that comes twice, the last one counts."""
-    found: dict[str, Words] = {}
+    materials: dict[str, Words] = {}
     current: Words = {}
     for line in plain(data).split(b"\n"):
         line = without_comment(line).strip()
         words = line.split()
         if words[:1] == [b"newmtl"]:
-            current = found.setdefault(name_of(line[len("newmtl") :].strip()), {})
+            current = materials.setdefault(name_of(line[len("newmtl") :].strip()), {})
         elif words:
             key = name_of(words[0]).lower()
             after = name_of(line[len(words[0]) + 1 :])  # of a name spaces count, except those around it
             current[key] = [after] if key.startswith(_PICTURES) and after else [name_of(word) for word in words[1:]]
-    return found
+    return materials
 
 
 class PictureWords(NamedTuple):
@@ -46,9 +46,9 @@ class PictureWords(NamedTuple):
 
 def picture_words(words: list[str]) -> PictureWords:
     """Split a statement such as map_Kd into options and a file, whose name may have spaces, and begin with some."""
-    said = " ".join(words)
-    spans = [found.span() for found in re.finditer(r"\S+", said)]
-    words = [said[begin:end] for begin, end in spans]
+    text = " ".join(words)
+    spans = [match.span() for match in re.finditer(r"\S+", text)]
+    words = [text[begin:end] for begin, end in spans]
     options: dict[str, list[str]] = {}
     at = 0
     while at < len(words) - 1 and words[at].startswith("-"):
@@ -58,7 +58,7 @@ def picture_words(words: list[str]) -> PictureWords:
             end += 1
         options[option] = words[at + 1 : end]
         at = end
-    return PictureWords(said[spans[at - 1][1] + 1 if at else 0 :] if words else "", options)
+    return PictureWords(text[spans[at - 1][1] + 1 if at else 0 :] if words else "", options)
 
 
 def _is_number(word: str) -> bool:

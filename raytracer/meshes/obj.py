@@ -47,17 +47,17 @@ def read_obj(data: bytes, default: str, notices: Notices) -> tuple[list[tuple[Pa
 
     Parts without a name are named `default`.
     """
-    given = read_statements(data, notices)
-    return list(_meshes(given, default, notices)), given.libraries
+    statements = read_statements(data, notices)
+    return list(_meshes(statements, default, notices)), statements.libraries
 
 
-def _meshes(given: Statements, default: str, notices: Notices) -> Iterator[tuple[Part, Mesh]]:
-    places, colors = _split(given.tables[0])
-    found = triangulated(places, given.corners[:, 0], given.sizes)
-    found.report(notices, lambda face: f"line {given.lines[face]}")
-    corners = given.corners[found.corners]
-    uv, across = _table(given.tables[1]), of_unit_length(_table(given.tables[2]))  # once, for many parts
-    parts = _parts(given, found.faces)
+def _meshes(statements: Statements, default: str, notices: Notices) -> Iterator[tuple[Part, Mesh]]:
+    places, colors = _split(statements.tables[0])
+    triangulation = triangulated(places, statements.corners[:, 0], statements.sizes)
+    triangulation.report(notices, lambda face: f"line {statements.lines[face]}")
+    corners = statements.corners[triangulation.corners]
+    uv, across = _table(statements.tables[1]), of_unit_length(_table(statements.tables[2]))  # once, for many parts
+    parts = _parts(statements, triangulation.faces)
     smooth = _smoothed(places, corners[..., 0], parts.group)
     for part, chosen in parts.triangles():
         own = corners[chosen]
@@ -80,14 +80,14 @@ def _meshes(given: Statements, default: str, notices: Notices) -> Iterator[tuple
         )
 
 
-def _parts(given: Statements, faces: Ints) -> _Parts:
+def _parts(statements: Statements, faces: Ints) -> _Parts:
     """Return the parts, in the order of their first triangles, whose faces are given."""
-    state = np.searchsorted(np.array([begin for begin, _ in given.states]), faces, side="right") - 1
-    known: dict[Part, int] = {}
+    state = np.searchsorted(np.array([begin for begin, _ in statements.states]), faces, side="right") - 1
+    numbers: dict[Part, int] = {}
     for number in state[np.flatnonzero(np.diff(state, prepend=-1))].tolist():
-        known.setdefault(given.states[number][1].part, len(known))
-    part = np.array([known.get(each.part, -1) for _, each in given.states])
-    return _Parts(list(known), part[state], np.array([each.group for _, each in given.states])[state])
+        numbers.setdefault(statements.states[number][1].part, len(numbers))
+    part = np.array([numbers.get(each.part, -1) for _, each in statements.states])
+    return _Parts(list(numbers), part[state], np.array([each.group for _, each in statements.states])[state])
 
 
 def _split(vertices: Floats) -> tuple[Floats, Floats | None]:
@@ -119,11 +119,11 @@ def _used(index: NDArray[np.int32], count: int) -> tuple[Any, NDArray[Any]]:
     if index.size < count:  # one of many parts
         used, faces = np.unique(index, return_inverse=True)
         return used, faces.reshape(-1, 3)
-    held = np.zeros(count, bool)
-    held[index] = True
-    if held.all():
+    mask = np.zeros(count, bool)
+    mask[index] = True
+    if mask.all():
         return slice(None), index
-    return np.flatnonzero(held), (np.cumsum(held) - 1)[index]
+    return np.flatnonzero(mask), (np.cumsum(mask) - 1)[index]
 
 
 def _smoothed(places: Floats, index: NDArray[np.int32], group: Ints) -> Floats | None:

@@ -178,38 +178,38 @@ class _Reader:
         places = np.flatnonzero(broken)
         if len(places):
             line = int(lines[places[0]])
-            said = shown(name_of(block.split(b"\n", line + 1)[line]))
-            self.notices.leave_out(fault, len(places), f"line {self.line + line}", f"a {fault.one}: {said!r}")
+            text = shown(name_of(block.split(b"\n", line + 1)[line]))
+            self.notices.leave_out(fault, len(places), f"line {self.line + line}", f"a {fault.one}: {text!r}")
 
     def _read_faces(self, text: Bytes, begins: Ints, lines: Ints, before: Ints) -> None:
         """Read faces; `before` (F, 3) are the numbers of vertices, texture vertices and normals before each."""
         is_word = word_begins(text)
         sizes, words = np.add.reduceat(is_word, begins, dtype=np.int64), np.flatnonzero(is_word)
         face = np.repeat(np.arange(len(sizes)), sizes)
-        given, legible_words = _indices(text, is_word, words)
+        indices, legible_words = _indices(text, is_word, words)
         legible = np.ones(len(sizes), bool)
         legible[face[~legible_words]] = False
         if not legible.all() and _FACES not in self.causes:
             word = text[words[np.argmin(legible_words)] :].tobytes().split(None, 1)[0]
             self.causes[_FACES] = f"{shown(name_of(word))!r} in a face is not an index"
-        found = given - 1
+        numbers = indices - 1
         for kind in range(3):
-            column, there = given[:, kind], given[:, kind] != _ABSENT
+            column, there = indices[:, kind], indices[:, kind] != _ABSENT
             back = there & (column < 0)
             if back.any():
-                found[back, kind] = (column + before[face, kind])[back]
-            wrong = there & ((column == 0) | (found[:, kind] < 0)) & legible[face]
+                numbers[back, kind] = (column + before[face, kind])[back]
+            wrong = there & ((column == 0) | (numbers[:, kind] < 0)) & legible[face]
             if wrong.any() and kind not in self.causes:
                 row = int(np.argmax(wrong))
                 self.causes[kind] = _cause(kind, int(column[row]), int(before[face[row], kind]))
-            found[there & ((column == 0) | (found[:, kind] < 0)), kind] = BAD
-            found[~there, kind] = MISSING
-        self.faces.append(_Faces(np.minimum(found, _FARTHEST).astype(np.int32), sizes, self.line + lines, legible))
+            numbers[there & ((column == 0) | (numbers[:, kind] < 0)), kind] = BAD
+            numbers[~there, kind] = MISSING
+        self.faces.append(_Faces(np.minimum(numbers, _FARTHEST).astype(np.int32), sizes, self.line + lines, legible))
 
     def _read_statement(self, line: bytes, faces: int) -> None:
         """Read a statement of names or states, which stands after so many faces."""
         key = line.split(None, 1)[0]
-        said = name_of(line[len(key) :].strip())
+        argument = name_of(line[len(key) :].strip())
         if key == b"mtllib":
             self.libraries.append(name_of(line[len(key) + 1 :]))
         elif key in _SKIPPED:
@@ -218,7 +218,7 @@ class _Reader:
             self.notices.ignore(f"unknown statements {name_of(key)}")
         if key not in _STATES:
             return
-        setattr(self, _STATES[key], _group(said) if key == b"s" else said)
+        setattr(self, _STATES[key], _group(argument) if key == b"s" else argument)
         self.states.append((faces, State(Part(self.object or self.group, self.material), self.smoothing)))
 
     def statements(self) -> Statements:
@@ -285,19 +285,19 @@ def _indices(text: Bytes, is_word: Mask, words: Ints) -> tuple[Ints, Mask]:
     values, is_whole = whole_numbers(text, begins, np.flatnonzero(last) + 1)
     word = np.cumsum(is_word, dtype=np.int32)[begins] - 1
     column = slashes[begins] - (slashes[words] - is_slash[words])[word]
-    found = np.full((len(words), 3), _ABSENT)
+    indices = np.full((len(words), 3), _ABSENT)
     read = column < 3
-    found[word[read], column[read]] = values[read]
-    legible = found[:, 0] != _ABSENT
+    indices[word[read], column[read]] = values[read]
+    legible = indices[:, 0] != _ABSENT
     legible[word[read & ~is_whole]] = False
-    return found, legible
+    return indices, legible
 
 
 def _faces_of(corner: Mask, face: Ints, count: int) -> Mask:
     """Return which of `count` faces have one of these corners, whose faces are given."""
-    found = np.zeros(count, bool)
-    found[face[corner]] = True
-    return found
+    mask = np.zeros(count, bool)
+    mask[face[corner]] = True
+    return mask
 
 
 def _cause(kind: int, index: int, count: int) -> str:
@@ -322,27 +322,27 @@ def _kinds(text: Bytes, begins: Ints) -> NDArray[np.uint8]:
 def _gathered(text: Bytes, begins: Ints, ends: Ints, chosen: Ints, kind: int) -> tuple[Bytes, Ints]:
     """Return the text of some lines, with spaces for their keywords, and where each of them begins in it."""
     if len(chosen) == len(begins):
-        found, starts = text.copy(), begins
+        characters, starts = text.copy(), begins
     else:
         mask = np.zeros(len(begins), bool)
         mask[chosen] = True
-        found = text[np.repeat(mask, ends - begins)]
+        characters = text[np.repeat(mask, ends - begins)]
         sizes = (ends - begins)[chosen]
         starts = np.cumsum(sizes) - sizes
-    found[starts] = SPACE
+    characters[starts] = SPACE
     if kind in (1, 2):
-        found[starts + 1] = SPACE
-    return found, starts
+        characters[starts + 1] = SPACE
+    return characters, starts
 
 
 def _without_comments(block: bytes) -> bytes:
     if b"#" not in block:
         return block
 
-    def cut(found: re.Match[bytes]) -> bytes:
-        at = found.start()
+    def cut(match: re.Match[bytes]) -> bytes:
+        at = match.start()
         before = block[at - 1 : at] if at else b"\n"
-        return without_comment(before + found[0])[1:]
+        return without_comment(before + match[0])[1:]
 
     return re.sub(rb"#[^\n]*", cut, block)
 
@@ -351,24 +351,24 @@ def _continued(text: bytes) -> bytes:
     """Join each statement to the lines that continue it, which end with a backslash; empty lines follow it instead."""
     if re.search(rb"\\[ \t]*\n", text) is None:
         return text
-    found: list[bytes] = []
+    lines: list[bytes] = []
     parts: list[bytes] = []
     empty = 0
     for line in text.split(b"\n"):
-        said = without_comment(line).rstrip()
-        named = not parts and said.split(None, 1)[:1] and said.split(None, 1)[0] in _NAMES
-        if said.endswith(b"\\") and not named:
-            parts.append(said[:-1])
+        content = without_comment(line).rstrip()
+        named = not parts and content.split(None, 1)[:1] and content.split(None, 1)[0] in _NAMES
+        if content.endswith(b"\\") and not named:
+            parts.append(content[:-1])
             empty += 1
             continue
-        found += [b" ".join([*parts, line]), *[b""] * empty]
+        lines += [b" ".join([*parts, line]), *[b""] * empty]
         parts, empty = [], 0
-    return b"\n".join([*found, b" ".join(parts)])
+    return b"\n".join([*lines, b" ".join(parts)])
 
 
-def _group(said: str) -> int:
+def _group(argument: str) -> int:
     """Return the number of a smoothing group, 0 for `off` and for a word that is not a number."""
-    word = said.split()[:1]
+    word = argument.split()[:1]
     return int(word[0]) if word and word[0].isascii() and word[0].isdigit() and len(word[0]) < 10 else 0
 
 

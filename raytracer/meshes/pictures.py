@@ -56,10 +56,10 @@ class Budget:
 def _once(method: _Method) -> _Method:
     """Make a method of Picture one that is computed once for the same arguments."""
 
-    def found(self: Picture, *args: Any) -> Any:
-        return self.made((method.__name__, *args), lambda: method(self, *args))
+    def wrapper(self: Picture, *args: Any) -> Any:
+        return self.memoize((method.__name__, *args), lambda: method(self, *args))
 
-    return cast(_Method, functools.update_wrapper(found, method))
+    return cast(_Method, functools.update_wrapper(wrapper, method))
 
 
 class Picture:
@@ -72,7 +72,7 @@ class Picture:
         self.pixels = pixels if pixels.ndim == 3 else pixels[..., None]
         self.budget = budget
         self.name, self.wrap, self.filter = name, wrap, filter
-        self._made: dict[Hashable, Any] = {}
+        self._cache: dict[Hashable, Any] = {}
 
     @_once
     def color(self, factor: Triple) -> Texture:
@@ -133,21 +133,21 @@ class Picture:
 
     def texture(self, pixels: Pixels, *, srgb: bool) -> Texture:
         """Return a Texture of other pixels that is read as this picture is."""
-        made = Texture(pixels, srgb=srgb, filter=self.filter, wrap=self.wrap)
-        made.name = self.name
-        return made
+        texture = Texture(pixels, srgb=srgb, filter=self.filter, wrap=self.wrap)
+        texture.name = self.name
+        return texture
 
-    def made(self, key: Hashable, make: Callable[[], Any]) -> Any:
+    def memoize(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return the result of `make`, which is called once for each key."""
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]
 
 
 def channel(pixels: Pixels, number: int) -> NDArray[np.float32]:
     """Return one channel of pixels (H, W, 1 or 3) without decoding, (H, W) in [0, 1]."""
-    found = pixels[..., min(number, pixels.shape[2] - 1)]
-    return found.astype(np.float32) / np.float32(255 if found.dtype == np.uint8 else 1)
+    values = pixels[..., min(number, pixels.shape[2] - 1)]
+    return values.astype(np.float32) / np.float32(255 if values.dtype == np.uint8 else 1)
 
 
 class Pictures:
@@ -185,8 +185,8 @@ class Pictures:
 
     def _read(self, name: str, source: Callable[[], Any], alpha: bool) -> Pixels | None:
         try:
-            found = source()
-            with nullcontext(found) if hasattr(found, "convert") else opened(found) as picture:
+            content = source()
+            with nullcontext(content) if hasattr(content, "convert") else opened(content) as picture:
                 self._decoded += picture.size[0] * picture.size[1] * (_DEEP if is_deep(picture) else 1)
                 if self._decoded > MOST_DECODED:
                     raise SceneError(f"all pictures have more than {MOST_DECODED:,} pixels")

@@ -59,9 +59,9 @@ def read_ply(data: bytes, name: str, notices: Notices) -> Iterator[tuple[Mesh, s
     leave_out(_SHORT, short & ~broken, "vertex", notices)
     faces, strips = _faces(file, places, broken, notices), _strips(file, places, broken, notices)
     vertices = np.concatenate([faces.vertices, strips])
-    given = _at_corners(file, faces, vertices, broken, notices)
+    attributes = _at_corners(file, faces, vertices, broken, notices)
     for picture, chosen in _by_picture(file, face, faces.faces, len(vertices), notices):
-        own: Columns = {key: None if rows is None else rows[chosen] for key, rows in given.items()}
+        own: Columns = {key: None if rows is None else rows[chosen] for key, rows in attributes.items()}
         if picture is None and chosen is ALL and not broken.any():
             used, triangles = places, vertices
         else:
@@ -84,22 +84,22 @@ def _at_corners(file: File, faces: Triangles, vertices: Ints, broken: Mask, noti
     """Return normals, colours and uv coordinates at the corners of triangles, None where the file has none."""
     vertex, face = file.columns["vertex"], file.columns.get("face", {})
     uv = [_of_vertices(vertex, names, broken, _COORDINATES, notices) for names in _UV if _has(vertex, names)]
-    given = {
+    attributes = {
         "normals": _of_vertices(vertex, ("nx", "ny", "nz"), broken, _NORMAL, notices),
         "colors": _colors(file, "vertex", broken, notices),
         "uv": uv[0] if uv else None,
     }
-    found: Columns = {key: None if rows is None else rows[vertices] for key, rows in given.items()}
-    if found["colors"] is None and _has(face, _RGB):
+    columns: Columns = {key: None if rows is None else rows[vertices] for key, rows in attributes.items()}
+    if columns["colors"] is None and _has(face, _RGB):
         of_faces: Any = _colors(file, "face", np.zeros(len(face["red"]), bool), notices)
         colors = np.ones((len(vertices), 3, 3))
         colors[: len(faces.faces)] = of_faces[faces.faces][:, None]
-        found["colors"] = colors
+        columns["colors"] = colors
     if isinstance(face.get("texcoord"), Lists) and len(faces.faces) and len(face["texcoord"].values):
         places = np.zeros((len(vertices), 3, 2))
         places[: len(faces.faces)] = _texcoord(face["texcoord"], _corners(face), faces, notices)
-        found["uv"] = places
-    return found
+        columns["uv"] = places
+    return columns
 
 
 def _has(columns: Columns, names: tuple[str, ...]) -> bool:
@@ -176,9 +176,9 @@ def _strips(file: File, places: Floats, broken: Mask, notices: Notices) -> Ints:
         worst = int(parts[int(np.argmax(lacking))].max())
         cause = f"a strip names vertex {worst}, and there are {len(places)}"
         leave_out(_STRIP, lacking, "strip", notices, cause)
-    found: Ints = np.concatenate([np.zeros((0, 3), np.int64), *parts])
-    found = found[(found < len(places)).all(axis=1)]
-    return np.asarray(found[~broken[found].any(axis=1)])
+    triangles: Ints = np.concatenate([np.zeros((0, 3), np.int64), *parts])
+    triangles = triangles[(triangles < len(places)).all(axis=1)]
+    return np.asarray(triangles[~broken[triangles].any(axis=1)])
 
 
 def _strip(order: NDArray[Any]) -> Ints:
@@ -195,19 +195,19 @@ def _strip(order: NDArray[Any]) -> Ints:
     return np.asarray(np.stack([order[last - 2], order[last - 1 + odd], order[last - odd]], axis=1).reshape(-1, 3))
 
 
-def _texcoord(given: Lists, corners: Lists, faces: Triangles, notices: Notices) -> Floats:
+def _texcoord(lists: Lists, corners: Lists, faces: Triangles, notices: Notices) -> Floats:
     """Return uv coordinates at the corners (T, 3, 2) of triangles, zero for faces without any."""
-    right: Mask = np.asarray(given.sizes == 2 * corners.sizes)
-    begins = np.cumsum(given.sizes) - given.sizes
-    leave_out(_TEXCOORD, ~right & (given.sizes > 0) & (corners.sizes > 2), "face", notices)
+    right: Mask = np.asarray(lists.sizes == 2 * corners.sizes)
+    begins = np.cumsum(lists.sizes) - lists.sizes
+    leave_out(_TEXCOORD, ~right & (lists.sizes > 0) & (corners.sizes > 2), "face", notices)
     within = faces.places - (np.cumsum(corners.sizes) - corners.sizes)[faces.faces][:, None]
     place = np.where(right[faces.faces][:, None], begins[faces.faces][:, None] + 2 * within, 0)
-    values = np.append(given.values.astype(np.float64), [0, 0])
-    found = np.where(right[faces.faces][:, None, None], values[np.stack([place, place + 1], axis=-1)], 0)
-    wrong: Mask = np.asarray(~np.isfinite(found).all(axis=(1, 2)))
+    values = np.append(lists.values.astype(np.float64), [0, 0])
+    uv = np.where(right[faces.faces][:, None, None], values[np.stack([place, place + 1], axis=-1)], 0)
+    wrong: Mask = np.asarray(~np.isfinite(uv).all(axis=(1, 2)))
     if wrong.any():
         notices.leave_out(_COORDINATES, int(wrong.sum()), f"face {faces.faces[np.argmax(wrong)]:,}")
-    return np.where(wrong[:, None, None], 0, found)
+    return np.where(wrong[:, None, None], 0, uv)
 
 
 def _by_picture(
@@ -219,9 +219,11 @@ def _by_picture(
         notices.ignore("pictures after the first, as faces have no texnumber", max(len(file.pictures) - 1, 0))
         yield (file.pictures[0] if file.pictures else None), ALL
         return
-    known: Mask = np.asarray((numbers >= 0) & (numbers < len(file.pictures)) & (numbers == np.floor(numbers)))
-    leave_out(_PICTURE, ~known & (numbers != -1), "face", notices)  # MeshLab writes -1 for faces without a picture
+    has_picture: Mask = np.asarray((numbers >= 0) & (numbers < len(file.pictures)) & (numbers == np.floor(numbers)))
+    leave_out(
+        _PICTURE, ~has_picture & (numbers != -1), "face", notices
+    )  # MeshLab writes -1 for faces without a picture
     picture = np.full(count, -1)
-    picture[: len(owner)] = np.where(known, numbers, -1)[owner]
+    picture[: len(owner)] = np.where(has_picture, numbers, -1)[owner]
     for number in np.unique(picture).tolist():
         yield (None if number < 0 else file.pictures[number]), np.flatnonzero(picture == number)

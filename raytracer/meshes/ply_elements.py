@@ -81,18 +81,18 @@ def read_elements(data: bytes) -> File:
     if not data.startswith(b"ply"):
         data = plain(data)  # a byte-order mark, or UTF-16
     end = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
-    found = end and re.search(rb"(?:\n|\r)end_header[ \t]*" + end[1], data)
-    if found is None:
+    ending = end and re.search(rb"(?:\n|\r)end_header[ \t]*" + end[1], data)
+    if ending is None:
         raise SceneError("it has no PLY header that ends")
-    head, body = plain(data[: found.end()]).decode("latin-1"), data[found.end() :]
+    head, body = plain(data[: ending.end()]).decode("latin-1"), data[ending.end() :]
     elements = list(_elements(head))
     (name, times), *_ = Counter(part.name for part in elements).most_common(1) or [("", 0)]
     if times > 1:
         raise SceneError(f"its header has two elements named {shown(name)!r}")
     form = re.search(r"^format[ \t]+(\w+)", head, re.MULTILINE)
     if form is None or form[1] not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        given = shown(form[1]) if form else "missing"
-        raise SceneError(f"its format is {given}: ascii, binary_little_endian and binary_big_endian are read")
+        label = shown(form[1]) if form else "missing"
+        raise SceneError(f"its format is {label}: ascii, binary_little_endian and binary_big_endian are read")
     read = _in_text if form[1] == "ascii" else _in_bytes
     columns, short = read([part for part in elements if part.properties], body, ">" if "big" in form[1] else "<")
     names = re.findall(r"^comment[ \t]+TextureFile[ \t]+(\S.*?)[ \t]*$", head, re.MULTILINE | re.IGNORECASE)
@@ -107,8 +107,8 @@ def _elements(head: str) -> Iterator[Element]:
             if current is not None:
                 yield current
             if len(words) != 3 or not (words[2].isascii() and words[2].isdigit() and len(words[2]) < 19):
-                given = shown(" ".join(words[1:]))
-                raise SceneError(f"line {number}: an element in its header is {given!r} instead of a name and a number")
+                text = shown(" ".join(words[1:]))
+                raise SceneError(f"line {number}: an element in its header is {text!r} instead of a name and a number")
             current = Element(words[1], int(words[2]), [])
         elif words[:1] == ["property"]:
             is_list = words[1:2] == ["list"]
@@ -159,14 +159,14 @@ def of_lines(part: Element, values: NDArray[np.float64], at: Ints, ends: Ints) -
     whole = np.ones(len(at), bool)
     for name, _, length in part.properties:
         whole &= at < ends
-        given = np.where(whole, values[np.minimum(at, len(values) - 1)], np.nan)
+        column = np.where(whole, values[np.minimum(at, len(values) - 1)], np.nan)
         at = at + 1
         if not length:
-            columns[name] = given
+            columns[name] = column
             continue
         with np.errstate(invalid="ignore"):
-            whole &= (given >= 0) & (given == np.floor(given)) & (at + given <= ends)
-        sizes = np.where(whole, given, 0).astype(np.int64)
+            whole &= (column >= 0) & (column == np.floor(column)) & (at + column <= ends)
+        sizes = np.where(whole, column, 0).astype(np.int64)
         columns[name] = Lists(values[_ranges(at, sizes)], sizes)
         at = at + sizes
     return columns, np.flatnonzero(~whole)

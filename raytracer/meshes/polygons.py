@@ -105,18 +105,18 @@ def _covered(places: NDArray[Any], corners: Ints, faces: Ints, chosen: Ints, cou
 def _with_ears(places: NDArray[Any], corners: Ints, faces: Ints, wrong: Ints, begins: Ints, sizes: Ints) -> Triangles:
     """Return the triangles, in which ears replace the fans of the faces `wrong`."""
     too_large = wrong[sizes[wrong] > MOST_CORNERS]
-    crossed, made, owners = 0, [], [too_large[:0]]
+    crossed, triangles, owners = 0, [], [too_large[:0]]
     for face in wrong[sizes[wrong] <= MOST_CORNERS].tolist():
         first, count = int(begins[face]), int(sizes[face])
         ears = _ears(places[first : first + count].astype(np.float64))
         if ears is None:
             crossed += 1
         else:
-            made.append(first + ears)
+            triangles.append(first + ears)
             owners.append(np.full(len(ears), face))
-    if made or len(too_large):
+    if triangles or len(too_large):
         fans = ~np.isin(faces, np.concatenate([*owners, too_large]))
-        corners, faces = np.concatenate([corners[fans], *made]), np.concatenate([faces[fans], *owners])
+        corners, faces = np.concatenate([corners[fans], *triangles]), np.concatenate([faces[fans], *owners])
         order = np.argsort(faces, kind="stable")
         corners, faces = corners[order], faces[order]
     return Triangles(corners, faces, too_large, crossed)
@@ -140,8 +140,8 @@ def _ears(outline: Floats) -> Ints | None:
     ears = triangulate_float64(flat, np.array([len(flat)], np.uint32)).astype(np.int64).reshape(-1, 3)
     sides = np.diff(flat[ears], axis=1)
     areas = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    wanted = float(normal[axis]) * (-1 if axis == 1 else 1)  # (x, z) is a left-handed pair
-    over = areas * wanted < 0
+    signed_area = float(normal[axis]) * (-1 if axis == 1 else 1)  # (x, z) is a left-handed pair
+    over = areas * signed_area < 0
     ears[over] = ears[over, ::-1]
-    found = float(np.abs(areas).sum())
-    return ears if len(ears) and abs(found - abs(wanted)) <= _CROSSED * found else None
+    total = float(np.abs(areas).sum())
+    return ears if len(ears) and abs(total - abs(signed_area)) <= _CROSSED * total else None

@@ -48,8 +48,8 @@ def normals_at_corners(vertices: Floats, faces: Ints, below: float) -> Floats:
     normals = means.take(place, axis=0)
     for chosen in _by_places(is_mixed & ~crowded, place):
         face = chosen[:, ::order] // 3
-        found = _means_of_near(units.take(face, axis=0), weighted.take(face, axis=0), widest)
-        normals[chosen[:, ::order].reshape(-1)] = found.reshape(-1, 3)
+        corner_normals = _means_of_near(units.take(face, axis=0), weighted.take(face, axis=0), widest)
+        normals[chosen[:, ::order].reshape(-1)] = corner_normals.reshape(-1, 3)
     if crowded.any():
         chosen = np.flatnonzero(crowded[place])
         face = chosen // 3
@@ -93,14 +93,14 @@ def _mixed(means: Floats, units: Floats, place: Ints, widest: float) -> NDArray[
     Two faces that are nearer are nearer to each other than the angle. A face without area counts as far.
     """
     least = np.cos(np.arccos(widest) / 2) + _MARGIN
-    found = np.zeros(len(means), bool)
+    mask = np.zeros(len(means), bool)
     corners = place.reshape(-1, 3)
     for part in parts(len(units)):
         some, (x, y, z) = corners[part], np.ascontiguousarray(units[part].T)
         for column in np.ascontiguousarray(some.T):
             along = means.take(column, axis=0).T
-            found[column[~(along[0] * x + along[1] * y + along[2] * z > least)]] = True
-    return found
+            mask[column[~(along[0] * x + along[1] * y + along[2] * z > least)]] = True
+    return mask
 
 
 def _by_places(chosen: NDArray[np.bool_], place: Ints) -> Iterator[Ints]:
@@ -145,8 +145,8 @@ def _means_of_groups(place: Ints, units: Floats, weighted: Floats, widest: float
     _, first, group = np.unique(key, return_index=True, return_inverse=True)
     group = group.reshape(-1)
     sums: Floats = np.stack([np.bincount(group, weights=weighted[:, axis]) for axis in range(3)], axis=1)
-    found, direction = np.empty_like(sums), units[first]
+    normals, direction = np.empty_like(sums), units[first]
     at, number = np.unique(place[first], return_inverse=True)
     for some in _by_places(np.ones(len(at), bool), number.reshape(-1)):
-        found[some] = _means_of_near(direction[some], sums[some], widest)
-    return found[group]
+        normals[some] = _means_of_near(direction[some], sums[some], widest)
+    return normals[group]

@@ -57,14 +57,14 @@ def _of_text(text: bytes, default: str, notices: Notices) -> list[Mesh]:
     if text.lower().count(b"vertex") > text.count(b"\n"):  # all in one line, or nearly
         text = re.sub(_KEYWORDS, rb"\n\1", text)
     text = without_indents(text + b"\n")
-    held = np.frombuffer(text, np.uint8)
-    begins = line_begins(held)
-    letter = held[begins] | 32  # a letter in lower case
-    second = np.append(held, 0)[begins + 1] | 32
+    characters = np.frombuffer(text, np.uint8)
+    begins = line_begins(characters)
+    letter = characters[begins] | 32  # a letter in lower case
+    second = np.append(characters, 0)[begins + 1] | 32
     facets = np.flatnonzero((letter == ord("f")) & (second == ord("a")))
     vertices = np.flatnonzero((letter == ord("v")) & (second == ord("e")))
     solids = np.flatnonzero((letter == ord("s")) & (second == ord("o")))
-    places = _places(held, begins, vertices)
+    places = _places(characters, begins, vertices)
     facet = np.searchsorted(facets, vertices) - 1
     counts = np.bincount(facet[facet >= 0], minlength=len(facets))
     wrong = counts != 3
@@ -78,7 +78,7 @@ def _of_text(text: bytes, default: str, notices: Notices) -> list[Mesh]:
         notices.leave_out(_BROKEN, int((~finite).sum()), f"line {line}")
         corners, owner = corners[finite], owner[finite]
     solid = np.searchsorted(solids, facets[owner]) - 1
-    parts = [(_said(text, int(begins[line])), corners[solid == number]) for number, line in enumerate(solids)]
+    parts = [(_solid_name(text, int(begins[line])), corners[solid == number]) for number, line in enumerate(solids)]
     parts = [(name, own) for name, own in parts if len(own)]
     if len(parts) == 1:
         return [_mesh(parts[0][1], default)]
@@ -96,16 +96,16 @@ def _places(text: NDArray[np.uint8], begins: Ints, lines: Ints) -> Floats:
     ends = np.append(begins[1:], len(text))
     mask = np.zeros(len(begins), bool)
     mask[lines] = True
-    held = text[np.repeat(mask, ends - begins)]
+    characters = text[np.repeat(mask, ends - begins)]
     sizes = (ends - begins)[lines]
     starts = np.cumsum(sizes) - sizes
     for k in range(len("vertex")):
         at = starts[sizes > k + 1] + k
-        held[at] = np.where(held[at] > SPACE, SPACE, held[at])
-    return numbers_in(held, starts).rows(3)
+        characters[at] = np.where(characters[at] > SPACE, SPACE, characters[at])
+    return numbers_in(characters, starts).rows(3)
 
 
-def _said(text: bytes, begin: int) -> str:
+def _solid_name(text: bytes, begin: int) -> str:
     """Return the name in a line that begins with `solid`."""
     words = text[begin : text.index(b"\n", begin)].split(None, 1)
     return name_of(words[1].strip()) if len(words) > 1 else ""

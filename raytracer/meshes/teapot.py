@@ -116,6 +116,6 @@ def _bernstein(patches: int, divisions: int, *, closed: bool) -> tuple[Floats, F
     slopes = 3 * np.stack([-s * s, s * (s - 2 * t), t * (2 * s - t), t * t], axis=1)
     controls = 3 * patches + (not closed)
     used = (3 * patch[:, None] + np.arange(4)) % controls
-    found = np.zeros((2, len(sample), controls))
-    found[:, sample[:, None], used] = values, slopes
-    return found[0], found[1]
+    tables = np.zeros((2, len(sample), controls))
+    tables[:, sample[:, None], used] = values, slopes
+    return tables[0], tables[1]
