@@ -69,8 +69,8 @@ def _layout(picture: Any) -> tuple[str, str] | None:
             raise SceneError(
                 "its channels of 16 bits lie in planes, which are not read: save it with interleaved channels"
             )
-    found = _DEEP.fullmatch(str(layout))
-    return None if found is None else (found[1], found[2])
+    match = _DEEP.fullmatch(str(layout))
+    return None if match is None else (match[1], match[2])
 
 
 def _joined(picture: Any, channels: str, order: str) -> Numbers:

@@ -108,10 +108,10 @@ class Material:
             triple = getattr(self, name)
             if name == "emission" and isinstance(triple, Texture):
                 continue
-            held = three_floats(triple)
-            if held is None or not all(0 <= x < math.inf for x in held):
+            values = three_floats(triple)
+            if values is None or not all(0 <= x < math.inf for x in values):
                 raise SceneError(f"an {name} is (r, g, b) {what}, 0 or more, not {triple!r}")
-            object.__setattr__(self, name, held)
+            object.__setattr__(self, name, values)
         for name in ("surface", "shade"):
             program = getattr(self, name)
             if program is not None and not callable(program):
@@ -128,7 +128,7 @@ class Material:
     @property
     def textures(self) -> dict[str, Texture]:
         """The textures by the names of their fields."""
-        return {name: found for name in PICTURED if isinstance(found := getattr(self, name), Texture)}
+        return {name: texture for name in PICTURED if isinstance(texture := getattr(self, name), Texture)}
 
     @property
     def numbers(self) -> dict[str, float]:

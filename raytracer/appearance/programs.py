@@ -30,8 +30,8 @@ class _Known:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self._sources:
-            known = ", ".join(self._sources or self.__dict__.get("given", ()))
-            raise AttributeError(f"this {type(self).__name__} has no {name}: it has {known}")
+            names = ", ".join(self._sources or self.__dict__.get("given", ()))
+            raise AttributeError(f"this {type(self).__name__} has no {name}: it has {names}")
         self.read.add(name)
         # A copy, since the user's program may change it. It is not kept, since the next read may be in another branch,
         # where the kept value would not have been computed.
@@ -100,7 +100,7 @@ class Surface(_Known):
         normal: Any = None,
         emission: Any = None,
     ) -> None:
-        given = {
+        values = {
             "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
             "reflectivity": reflectivity, "transmission": transmission, "ior": ior, "normal": normal,
             "emission": emission,
@@ -108,7 +108,7 @@ class Surface(_Known):
         super().__init__({})
         self.given: dict[str, Any] = {
             name: converted(fields_of(Surface)[name], value, f"Surface({name}=...)", users_line())
-            for name, value in given.items()
+            for name, value in values.items()
             if value is not None
         }
         self.__dict__.update(self.given)
@@ -116,9 +116,9 @@ class Surface(_Known):
     @classmethod
     def known(cls, sources: Sources) -> Surface:
         """Return a surface all of whose fields are known."""
-        made = cls()
-        made._sources = sources
-        return made
+        surface = cls()
+        surface._sources = sources
+        return surface
 
 
 GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal", "emission")
@@ -158,39 +158,39 @@ def ask_surface(program: Callable[..., Any], hit: Hit) -> Surface:
     """Record a material's `surface` for a hit; SceneError where it gives no Surface."""
     if isinstance(program, sh.Program):
         names = list(program.outputs)
-        given = _run(program, _readers(hit), "a Hit")
+        outputs = _run(program, _readers(hit), "a Hit")
         if names == ["0"]:
-            return Surface(color=given)
+            return Surface(color=outputs)
         wrong = [name for name in names if name not in GIVEN]
         if wrong:
             raise SceneError(
                 f"{place_of(program)}: the outputs of a surface are named {', '.join(GIVEN)}, not {', '.join(wrong)}"
             )
-        values = given if isinstance(given, Mapping) else {name: getattr(given, name) for name in names}
+        values = outputs if isinstance(outputs, Mapping) else {name: getattr(outputs, name) for name in names}
         return Surface(**values)
     if "SH_RETURN" in getattr(getattr(unwrap(program), "__code__", None), "co_names", ()):
         raise SceneError(
             f"{place_of(program)}: a function gives its Surface at its end, without SH_RETURN: store what differs into "
             "a variable, color[:] = ..., or make it an sh.Program from fields of a Hit to those of a Surface"
         )
-    found = _called(program, "a surface takes one input, a Hit", hit)
-    if not isinstance(found, Surface):
+    surface = _called(program, "a surface takes one input, a Hit", hit)
+    if not isinstance(surface, Surface):
         raise SceneError(
-            f"{place_of(program)}: a surface gives a raytracer.Surface, not {_kind(found)}: return Surface(color=...)"
+            f"{place_of(program)}: a surface gives a raytracer.Surface, not {_kind(surface)}: return Surface(color=...)"
         )
-    return found
+    return surface
 
 
 def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
     """Record a material's `shade` for a unit vector to a light; SceneError where it gives no colour."""
     if isinstance(program, sh.Program):
-        found = _run(program, {**_readers(surface), "light": lambda: light}, "a Surface with its light")
+        result = _run(program, {**_readers(surface), "light": lambda: light}, "a Surface with its light")
     else:
         what = "a shade takes two inputs, a Surface and the unit vector to a light"
-        found = _called(program, what, surface, sh.Vector3f(light))
-    if found is None:
+        result = _called(program, what, surface, sh.Vector3f(light))
+    if result is None:
         raise SceneError(f"{place_of(program)}: a shade gives an sh.Color3f, not None: return it")
-    return converted(sh.Color3f, found, "what a shade gives", place_of(program))
+    return converted(sh.Color3f, result, "what a shade gives", place_of(program))
 
 
 def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
@@ -203,15 +203,15 @@ def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
         needed = [name for name in program.inputs if name not in program.recorded.defaults]
         if len(needed) > 1 or not program.inputs:
             raise SceneError(f"{where}: {takes}, not {', '.join(needed) or 'none'}")
-        found = program(direction)
+        result = program(direction)
     else:
-        found = _called(program, takes, direction)
-    return converted(sh.Color3f, found, f"what the program of {whose} gives", where)
+        result = _called(program, takes, direction)
+    return converted(sh.Color3f, result, f"what the program of {whose} gives", where)
 
 
-def _readers(known: _Known) -> Sources:
+def _readers(record: _Known) -> Sources:
     """Return the functions that read the fields of a Hit or Surface, by name."""
-    return {name: partial(getattr, known, name) for name in known._sources}
+    return {name: partial(getattr, record, name) for name in record._sources}
 
 
 def _called(program: Callable[..., Any], what: str, *values: Any) -> Any:
@@ -260,8 +260,8 @@ def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
 
     @sh.program
     def environment(direction: sh.Vector3f) -> sh.Color3f:
-        found: sh.Color3f = ask_sky(program, direction, whose)
-        return found
+        color: sh.Color3f = ask_sky(program, direction, whose)
+        return color
 
     _check_ends(program, environment, "give black where there is no light")
     return Examined(frozenset(), frozenset(), environment)

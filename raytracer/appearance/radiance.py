@@ -38,10 +38,10 @@ def read_hdr(path: Path, largest: int) -> NDArray[np.float32]:
     if formats - {b"32-bit_rle_rgbe"}:
         raise SceneError(f"its FORMAT is {b', '.join(sorted(formats)).decode(errors='replace')}, not 32-bit_rle_rgbe")
     size, _, data = rest.partition(b"\n")
-    found = _SIZE.fullmatch(size)
-    if found is None:
+    match = _SIZE.fullmatch(size)
+    if match is None:
         raise SceneError(f"its size is written as -Y height +X width, not {size[:40].decode(errors='replace')!r}")
-    down, height, right, width = found[1], int(found[2]), found[3], int(found[4])
+    down, height, right, width = match[1], int(match[2]), match[3], int(match[4])
     check_size(width, height, largest)
     numbers = _colors(_rows(data, height, width)) / np.float32(_exposure(variables))
     return np.ascontiguousarray(numbers[:: 1 if down == b"-" else -1, :: 1 if right == b"+" else -1])

@@ -66,9 +66,9 @@ class Texture:
         wrap: Wrap = "repeat",
         alpha: bool = False,
     ) -> None:
-        for given, known, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
-            if given not in known:
-                raise SceneError(f"a texture's {what} is one of {', '.join(map(repr, known))}, not {given!r}")
+        for choice, choices, what in ((filter, get_args(Filter), "filter"), (wrap, WRAPS, "wrap")):
+            if choice not in choices:
+                raise SceneError(f"a texture's {what} is one of {', '.join(map(repr, choices))}, not {choice!r}")
         self.filter: Filter = filter
         self.wrap: Wrap = wrap
         if isinstance(source, str | PathLike):
@@ -206,7 +206,7 @@ def linear(pixels: NDArray[Any], *, encoded: bool, channels: int = 3) -> NDArray
     Some rows are converted at a time, as formulas in binary64 take several times the memory of the pixels.
     """
     height, width = pixels.shape[:2]
-    found = np.empty((height, width, channels), np.float32)
+    image = np.empty((height, width, channels), np.float32)
     levels = np.arange(256) / 255
     table = (decoded(levels) if encoded else levels).astype(np.float32)
     rows = max(1, AT_ONCE // width)
@@ -216,8 +216,8 @@ def linear(pixels: NDArray[Any], *, encoded: bool, channels: int = 3) -> NDArray
             part = table[part]
         elif encoded:
             part = decoded(part.astype(np.float64))
-        found[top : top + rows] = part
-    return found
+        image[top : top + rows] = part
+    return image
 
 
 def decoded(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
