@@ -23,16 +23,16 @@ def eye_ray(camera: Camera, size: tuple[int, int], at: tuple[int, int]) -> tuple
     """Return the origin and the unit direction of the eye ray through the middle of a pixel (row, column)."""
     width, height = size
     row, column = at[0] + 0.5, at[1] + 0.5
-    given = camera.uniforms(width, height, np.zeros(3), 1.0)
-    eye = np.asarray(given["eye"], np.float64)
+    uniforms = camera.uniforms(width, height, np.zeros(3), 1.0)
+    eye = np.asarray(uniforms["eye"], np.float64)
     if camera.projection == "panorama":
         azimuth, altitude = 2 * math.pi * (column / width - 0.5), math.pi * (0.5 - row / height)
-        level = math.sin(azimuth) * given["right"] + math.cos(azimuth) * given["forward"]
-        return eye, math.cos(altitude) * level + math.sin(altitude) * given["above"]
-    aside = column * given["across"] + row * given["down"]
+        level = math.sin(azimuth) * uniforms["right"] + math.cos(azimuth) * uniforms["forward"]
+        return eye, math.cos(altitude) * level + math.sin(altitude) * uniforms["above"]
+    aside = column * uniforms["across"] + row * uniforms["down"]
     if camera.projection == "orthographic":
-        return eye + aside, given["corner"]
-    ray = given["corner"] + aside
+        return eye + aside, uniforms["corner"]
+    ray = uniforms["corner"] + aside
     return eye, ray / np.linalg.norm(ray)
 
 
@@ -41,8 +41,8 @@ def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple
 
     With path tracing the distance is that of the first sample, which lies elsewhere in the pixel.
     """
-    found = renderer.rows(size, at[0], 1, camera=camera, samples=1)
-    number, distance = int(found["object_id"][0, at[1]]), float(found["depth"][0, at[1]])
+    layers = renderer.rows(size, at[0], 1, camera=camera, samples=1)
+    number, distance = int(layers["object_id"][0, at[1]]), float(layers["depth"][0, at[1]])
     if number < 0:
         return {"at": list(at), "number": None}
     origin, ray = eye_ray(camera, size, at)
@@ -51,6 +51,6 @@ def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple
         "number": number,
         "object": renderer.scene.meshes[number].name,
         "position": origin + distance * ray,
-        "normal": found["normal"][0, at[1]],
+        "normal": layers["normal"][0, at[1]],
         "distance": distance,
     }

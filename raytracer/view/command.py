@@ -57,9 +57,9 @@ def view(options: argparse.Namespace) -> int:
     chosen(options, options.integrator)
     viewing.check(options, _WRITTEN, lights_all=options.integrator == "path", framed=path.suffix.lower() in FORMATS)
     state = {"size": list(options.size), "backend": options.backend, "playing": False}
-    said = partial(print, f"raytracer view {options.scene}:", flush=True)
+    report = partial(print, f"raytracer view {options.scene}:", flush=True)
     shown = sh.view.View("raytracer.view.session", request, state, (PAGE, sh.view.PAGE))
-    sh.view.serve(shown, address=options.listen, port=options.port, said=said)
+    sh.view.serve(shown, address=options.listen, port=options.port, said=report)
     return 0
 
 
@@ -80,13 +80,13 @@ def chosen(options: argparse.Namespace, kind: str) -> integrator.Integrator:
 
     `accel` is for both kinds, and `tracer` for Whitted's, since path tracing has one alone.
     """
-    said: dict[str, Any] = {"samples": SAMPLES[kind], "accel": options.accel}
+    numbers: dict[str, Any] = {"samples": SAMPLES[kind], "accel": options.accel}
     if kind in ("whitted", options.integrator):
-        said["tracer"] = options.tracer
+        numbers["tracer"] = options.tracer
     if kind == options.integrator:
         named = {name: getattr(options, name) for name in ("bounces", "samples")}
-        said |= {name: value for name, value in named.items() if value is not None}
-    return integrator.chosen(kind, said)
+        numbers |= {name: value for name, value in named.items() if value is not None}
+    return integrator.chosen(kind, numbers)
 
 
 def request_of(options: argparse.Namespace) -> dict[str, Any]:

@@ -54,12 +54,12 @@ class Edits:
         self.labels: list[str] = []
         """The name of each mesh's material."""
         self._materials: dict[str, Material] = {}
-        known: dict[int, str] = {}
+        labels_by_material: dict[int, str] = {}
         for mesh in scene.meshes:
-            if id(mesh.material) not in known:
-                known[id(mesh.material)] = self._name(mesh)
-                self._materials[known[id(mesh.material)]] = mesh.material
-            self.labels.append(known[id(mesh.material)])
+            if id(mesh.material) not in labels_by_material:
+                labels_by_material[id(mesh.material)] = self._name(mesh)
+                self._materials[labels_by_material[id(mesh.material)]] = mesh.material
+            self.labels.append(labels_by_material[id(mesh.material)])
         self._objects = [mesh.name for mesh in scene.meshes]
         self._lights = scene.lights
         self._changed: dict[str, list[Any]] = {}
@@ -119,26 +119,26 @@ class Edits:
         for number in range(len(scene.meshes)):
             meshes.setdefault(self.label(scene, number), []).append(number)
         values = {label: self._values(f"material.{label}.", scene.meshes[n[0]].material) for label, n in meshes.items()}
-        known = ((k, light) for k, light in enumerate(scene.lights) if not isinstance(light, EnvironmentLight))
-        lights = ((number, self._values(f"light.{number}.", light)) for number, light in known)
-        placed = tuple((tuple(meshes[label]), found) for label, found in values.items() if found)
-        return placed, tuple((number, found) for number, found in lights if found)
+        lamps = ((k, light) for k, light in enumerate(scene.lights) if not isinstance(light, EnvironmentLight))
+        lights = ((number, self._values(f"light.{number}.", light)) for number, light in lamps)
+        placed = tuple((tuple(meshes[label]), changes) for label, changes in values.items() if changes)
+        return placed, tuple((number, changes) for number, changes in lights if changes)
 
     def label(self, scene: Scene, number: int) -> str:
         """Return the name of a mesh's material; of a mesh that came later, that of a mesh with the same one."""
         if number < len(self.labels):
             return self.labels[number]
         mesh = scene.meshes[number]
-        known = zip(scene.meshes, self.labels, strict=False)
-        return next((label for other, label in known if other.material == mesh.material), shown(mesh.name, _LONGEST))
+        pairs = zip(scene.meshes, self.labels, strict=False)
+        return next((label for other, label in pairs if other.material == mesh.material), shown(mesh.name, _LONGEST))
 
     def _remade(self, mesh: Mesh, label: str) -> Mesh:
         values = self._values(f"material.{label}.", mesh.material)
         return mesh.with_material(dataclasses.replace(mesh.material, **values)) if values else mesh
 
     def _material(self, label: str) -> Material:
-        found = self._materials[label]
-        return dataclasses.replace(found, **self._values(f"material.{label}.", found))
+        material = self._materials[label]
+        return dataclasses.replace(material, **self._values(f"material.{label}.", material))
 
     def _light(self, number: int, light: Any) -> Any:
         if isinstance(light, EnvironmentLight):
@@ -147,13 +147,13 @@ class Edits:
 
     def _values(self, prefix: str, thing: Any) -> dict[str, Any]:
         """Return the fields of a thing that are changed, in their own types."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for field in dataclasses.fields(thing):
             value = self._changed.get(prefix + field.name)
             if value is not None:
                 numbers = tuple(map(float, value))
-                found[field.name] = numbers if isinstance(getattr(thing, field.name), tuple) else numbers[0]
-        return found
+                values[field.name] = numbers if isinstance(getattr(thing, field.name), tuple) else numbers[0]
+        return values
 
     def describe(self) -> dict[str, Any]:
         """Return the materials and lights, each with its controls, as the page shows them."""
@@ -185,8 +185,8 @@ class Edits:
             most = 2 * max(map(abs, light.position)) or 1.0
             spans = {"color": (0.0, max(2.0, 2 * max(light.color))), "position": (-most, most)}
         what = "point" if isinstance(light, PointLight) else "direction"
-        found = [_control(f"light.{number}.", name, light, span) for name, span in spans.items()]
-        return {"label": f"{number + 1}: {what}", "controls": [one for one in found if one is not None]}
+        controls = [_control(f"light.{number}.", name, light, span) for name, span in spans.items()]
+        return {"label": f"{number + 1}: {what}", "controls": [one for one in controls if one is not None]}
 
 
 def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> dict[str, Any] | None:

@@ -98,8 +98,8 @@ def _animation_of(path: Path, options: argparse.Namespace, notices: list[str]) -
 @contextmanager
 def _heard() -> Iterator[list[str]]:
     """Yield a list that collects the warnings of the block."""
-    said: list[str] = []
-    with warnings.catch_warnings(record=True) as found:
+    messages: list[str] = []
+    with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("always", sh.ShpyWarning)
-        yield said
-    said += [str(one.message) for one in found]
+        yield messages
+    messages += [str(one.message) for one in records]

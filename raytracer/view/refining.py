@@ -178,21 +178,21 @@ class Refinement:
         width, height = self.size
         traced = isinstance(self._renderer.integrator, Path)
         row_of_rays = width * (past - first if traced else past)
-        top, wanted = 0, self._pace.piece
-        count = max(1, self._pace.count(wanted) // row_of_rays)
+        top, duration = 0, self._pace.piece
+        count = max(1, self._pace.count(duration) // row_of_rays)
         while top < height:
             count = min(count, height - top)
             begun = time.perf_counter()
             band = {name: layer[top : top + count] for name, layer in self.layers.items()}
             start = (band, first) if traced and first else None
-            found = self._renderer.rows(self.size, top, count, camera=self.camera, samples=past, start=start)
+            rows = self._renderer.rows(self.size, top, count, camera=self.camera, samples=past, start=start)
             seconds = time.perf_counter() - begun
             for name, layer in self.layers.items():
-                layer[top : top + count] = found[name]
+                layer[top : top + count] = rows[name]
             self._develop(top, top + count)
             top += count
             yield Piece(False, past, top / height, seconds)
-            count = max(1, int(count * min(wanted / seconds, 2.0)))  # rows below may be of more than background
+            count = max(1, int(count * min(duration / seconds, 2.0)))  # rows below may be of more than background
 
     def _develop(self, top: int, past: int) -> None:
         """Recompute rows of `shown` from `layers`."""

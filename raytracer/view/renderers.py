@@ -51,37 +51,37 @@ class Renderers:
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
-        self._found: dict[Form, Any] = {}
+        self._results: dict[Form, Any] = {}
         self._begun: set[Form] = set()
         self._last: Drawer | None = None
 
-    def best(self, wanted: Form, scene: Scene) -> Drawer | None:
+    def best(self, form: Form, scene: Scene) -> Drawer | None:
         """Return the wanted drawer; until it is made, the last one used, or None if there is none.
 
         Raises the error with which the wanted drawer could not be made.
         """
-        if wanted not in self._begun:
-            self._begun.add(wanted)
-            threading.Thread(target=self._make, args=(wanted, scene), daemon=True).start()
-        found = self._found.get(wanted)
-        if isinstance(found, Exception):
+        if form not in self._begun:
+            self._begun.add(form)
+            threading.Thread(target=self._make, args=(form, scene), daemon=True).start()
+        result = self._results.get(form)
+        if isinstance(result, Exception):
             # Another scene, such as one without an environment light, may be possible.
-            self._begun.discard(wanted)
-            del self._found[wanted]
-            raise found
-        if found is not None:
-            self._last = found
+            self._begun.discard(form)
+            del self._results[form]
+            raise result
+        if result is not None:
+            self._last = result
         return self._last
 
     def is_ready(self, form: Form) -> bool:
         """Return whether a form has been made, or has failed."""
-        return form in self._found
+        return form in self._results
 
     def _make(self, form: Form, scene: Scene) -> None:
         try:
             renderer = Renderer(scene, integrator=form.integrator, backend=form.backend)
-            made: Any = Drawer(form, renderer, scene)
+            result: Any = Drawer(form, renderer, scene)
         except Exception as error:  # of a driver too: the page shows it
-            made = error
-        self._found[form] = made
+            result = error
+        self._results[form] = result
         self._wake()

@@ -90,9 +90,9 @@ class Session:
     @property
     def seen(self) -> Camera:
         """The camera of the picture."""
-        found = self.camera or self._scene.camera
-        assert found is not None  # a scene frames one if it has none
-        return found
+        camera = self.camera or self._scene.camera
+        assert camera is not None  # a scene frames one if it has none
+        return camera
 
     def describe(self) -> dict[str, Any]:
         """Return the description of this version for the page: names, camera, controls and choices."""
@@ -117,8 +117,8 @@ class Session:
     def set(self, changes: dict[str, Any]) -> list[str]:
         """Change the state of the view; return the messages of what is refused."""
         params = dict(changes.get("params", {}))
-        given = params.pop("exposure", [self.stops])
-        stops = self._stops if given is None else float(given[0])
+        exposure = params.pop("exposure", [self.stops])
+        stops = self._stops if exposure is None else float(exposure[0])
         refused = self.edits.set(params)
         if not abs(stops) <= viewing.MOST:
             refused.append(f"an exposure is a number from -{viewing.MOST:g} to {viewing.MOST:g}, not {stops:g}")
@@ -147,12 +147,12 @@ class Session:
         if kind not in INTEGRATORS:
             raise SceneError(f"the integrator is one of {', '.join(INTEGRATORS)}, not {kind!r}")
         self._kind, self.stamp = kind, scene.get("stamp")
-        given = scene.get("camera")
-        if given is None:
+        camera = scene.get("camera")
+        if camera is None:
             self.camera = None
             return
-        places = {name: tuple(map(float, given[name])) for name in ("position", "target", "up")}
-        numbers = {name: float(given[name]) for name in ("fov", "span")}
+        places = {name: tuple(map(float, camera[name])) for name in ("position", "target", "up")}
+        numbers = {name: float(camera[name]) for name in ("fov", "span")}
         # Directions that a calibration fixes would not follow.
         self.camera = dataclasses.replace(self.seen, **places, **numbers, intrinsics=None)  # type: ignore[arg-type]
 
@@ -290,8 +290,8 @@ class Session:
         """Return what is known of the surface of a pixel."""
         if self._drawer is None or self._refinement is None:
             return {"at": at, "number": None}
-        found = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
-        return found if found["number"] is None else {**found, **self._names(found["number"])}
+        surface = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
+        return surface if surface["number"] is None else {**surface, **self._names(surface["number"])}
 
     def _camera_texts(self) -> dict[str, Any]:
         meshes, lights = self.edits.changed(self._scene)

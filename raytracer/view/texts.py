@@ -92,30 +92,34 @@ class Shown:
 
     def _unusual(self) -> dict[str, Any]:
         """Return the numbers of the integrator that are not its default."""
-        found = {field.name: (getattr(self.integrator, field.name), field.default) for field in fields(self.integrator)}
-        return {name: found[name][0] for name in ("bounces", "samples", "accel") if found[name][0] != found[name][1]}
+        numbers = {
+            field.name: (getattr(self.integrator, field.name), field.default) for field in fields(self.integrator)
+        }
+        return {
+            name: numbers[name][0] for name in ("bounces", "samples", "accel") if numbers[name][0] != numbers[name][1]
+        }
 
     def _placed(self) -> dict[str, Any]:
         """Return the options of the camera: those of the command line until the page turns it."""
         if self.turned is None:
-            given = {name: getattr(self.options, name) for name in _PLACES}
-            return {name: value for name, value in given.items() if value is not None}
-        found = {"camera": self.seen.position, "target": self.seen.target, "up": self.seen.up}
-        return found | ({"fov": self.seen.fov} if self.seen.projection == "perspective" else {})
+            options = {name: getattr(self.options, name) for name in _PLACES}
+            return {name: value for name, value in options.items() if value is not None}
+        camera = {"camera": self.seen.position, "target": self.seen.target, "up": self.seen.up}
+        return camera | ({"fov": self.seen.fov} if self.seen.projection == "perspective" else {})
 
     def _seen(self) -> list[str]:
         """Return the options of the camera and of what is seen."""
-        options, found = self.options, []
+        options, arguments = self.options, []
         for name, value in self._placed().items():
-            found += [f"--{name}", _numbers(value) if isinstance(value, tuple) else repr(value)]
-        found += ["--exposure", repr(self.stops)] if self.stops else []
-        found += ["--no-floor"] if options.no_floor else []
-        found += ["--strict"] if options.strict else []
+            arguments += [f"--{name}", _numbers(value) if isinstance(value, tuple) else repr(value)]
+        arguments += ["--exposure", repr(self.stops)] if self.stops else []
+        arguments += ["--no-floor"] if options.no_floor else []
+        arguments += ["--strict"] if options.strict else []
         shown = options.background
         if shown is not None:
-            found += ["--background", str(shown) if isinstance(shown, Path) else _numbers(shown)]
-        found += ["--environment", str(options.environment)] if options.environment is not None else []
-        return found
+            arguments += ["--background", str(shown) if isinstance(shown, Path) else _numbers(shown)]
+        arguments += ["--environment", str(options.environment)] if options.environment is not None else []
+        return arguments
 
     # The code
 
@@ -166,15 +170,15 @@ class Shown:
     def _framing(self) -> dict[str, Any]:
         """Return the keywords of `Scene.load` for a file."""
         options = self.options
-        given: dict[str, Any] = {} if options.up is None else {"up": options.up}
-        given |= {"floor": False} if options.no_floor else {}
+        keywords: dict[str, Any] = {} if options.up is None else {"up": options.up}
+        keywords |= {"floor": False} if options.no_floor else {}
         if options.environment is not None:
-            given["lights"] = _Text(f"[rt.EnvironmentLight({str(options.environment)!r})]")
+            keywords["lights"] = _Text(f"[rt.EnvironmentLight({str(options.environment)!r})]")
         named = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
         named = {name: value for name, value in named.items() if value is not None}
         if named:
-            given["camera"] = _Text(f"lambda camera: dataclasses.replace(camera, {_named(named)}, intrinsics=None)")
-        return given
+            keywords["camera"] = _Text(f"lambda camera: dataclasses.replace(camera, {_named(named)}, intrinsics=None)")
+        return keywords
 
     def _changed_meshes(self) -> list[str]:
         if not self.meshes:
@@ -207,14 +211,14 @@ class Shown:
     def _replacing(self) -> list[str]:
         """Return the line that gives the scene what the page and the command line change."""
         options = self.options
-        given: dict[str, Any] = {"meshes": _Text("meshes")} if self.meshes else {}
-        given |= {"lights": _Text("lights")} if self.lights else {}
+        keywords: dict[str, Any] = {"meshes": _Text("meshes")} if self.meshes else {}
+        keywords |= {"lights": _Text("lights")} if self.lights else {}
         if self.seen.intrinsics is None and (self.turned is not None or (not self._is_framed and self._placed())):
-            given["camera"] = _Text(f"rt.{self.camera()}")
+            keywords["camera"] = _Text(f"rt.{self.camera()}")
         if options.background is not None:
             shown = options.background
-            given["background"] = _Text(f"rt.Texture({str(shown)!r})") if isinstance(shown, Path) else shown
-        return [f"scene = dataclasses.replace(scene, {_named(given)})"] if given else []
+            keywords["background"] = _Text(f"rt.Texture({str(shown)!r})") if isinstance(shown, Path) else shown
+        return [f"scene = dataclasses.replace(scene, {_named(keywords)})"] if keywords else []
 
 
 class _Text(str):
