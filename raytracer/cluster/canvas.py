@@ -25,9 +25,9 @@ def canvas(width: int, height: int) -> dict[str, Any]:
             f"a picture of {width} x {height} pixels takes {needed:,} bytes in {folder}, where {free:,} are free: "
             "choose a smaller size, or another folder by TMPDIR"
         )
-    return unset(width, height, _held)
+    return unset(width, height, _array_in_file)
 
 
-def _held(shape: tuple[int, ...], kind: Any) -> Any:
+def _array_in_file(shape: tuple[int, ...], kind: Any) -> Any:
     with tempfile.TemporaryFile() as file:
         return np.asarray(np.memmap(file, kind, "w+", shape=shape))

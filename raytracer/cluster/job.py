@@ -77,18 +77,18 @@ def probed(backend: str, integrator: Integrator, *tables: Any) -> str:
     numbers = np.arange(1, 2 * _PROBES + 1, dtype=np.uint64) * 2654435761 % (1 << 24)  # Knuth's multiplicative hash
     x, y = ((numbers + 1) / np.float32(1 << 24)).astype(np.float32).reshape(2, -1)
     options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math}
-    found = probe.compile(backend, **options)(x, y)
+    results = probe.compile(backend, **options)(x, y)
     digest = hashlib.sha256()
-    for table in (*tables, *found):
+    for table in (*tables, *results):
         digest.update(b"-" if table is None else np.ascontiguousarray(table).tobytes())
     return digest.hexdigest()[:16]
 
 
-def check_alike(before: str | None, found: str, integrator: Integrator, backend: str) -> str:
+def check_alike(before: str | None, digest: str, integrator: Integrator, backend: str) -> str:
     """Return a worker's fingerprint; ClusterError if that of another worker, `before`, differs."""
-    if before is not None and found != before:
+    if before is not None and digest != before:
         raise ClusterError(
             f"the cluster's workers compute different bits with math={integrator.math!r} on {backend}, as their "
             'processors or drivers differ: choose math="strict" or "portable", or workers that are alike'
         )
-    return found
+    return digest

@@ -95,10 +95,10 @@ class Part:
     def begin(self, top: int, count: int, width: int, first: int) -> Records:
         """Make the eye rays of rows from `top` on; `first` is the number of the first pixel."""
         self.eyes.params["first_row"].value = top
-        made = self.kernels["generate"](shape=(count, width))
+        rays = self.kernels["generate"](shape=(count, width))
         records, size = Records({}), count * width
         for name in stages.Generated._fields:
-            records.take(name, getattr(made, name))
+            records.take(name, getattr(rays, name))
         for name, column in records.columns.items():
             records.columns[name] = column.reshape(size, *column.shape[2:])
         records.take("point", sh.Stream.empty(size, self.point, backend="numpy").numpy())
@@ -115,12 +115,12 @@ class Part:
 
     def _follow(self, batches: list[Records]) -> Stepped:
         sent: dict[int, list[Records]] = {}
-        while len(found := joined(batches)):
-            goals = found.columns["goal"]
+        while len(records := joined(batches)):
+            goals = records.columns["goal"]
             for goal in np.unique(goals).tolist():
                 if goal != self.data.number:
-                    sent.setdefault(goal, []).append(found[goals == goal])
-            batches = self._advanced(found[goals == self.data.number])
+                    sent.setdefault(goal, []).append(records[goals == goal])
+            batches = self._advanced(records[goals == self.data.number])
         done, visits = joined(self.done), self.visits
         self.done, self.visits = [], 0
         return Stepped({goal: joined(parts) for goal, parts in sent.items()}, done, visits, self.fingerprint)
@@ -160,7 +160,7 @@ class Part:
         before, reach = columns["nearest.id"], columns["nearest.l"]
         place = np.where(before >= 0, np.searchsorted(numbers, before), -1).astype(np.int32)
         columns["nearest.id"] = place
-        records.take("nearest", self.kernels["meet"](ray=records.given("ray"), nearest=records.given("nearest")))
+        records.take("nearest", self.kernels["meet"](ray=records.argument("ray"), nearest=records.argument("nearest")))
         mine = (columns["nearest.id"] != place) | (columns["nearest.l"] != reach)
         columns["nearest.id"] = np.where(mine, numbers[columns["nearest.id"].clip(0, len(numbers) - 1)], before)
         columns["owner"] = np.where(mine, self.data.number, columns["owner"])
@@ -186,9 +186,9 @@ class Part:
         columns["nearest.id"] = np.where(met, own, -1).astype(np.int32)
         program = self.kernels["shade"]
         names = ("ray", "nearest", "light", "point", "pixel", "state")
-        found = program(**{name: records.given(name) for name in names})
+        shading = program(**{name: records.argument(name) for name in names})
         for name in stages.SHADED:
-            records.take(name, getattr(found, name))
+            records.take(name, getattr(shading, name))
         return records
 
 

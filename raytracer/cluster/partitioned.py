@@ -68,9 +68,9 @@ def render_partitioned(
     rows = max(1, BAND // (width * fine * fine))
     for top in range(0, height, rows):
         past = min(top + rows, height)
-        found = run.traced(top * fine, (past - top) * fine, width * fine)
+        pixels = run.traced(top * fine, (past - top) * fine, width * fine)
         band = Pixel(*(layer[top:past] for layer in layers.values()))
-        take_samples(band, found, fine)
+        take_samples(band, pixels, fine)
         unscale(band, layout.scale)
         if progress is not None:
             progress(past, height)
@@ -186,8 +186,8 @@ class _Run:
         there = [sent for sent in self.sent.values() if not sent.cancelled()]
         holders = self.client.who_has(there) if there else {}
         self.homes = {number: home for number, sent in self.sent.items() for home in holders.get(sent.key, ())[:1]}
-        held = Counter(self.homes.values())
-        load = {worker: held[worker] for worker in sorted(self.client.nthreads())}
+        counts = Counter(self.homes.values())
+        load = {worker: counts[worker] for worker in sorted(self.client.nthreads())}
         for number, part in enumerate(self.parts):
             if number not in self.homes:
                 home = min(load, key=lambda worker: load[worker])

@@ -39,7 +39,7 @@ class Records:
         """The bytes of all arrays."""
         return sum(column.nbytes for column in self.columns.values())
 
-    def given(self, name: str) -> Any:
+    def argument(self, name: str) -> Any:
         """Return an array, or the arrays of a struct by field, as kernels take them."""
         if name in self.columns:
             return self.columns[name]
@@ -56,10 +56,10 @@ class Records:
 
 def joined(parts: Iterable[Records]) -> Records:
     """Return the records of several batches, in their order."""
-    found = [part for part in parts if len(part)]
-    if len(found) <= 1:
-        return found[0] if found else Records({})
-    return Records({name: np.concatenate([part.columns[name] for part in found]) for name in found[0].columns})
+    batches = [part for part in parts if len(part)]
+    if len(batches) <= 1:
+        return batches[0] if batches else Records({})
+    return Records({name: np.concatenate([part.columns[name] for part in batches]) for name in batches[0].columns})
 
 
 def next_part(records: Records, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.int64]:

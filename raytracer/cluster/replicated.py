@@ -73,11 +73,11 @@ def render_tiles(
         begun = None if resume is None else _begun(client, job, sent, key, (width, height), resume)
         rows = tile_rows or _suiting_rows(client, width, height)
         pieces = [_piece(top, min(rows, height - top), begun) for top in range(0, height, rows)]
-        for (top, count, _), found in finished(client, _tile, pieces, sent, key, (width, height)):
-            check_alike(tile.fingerprint if tile else None, found.fingerprint, job.integrator, job.backend)
-            for name, layer in found.layers.items():
+        for (top, count, _), band in finished(client, _tile, pieces, sent, key, (width, height)):
+            check_alike(tile.fingerprint if tile else None, band.fingerprint, job.integrator, job.backend)
+            for name, layer in band.layers.items():
                 layers[name][top : top + count] = layer
-            tile, done = _joined(tile, found), done + count
+            tile, done = _joined(tile, band), done + count
             if progress is not None:
                 progress(done, height)
     assert tile is not None  # a picture has at least one row
@@ -129,11 +129,11 @@ def _suiting_rows(client: Any, width: int, height: int) -> int:
     return max(1, min(TILE // width, height // (TILES * max(1, threads))))
 
 
-def _joined(before: Tile | None, found: Tile) -> Tile:
+def _joined(before: Tile | None, tile: Tile) -> Tile:
     """Return what two tiles say together, without their layers; preparation took as long as the slowest worker's."""
     if before is None:
-        return dataclasses.replace(found, layers={})
-    a, b = before.stats, found.stats
+        return dataclasses.replace(tile, layers={})
+    a, b = before.stats, tile.stats
     joined: dict[str, Any] = {name: max(getattr(a, name), getattr(b, name)) for name in _PREPARING}
     joined["calls"] = dict(Counter(a.calls) + Counter(b.calls))
     joined["alive"] = tuple(map(sum, zip_longest(a.alive, b.alive, fillvalue=0)))
