@@ -77,8 +77,8 @@ class AnimatedFile:
         if self.clip.obstacle:
             others = [name for k, name in enumerate(names) if k != number]
             cure = f"choose another one ({listed(others)}), or {_CURE}" if others else _CURE
-            said = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
-            raise SceneError(f"{self.path}: {said}; nodes and morph weights alone can change: {cure}")
+            obstacle = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
+            raise SceneError(f"{self.path}: {obstacle}; nodes and morph weights alone can change: {cure}")
         with reading(self.path):
             self._scene = GltfScene(document, self.path.stem, self._notices, animated=True)
         if clip is None:
@@ -108,14 +108,14 @@ class AnimatedFile:
         The first call frames it. A camera and lights of the file's own move with their nodes. The keywords are `up`,
         `floor`, `lights` and, as a function of the camera that there would be, `camera` of `Scene.load`.
         """
-        held: list[_Frame] = []
+        framed: list[_Frame] = []
         framing |= {"camera": camera, "lights": lights}
 
         def scene(time: float) -> Scene:
-            if not held:
-                held.append(self._framed(frames, fps, framing))
+            if not framed:
+                framed.append(self._framed(frames, fps, framing))
                 self._notices.warn()
-            frame = held[0]
+            frame = framed[0]
             posed, meshes = self._posed(time)
             eye, own = self._seen(posed, frame.low, frame.high)
             return dataclasses.replace(

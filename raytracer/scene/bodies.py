@@ -98,9 +98,9 @@ def _groups(cells: Floats, objects: NDArray[np.int32]) -> Ints:
     key = (x << 42) | (y << 21) | z
     order = np.lexsort((key, objects))
     fresh = (np.diff(key[order], prepend=-1) != 0) | (np.diff(objects[order], prepend=-1) != 0)
-    found = np.empty(len(key), np.int64)
-    found[order] = np.cumsum(fresh) - 1
-    return found
+    numbers = np.empty(len(key), np.int64)
+    numbers[order] = np.cumsum(fresh) - 1
+    return numbers
 
 
 def _joined(count: int, groups: Ints) -> Ints:
@@ -108,14 +108,14 @@ def _joined(count: int, groups: Ints) -> Ints:
     labels = np.arange(count)
     while True:
         least = labels[groups].min(axis=1)
-        found = labels.copy()
+        joined = labels.copy()
         for column in groups.T:
-            np.minimum.at(found, column, least)
-            np.minimum.at(found, labels[column], least)
-        found = found[found]
-        if np.array_equal(found, labels):
-            return found
-        labels = found
+            np.minimum.at(joined, column, least)
+            np.minimum.at(joined, labels[column], least)
+        joined = joined[joined]
+        if np.array_equal(joined, labels):
+            return joined
+        labels = joined
 
 
 def _faces_at_open_edges(faces: Ints) -> Ints:

@@ -109,7 +109,7 @@ def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
     Let a, b and c be the corners of a triangle relative to the eye. A ray from the eye hits it where the ray lies on
     the same side of the planes through the eye and an edge, whose normals are a x b, b x c and c x a.
     """
-    found = np.full(len(ways), np.inf)
+    distances = np.full(len(ways), np.inf)
     for mesh in meshes:
         for first in range(0, len(mesh), _AT_ONCE):
             a, b, c = np.moveaxis(mesh.corners[first : first + _AT_ONCE] - eye, 1, 0)
@@ -118,8 +118,8 @@ def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
             with np.errstate(all="ignore"):
                 t = np.einsum("ij,ij->i", normals, a)[:, None] / (normals @ ways.T)
                 hit = ((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)) & (t > 0)
-            found = np.minimum(found, np.where(hit, t, np.inf).min(axis=0))
-    return found
+            distances = np.minimum(distances, np.where(hit, t, np.inf).min(axis=0))
+    return distances
 
 
 def ground(low: Matrix, high: Matrix, turn: Matrix) -> Mesh:
@@ -172,12 +172,12 @@ def outermost(meshes: Sequence[Mesh]) -> Matrix:
     """Return the corners (N, 3) of meshes that decide their box and their camera, where y is up."""
     *_, normals = _sight()
     directions = np.concatenate([np.eye(3), -np.eye(3), normals], axis=1)
-    found = [np.zeros((0, 3))]
+    points = [np.zeros((0, 3))]
     for mesh in meshes:
         if len(mesh):
             corners = mesh.used_vertices
-            found.append(corners[(corners @ directions).argmin(axis=0)])
-    return np.concatenate(found)
+            points.append(corners[(corners @ directions).argmin(axis=0)])
+    return np.concatenate(points)
 
 
 def triple(values: Matrix) -> Triple:

@@ -57,20 +57,20 @@ def nodes_of(document: Document, entry: Guard, pose: Pose = MappingProxyType({})
     waiting = [(root, np.eye(4)) for root in reversed(_roots(document, entry))]
     while waiting:
         number, outer = waiting.pop()
-        found: Node | None = None
+        node: Node | None = None
         with entry(NODE, place_of("node", number)):
             if is_whole(number, 0) and number in seen:
                 raise SceneError("it has more than one parent")
-            held = {**document.one("nodes", number), **pose.get(number, {})}
+            properties = {**document.one("nodes", number), **pose.get(number, {})}
             seen.add(number)
             with np.errstate(all="ignore"):  # infinities are told below
-                matrix = outer @ local_matrix(held) if _PLACED & held.keys() else outer
+                matrix = outer @ local_matrix(properties) if _PLACED & properties.keys() else outer
             if not np.isfinite(matrix).all():
                 raise SceneError("its place is not finite")
-            children = [(child, matrix) for child in reversed(rows(held, "children"))]
-            found = Node(held, matrix, number)
-        if found is not None:
-            yield found
+            children = [(child, matrix) for child in reversed(rows(properties, "children"))]
+            node = Node(properties, matrix, number)
+        if node is not None:
+            yield node
             waiting += children
 
 
@@ -81,28 +81,28 @@ def _roots(document: Document, entry: Guard) -> list[Any]:
             with entry(_SCENE, place_of("scene", number)):
                 return rows(document.one("scenes", number), "nodes")
     entries = document.all("nodes")
-    lists = [held.get("children") for held in entries]
-    children = {child for held in lists if isinstance(held, list) for child in held if is_whole(child, 0)}
+    lists = [node.get("children") for node in entries]
+    children = {child for numbers in lists if isinstance(numbers, list) for child in numbers if is_whole(child, 0)}
     return [k for k in range(len(entries)) if k not in children]
 
 
 def local_matrix(entry: Mapping[str, Any]) -> Matrix:
     """Return the matrix of a node: its own, or translation, rotation and scale (section 3.5.3)."""
     if "matrix" in entry:
-        given = np.array(numbers_of(entry, "matrix", _IDENTITY)).reshape(4, 4).T.copy()
-        if not np.allclose(given[3], (0, 0, 0, 1)):
-            raise SceneError(f"the last row of its matrix is {' '.join(f'{x:g}' for x in given[3])}, not 0 0 0 1")
-        given[3] = 0, 0, 0, 1  # but for rounding in the text
-        return given
+        matrix = np.array(numbers_of(entry, "matrix", _IDENTITY)).reshape(4, 4).T.copy()
+        if not np.allclose(matrix[3], (0, 0, 0, 1)):
+            raise SceneError(f"the last row of its matrix is {' '.join(f'{x:g}' for x in matrix[3])}, not 0 0 0 1")
+        matrix[3] = 0, 0, 0, 1  # but for rounding in the text
+        return matrix
     x, y, z, w = numbers_of(entry, "rotation", (0, 0, 0, 1))
     length = math.sqrt(x * x + y * y + z * z + w * w) or 1.0
     x, y, z, w = x / length, y / length, z / length, w / length
-    found = np.eye(4)
-    found[:3, :3] = [
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    found[:3, :3] *= numbers_of(entry, "scale", (1, 1, 1))
-    found[:3, 3] = numbers_of(entry, "translation", (0, 0, 0))
-    return found
+    matrix[:3, :3] *= numbers_of(entry, "scale", (1, 1, 1))
+    matrix[:3, 3] = numbers_of(entry, "translation", (0, 0, 0))
+    return matrix

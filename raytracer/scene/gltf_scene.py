@@ -108,13 +108,13 @@ class GltfScene:
 
     def posed(self, pose: Pose) -> GltfScene:
         """Return the scene with other places of its nodes; it shares the meshes, which are made once."""
-        found = copy.copy(self)
-        found.nodes, found._placed = list(nodes_of(self.document, self._entry, pose)), 0
-        return found
+        scene = copy.copy(self)
+        scene.nodes, scene._placed = list(nodes_of(self.document, self._entry, pose)), 0
+        return scene
 
     def instances(self) -> list[Instance]:
         """Return the parts of the scene: of a mesh with several primitives, each is one: chair, chair_1, ..."""
-        found: list[Instance] = []
+        instances: list[Instance] = []
         matrices = {node.number: node.matrix for node in self.nodes}
         for node in self.nodes:
             if "mesh" not in node.entry:
@@ -125,8 +125,8 @@ class GltfScene:
                 parts = list(self._instances_of(node, matrices))
             self._placed += sum(len(part.mesh) for part in parts)
             check_triangles(self._placed)
-            found += parts
-        return found
+            instances += parts
+        return instances
 
     def _instances_of(self, node: Node, matrices: Mapping[int, Matrix]) -> Iterator[Instance]:
         """Yield the parts of a node's mesh in their places; one whose skin is bad is not deformed."""
@@ -164,17 +164,17 @@ class GltfScene:
         if joints is None and not any(amounts):
             return deformation.mesh
         decisive = np.array(amounts).tobytes() + (b"" if joints is None else joints.tobytes())
-        known, mesh = self._deformed.get(key, (b"", deformation.mesh))
-        if known != decisive:
+        shape, mesh = self._deformed.get(key, (b"", deformation.mesh))
+        if shape != decisive:
             mesh = deformation.deformed(amounts, joints)
             self._deformed[key] = decisive, mesh
         return mesh
 
     def _places(self, node: Node) -> list[Matrix]:
         """Return the matrices (4, 4) of a node's mesh: several with EXT_mesh_gpu_instancing, else the identity."""
-        given = table(table(table(node.entry, "extensions"), _INSTANCING), "attributes")
+        attributes = table(table(table(node.entry, "extensions"), _INSTANCING), "attributes")
         kinds = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
-        rows = {key: self.document.array(given[name]) for name, key in kinds.items() if name in given}
+        rows = {key: self.document.array(attributes[name]) for name, key in kinds.items() if name in attributes}
         if not rows:
             return [np.eye(4)]
         if len({len(values) for values in rows.values()}) > 1:
@@ -185,7 +185,7 @@ class GltfScene:
 
     def camera(self, low: Matrix, high: Matrix) -> Camera | None:
         """Return the first perspective camera, aimed as far away as the middle of the box from `low` to `high`."""
-        found: Camera | None = None
+        camera: Camera | None = None
         for node in self.nodes:
             if "camera" not in node.entry:
                 continue
@@ -193,13 +193,13 @@ class GltfScene:
                 entry = self.document.one("cameras", node.entry["camera"])
                 if "perspective" not in entry:
                     self.notices.ignore("orthographic cameras")
-                elif found is not None:
+                elif camera is not None:
                     self.notices.ignore("cameras after the first")
                 elif np.linalg.norm(np.cross(*unit(node.matrix[:3, 1:3].T))) <= ALONG:
                     self.notices.ignore("cameras that a scale of 0 leaves without a direction")
                 else:
-                    found = _camera(table(entry, "perspective"), node.matrix, (low + high) / 2)
-        return found
+                    camera = _camera(table(entry, "perspective"), node.matrix, (low + high) / 2)
+        return camera
 
     def lights(self, middle: Matrix) -> list[PlacedLight]:
         """Return the lights of KHR_lights_punctual, scaled together: a surface at `middle` that all shine on gets 1.
@@ -208,23 +208,23 @@ class GltfScene:
 
         A file gives them in lux and candela, for an exposure that it does not give.
         """
-        found: list[tuple[PlacedLight, float]] = []
+        pairs: list[tuple[PlacedLight, float]] = []
         for node in self.nodes:
             with self._entry(_LIGHT, place_of("node", node.number)):
                 number = table(table(node.entry, "extensions"), _LIGHTS).get("light")
                 if number is not None:
-                    made = self._light(self._light_entry(number), node.matrix, middle)
-                    found += [] if made is None else [made]
-        colors = [np.asarray(light.color) for light, _ in found]
-        most = float(sum((c * share for c, (_, share) in zip(colors, found, strict=True)), np.zeros(3)).max())
-        lights = zip(colors, found, strict=True)
+                    pair = self._light(self._light_entry(number), node.matrix, middle)
+                    pairs += [] if pair is None else [pair]
+        colors = [np.asarray(light.color) for light, _ in pairs]
+        most = float(sum((c * share for c, (_, share) in zip(colors, pairs, strict=True)), np.zeros(3)).max())
+        lights = zip(colors, pairs, strict=True)
         return [replace(light, color=triple(c / most)) for c, (light, _) in lights] if most > 0 else []
 
     def _light_entry(self, number: Any) -> dict[str, Any]:
-        given = rows(table(table(self.document.tree, "extensions"), _LIGHTS), "lights")
-        if not (is_whole(number, 0, len(given) - 1) and isinstance(given[number], dict)):
-            raise SceneError(f"it names light {shown(str(number))}, and there are {len(given)}")
-        entry: dict[str, Any] = given[number]
+        entries = rows(table(table(self.document.tree, "extensions"), _LIGHTS), "lights")
+        if not (is_whole(number, 0, len(entries) - 1) and isinstance(entries[number], dict)):
+            raise SceneError(f"it names light {shown(str(number))}, and there are {len(entries)}")
+        entry: dict[str, Any] = entries[number]
         return entry
 
     def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, float] | None:
@@ -250,18 +250,18 @@ class GltfScene:
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
-            found = []
+            parts = []
             needed(entry, "primitives")
             for k, primitive in enumerate(rows(entry, "primitives")):
-                made: _Part | None = None
+                part: _Part | None = None
                 where = f"primitive {k} of mesh {number}"
                 with self._entry(_PRIMITIVE, where):
-                    made = self._primitive(table({"primitive": primitive}, "primitive"), where)
-                if made is not None:
-                    self._built += len(made.mesh)
+                    part = self._primitive(table({"primitive": primitive}, "primitive"), where)
+                if part is not None:
+                    self._built += len(part.mesh)
                     check_triangles(self._built)
-                    found.append(made)
-            self._meshes[number] = found
+                    parts.append(part)
+            self._meshes[number] = parts
         return self._meshes[number]
 
     def _primitive(self, primitive: dict[str, Any], where: str) -> _Part | None:
@@ -292,8 +292,8 @@ class GltfScene:
             kept, faces = np.unique(faces, return_inverse=True)
             faces = faces.reshape(-1, 3)
             vertices = vertices[kept]
-            normals, uv, colors = (None if found is None else found[kept] for found in (normals, uv, colors))
-        made = Mesh(
+            normals, uv, colors = (None if values is None else values[kept] for values in (normals, uv, colors))
+        mesh = Mesh(
             vertices,
             faces,
             normals,
@@ -304,8 +304,8 @@ class GltfScene:
         )
         deformation: Deformation | None = None
         with self._entry(_SHAPE, where):
-            deformation = deformation_of(self.document, primitive, made, normals, kept)
-        return _Part(made, deformation)
+            deformation = deformation_of(self.document, primitive, mesh, normals, kept)
+        return _Part(mesh, deformation)
 
     def _check_targets(self, primitive: dict[str, Any]) -> None:
         targets = [table({"target": target}, "target") for target in rows(primitive, "targets")]
@@ -329,10 +329,10 @@ class GltfScene:
         """Return the numbers of the vertices of a primitive in the order of its triangles."""
         if "indices" not in primitive:
             return np.arange(count)
-        held = self.document.array(primitive["indices"])
-        if held.shape[1] != 1 or held.dtype.kind not in "iu":
+        indices = self.document.array(primitive["indices"])
+        if indices.shape[1] != 1 or indices.dtype.kind not in "iu":
             raise SceneError("its indices are not one whole number each")
-        return held[:, 0].astype(np.int64)
+        return indices[:, 0].astype(np.int64)
 
     def _attribute(
         self, attributes: dict[str, Any], name: str, widths: Sequence[int], count: int, where: str
@@ -340,15 +340,15 @@ class GltfScene:
         """Return the numbers of the vertices of a primitive by the name of the attribute; None without good ones."""
         if name not in attributes:
             return None
-        found: NDArray[Any] | None = None
+        attribute: NDArray[Any] | None = None
         with self._entry(_ATTRIBUTES[name[:4]], where):
-            held = self.document.array(attributes[name])
-            if held.shape[1] not in widths or len(held) != count:
-                raise SceneError(f"its {name} has {held.shape} numbers, and it has {count:,} vertices")
-            if not np.isfinite(held).all():
-                raise SceneError(f"its {name} has a number that is not finite, that of vertex {_first_bad(held)}")
-            found = held
-        return found
+            values = self.document.array(attributes[name])
+            if values.shape[1] not in widths or len(values) != count:
+                raise SceneError(f"its {name} has {values.shape} numbers, and it has {count:,} vertices")
+            if not np.isfinite(values).all():
+                raise SceneError(f"its {name} has a number that is not finite, that of vertex {_first_bad(values)}")
+            attribute = values
+        return attribute
 
     def _sound(self, faces: Indices, vertices: NDArray[Any], where: str) -> tuple[Indices, NDArray[Any]]:
         """Return the triangles whose corners are vertices at finite places, and the vertices, all of them finite."""
@@ -372,29 +372,29 @@ class GltfScene:
         number = primitive.get("material")
         if number is None:
             return None
-        found: int | None = None
+        material: int | None = None
         with self._entry(_MATERIAL, place_of("material", number)):
             self.materials.uv_set(number)
             self.materials.is_cut_out(number)
-            found = number
-        return found
+            material = number
+        return material
 
     def _material(self, number: int | None, has_uv: bool, has_colors: bool) -> Material:
         """Return the material of this number, or a plain one without one that can be read."""
-        found = PLAIN if has_colors else CLAY
+        material = PLAIN if has_colors else CLAY
         if number is not None and self.reads_materials:
             with self._entry(_MATERIAL, place_of("material", number)):
-                found = self.materials.get(number, has_uv)
-        return found
+                material = self.materials.get(number, has_uv)
+        return material
 
 
 def _compressed(extension: str) -> SceneError:
     return SceneError(f"its positions are in {extension}, which is not read: export it without")
 
 
-def _first_bad(held: NDArray[Any]) -> int:
+def _first_bad(values: NDArray[Any]) -> int:
     """Return the number of the first row with a number that is not finite."""
-    return int(np.flatnonzero(~np.isfinite(held).all(axis=1))[0])
+    return int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
 
 
 def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:

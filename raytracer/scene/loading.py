@@ -108,7 +108,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
         contents = replace(contents, meshes=meshes if kind in _FLAT else _smoothed(meshes))
     if not contents.meshes:
-        causes = "; ".join(said.partition(": ")[2] for said in (notices.faults(), notices.text()) if said)
+        causes = "; ".join(text.partition(": ")[2] for text in (notices.faults(), notices.text()) if text)
         raise SceneError(f"{path}: the file holds no triangles{causes and '; '}{shown(causes, _LONGEST)}")
     notices.ignore("meshes without area, which cannot be seen", sum(not mesh.has_area for mesh in contents.meshes))
     return contents
@@ -147,8 +147,8 @@ def _reason(error: Exception) -> str:
 
 def _smoothed(meshes: Sequence[Mesh]) -> Sequence[Mesh]:
     """Compute normals for the meshes without them, together, because materials may divide one smooth surface."""
-    found = iter(smoothed([mesh for mesh in meshes if mesh.normals is None]))
-    return [next(found) if mesh.normals is None else mesh for mesh in meshes]
+    smooth_meshes = iter(smoothed([mesh for mesh in meshes if mesh.normals is None]))
+    return [next(smooth_meshes) if mesh.normals is None else mesh for mesh in meshes]
 
 
 def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
@@ -161,15 +161,15 @@ def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Content
 
 
 def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    found, libraries = read_obj(data, path.stem, notices)
+    parts, libraries = read_obj(data, path.stem, notices)
     library = Library(libraries, Folder(path), notices) if materials else None
     meshes: list[Mesh] = []
     names: dict[str, int] = {}
-    for part, mesh in found:
+    for part, mesh in parts:
         number = names[mesh.name] = names.get(mesh.name, -1) + 1
         look = (library and library.material(part.material, mesh)) or (CLAY if mesh.colors is None else PLAIN)
         meshes.append(mesh.with_material(look, f"{mesh.name}_{number}" if number else mesh.name))
-    described = {part.material for part, _ in found} - {None}
+    described = {part.material for part, _ in parts} - {None}
     return Contents(meshes, materials=0 if materials else len(described))
 
 
@@ -185,13 +185,13 @@ class Library:
         for name in [name for names in files for name in self._names(names)]:
             try:
                 path = folder.find(name)
-                found = read_mtl(path.read_bytes())
+                materials = read_mtl(path.read_bytes())
             except (OSError, SceneError) as error:
                 notices.miss(name, str(error))
                 continue
-            self.words |= found
-            self.beside |= dict.fromkeys(found, path.parent)
-        self._made: dict[tuple[str, bool], Material | None] = {}
+            self.words |= materials
+            self.beside |= dict.fromkeys(materials, path.parent)
+        self._materials: dict[tuple[str, bool], Material | None] = {}
 
     def material(self, name: str | None, mesh: Mesh) -> Material | None:
         """Return the material of this name for a mesh; None if no library has it."""
@@ -204,9 +204,9 @@ class Library:
         if pictured and mesh.uv is None:
             self.notices.ignore("pictures of meshes without uv coordinates")
         key = (name, pictured and mesh.uv is not None)
-        if key not in self._made:
-            self._made[key] = self._read(name, words, key[1])
-        return self._made[key]
+        if key not in self._materials:
+            self._materials[key] = self._read(name, words, key[1])
+        return self._materials[key]
 
     def _read(self, name: str, words: Words, pictured: bool) -> Material | None:
         color, emission, opacity = (
@@ -231,15 +231,15 @@ class Library:
         """Return the picture of a statement; with `mask` its alpha, where it has some."""
         if not words:
             return None
-        given = picture_words(words)
-        for option in given.options:
+        statement = picture_words(words)
+        for option in statement.options:
             if option != "-clamp":
                 self.notices.ignore(f"{option} of pictures")
-        wrap: Wrap = "clamp" if given.options.get("-clamp") == ["on"] else "repeat"
-        found = self._known(given.file, beside, wrap, alpha=mask)
-        return self._known(given.file, beside, wrap, alpha=False) if mask and found is None else found
+        wrap: Wrap = "clamp" if statement.options.get("-clamp") == ["on"] else "repeat"
+        picture = self._picture_file(statement.file, beside, wrap, alpha=mask)
+        return self._picture_file(statement.file, beside, wrap, alpha=False) if mask and picture is None else picture
 
-    def _known(self, file: str, beside: Path, wrap: Wrap, *, alpha: bool) -> Picture | None:
+    def _picture_file(self, file: str, beside: Path, wrap: Wrap, *, alpha: bool) -> Picture | None:
         find = partial(self.folder.find, file, beside)
         return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
 
@@ -261,8 +261,8 @@ def _ply(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents
     folder, pictures = Folder(path), Pictures(notices)
     meshes: list[Mesh] = []
     for mesh, picture in read_ply(data, path.stem, notices):
-        found = _painted(mesh, picture, folder, pictures) if materials else mesh
-        meshes.append(replace(found, name=f"{path.stem}_{len(meshes)}") if meshes else found)
+        painted = _painted(mesh, picture, folder, pictures) if materials else mesh
+        meshes.append(replace(painted, name=f"{path.stem}_{len(meshes)}") if meshes else painted)
     return Contents(meshes)
 
 
