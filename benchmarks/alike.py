@@ -33,9 +33,9 @@ def hits(mesh: Mesh, quick: bool) -> Table:
     if peers.available(["embreex"])[1]:
         return Table("hits", "no Embree", head, [])
     size = 64 if quick else 1024
-    given = [mesh, teapot(divisions=4 if quick else 31), joined(Scene.builtin("mixed").meshes[:-1], "mixed")]
+    meshes = [mesh, teapot(divisions=4 if quick else 31), joined(Scene.builtin("mixed").meshes[:-1], "mixed")]
     rows = []
-    for one in given[: 2 if quick else None]:
+    for one in meshes[: 2 if quick else None]:
         shoot = Intersector(one, backend=backend())
         for kind, rays in (("coherent", primary_rays(one, size)), ("incoherent", secondary_rays(one, size))):
             ours, theirs = shoot.intersect(*rays).triangle, embree(one, *rays)
@@ -53,10 +53,10 @@ def embree(mesh: Mesh, origins: np.ndarray, directions: np.ndarray) -> np.ndarra
     from embreex.rtcore_scene import EmbreeScene
 
     scene = EmbreeScene()
-    held = TriangleMesh(scene, np.float32(mesh.corners))
-    found = scene.run(origins, directions, query="INTERSECT")
-    assert held is not None  # the scene does not hold it itself
-    return np.asarray(found)
+    geometry = TriangleMesh(scene, np.float32(mesh.corners))
+    triangles = scene.run(origins, directions, query="INTERSECT")
+    assert geometry is not None  # the scene does not hold it itself
+    return np.asarray(triangles)
 
 
 def compared(
@@ -79,13 +79,13 @@ def compared(
 
 def nearest(corners: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> int:
     """Return the triangle that a ray meets first, in binary64, -1 for none."""
-    least, found = np.inf, -1
+    least, number = np.inf, -1
     for start in range(0, len(corners), _AT_ONCE):
         inside, _, t = passed(corners[start : start + _AT_ONCE], origin, direction)
         t = np.where(inside & (t >= 0), t, np.inf)
         if t.min() < least:
-            least, found = float(t.min()), start + int(t.argmin())
-    return found
+            least, number = float(t.min()), start + int(t.argmin())
+    return number
 
 
 def error(corners: np.ndarray, ray: tuple[np.ndarray, np.ndarray], exact: int, answer: int) -> float:

@@ -32,12 +32,12 @@ def builders(quick: bool) -> Table:
     """Return CPU seconds of every builder, and the CPU time of rays through each tree in times of the first's."""
     meshes = [knot(segments=30, sides=10)] if quick else [knot(segments=n, sides=n // 8) for n in (640, 2000)]
     turns = 2 if quick else 5
-    found, _ = peers.available(["mitsuba", "embreex"])
-    for name in found:
+    peer_names, _ = peers.available(["mitsuba", "embreex"])
+    for name in peer_names:
         peers.start(name)
     rows = []
     for mesh in meshes:
-        rows += _rows(mesh, found, turns, 32 if quick else 1024)
+        rows += _rows(mesh, peer_names, turns, 32 if quick else 1024)
         rays.forget()
     note = (
         f"CPU time of all threads: medians of {turns} rounds, with the first and the third quartile. With tables: from "
@@ -47,23 +47,25 @@ def builders(quick: bool) -> Table:
     return Table("builders", note, HEAD, rows)
 
 
-def _rows(mesh: Mesh, found: list[str], turns: int, size: int) -> list[list[str]]:
+def _rows(mesh: Mesh, peer_names: list[str], turns: int, size: int) -> list[list[str]]:
     corners, *_ = to_kernel(mesh.corners, "f32")
     makers: dict[str, Callable[[], Any]] = {name: partial(build, name, corners, backend=backend()) for name in BUILDERS}
     whole = [partial(_with_tables, name, mesh.corners) for name in BUILDERS]
-    makers |= {name: maker(mesh) for name, maker in _PEERS.items() if name in found}
+    makers |= {name: maker(mesh) for name, maker in _PEERS.items() if name in peer_names}
     trees = np.array(rounds_of(list(makers.values()), turns, time.process_time))
     tables = np.array(rounds_of(whole, turns, time.process_time))
     shoot = [Intersector(mesh, name, backend()) for name in BUILDERS]
     walks = []
-    for given in (rays.primary_rays(mesh, size), rays.secondary_rays(mesh, size // 2)):
-        taken = np.array(rounds_of([partial(one.intersect, *given) for one in shoot], 2 * turns, time.process_time))
-        walks.append([spread(times / taken[0], 2) for times in taken])
+    for ray_arrays in (rays.primary_rays(mesh, size), rays.secondary_rays(mesh, size // 2)):
+        seconds = np.array(
+            rounds_of([partial(one.intersect, *ray_arrays) for one in shoot], 2 * turns, time.process_time)
+        )
+        walks.append([spread(times / seconds[0], 2) for times in seconds])
     rows = []
     for k, name in enumerate(makers):
         ours = [column[k] if k < len(shoot) else "" for column in walks]
-        held = spread(tables[k], 2) if k < len(shoot) else ""
-        rows.append([name, f"{len(mesh):,}", spread(trees[k], 3), held, spread(trees[k] / trees[0], 2), *ours])
+        with_tables = spread(tables[k], 2) if k < len(shoot) else ""
+        rows.append([name, f"{len(mesh):,}", spread(trees[k], 3), with_tables, spread(trees[k] / trees[0], 2), *ours])
     return rows
 
 
@@ -78,8 +80,8 @@ def _mitsuba(mesh: Mesh) -> Callable[[], Any]:
     """Build the scene of a mesh that Mitsuba has."""
     import mitsuba as mi
 
-    held = rays.mitsuba_mesh(mesh)
-    return lambda: mi.load_dict({"type": "scene", "mesh": held})
+    shape = rays.mitsuba_mesh(mesh)
+    return lambda: mi.load_dict({"type": "scene", "mesh": shape})
 
 
 def _embree(mesh: Mesh) -> Callable[[], Any]:
@@ -92,8 +94,8 @@ def _embree(mesh: Mesh) -> Callable[[], Any]:
 
     def make() -> Any:
         scene = EmbreeScene()
-        held = TriangleMesh(scene, corners)
-        assert held is not None  # the scene does not hold it itself
+        geometry = TriangleMesh(scene, corners)
+        assert geometry is not None  # the scene does not hold it itself
         return scene.run(eye, ray, query="DISTANCE")
 
     return make

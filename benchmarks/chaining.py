@@ -90,13 +90,13 @@ def _times_on(backend: str, count: int, steps: int, side: int, repeats: int) -> 
     x, y = (np.random.default_rng(k).normal(size=count).astype(np.float32) for k in (1, 2))
     apart = sh.sequence(polar, twist, cartesian)
     fused = (cartesian << twist << polar).compile(backend)
-    given = {n: sh.Stream(a, sh.Attrib1f, backend=backend) for n, a in (("x", x), ("y", y))}
+    streams = {n: sh.Stream(a, sh.Attrib1f, backend=backend) for n, a in (("x", x), ("y", y))}
     few = sh.Stream(x[:SMALL], sh.Attrib1f, backend=backend)
     plate = sh.Stream(np.resize(x, (side, side)), sh.Attrib1f, backend=backend)
     return (
         best(lambda: finished(sh.repeat(drift, repeats).run(u=few).streams["u"]))[0] / repeats * 1e3,
-        best(lambda: finished(apart.run(**given).streams["x"]))[0],
-        best(lambda: finished(fused(given["x"], given["y"])["x"]))[0],
+        best(lambda: finished(apart.run(**streams).streams["x"]))[0],
+        best(lambda: finished(fused(streams["x"], streams["y"])["x"]))[0],
         best(lambda: finished(sh.repeat(relax, steps).run(u=plate).streams["u"]), 2)[0],
     )
 
@@ -119,8 +119,8 @@ def early(mesh: Mesh, quick: bool) -> Table:
             rows.append([f"{backend}, {name}", *(f"{1e3 * s:.1f}" for s in seconds)])
         ranks, result = rng.random(count), np.empty(count, np.float32)
         whole = best(partial(kernel.run, points, out=result), 3)[0]
-        found = [best(partial(kernel.run, points, out=result, where=ranks < share), 3)[0] for share in SHARES]
-        rows.append([f"{backend}, scattered, arrays", *(f"{1e3 * s:.1f}" for s in (whole, *found))])
+        masked = [best(partial(kernel.run, points, out=result, where=ranks < share), 3)[0] for share in SHARES]
+        rows.append([f"{backend}, scattered, arrays", *(f"{1e3 * s:.1f}" for s in (whole, *masked))])
     note = (
         f"Milliseconds of 60 sines for {count:,} elements in streams or arrays, without where= and with so many alive."
     )

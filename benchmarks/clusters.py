@@ -50,8 +50,8 @@ def partitions(quick: bool) -> Table:
     rows = []
     with connected("local:2") as client:
         for parts in (1, 2, 4, 8):
-            given: dict[str, Any] = {"integrator": Whitted(), "backend": "numpy", "partitions": parts}
-            image = render(scene, size, cluster=client, **given)
+            options: dict[str, Any] = {"integrator": Whitted(), "backend": "numpy", "partitions": parts}
+            image = render(scene, size, cluster=client, **options)
             moved, rays, pixels = image.stats.moved, image.stats.rays, size[0] * size[1]
             shares = moved["records"] / rays, moved["bytes"] / pixels, moved["rounds"], moved["traced"] / rays
             rows.append([f"{parts}", *(f"{share:.2f}" for share in shares), f"{image.stats.seconds:.1f}"])
@@ -85,8 +85,8 @@ def _row(across: int, size: tuple[int, int], rounds: int) -> list[str]:
     return [*cells, f"{grown:.0f}", f"{first - two:.1f}", f"{1e3 * tile:.1f}"]
 
 
-def _by(client: Any, scene: Scene, size: tuple[int, int], **given: Any) -> Image:
-    return render(scene, size, backend="numpy", cluster=client, **given)
+def _by(client: Any, scene: Scene, size: tuple[int, int], **options: Any) -> Image:
+    return render(scene, size, backend="numpy", cluster=client, **options)
 
 
 def _send(client: Any, job: Job) -> None:
@@ -113,9 +113,9 @@ def _resident() -> int:
 
 
 def _median(run: Callable[[], Any], rounds: int) -> float:
-    found = []
+    seconds = []
     for _ in range(rounds):
         started = time.perf_counter()
         run()
-        found.append(time.perf_counter() - started)
-    return statistics.median(found)
+        seconds.append(time.perf_counter() - started)
+    return statistics.median(seconds)

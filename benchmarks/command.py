@@ -104,8 +104,8 @@ WHAT = "record: recording alone; view: `shpy view` in a browser (--only, --round
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """Return the works of these names; those with triangles have the mesh's."""
-    known = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
-    return [known[name] for name in names]
+    works_by_name = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
+    return [works_by_name[name] for name in names]
 
 
 def mesh_of(path: Path | None, quick: bool) -> Mesh:
@@ -115,16 +115,16 @@ def mesh_of(path: Path | None, quick: bool) -> Mesh:
     return knot(segments=60, sides=12) if quick else knot(segments=880, sides=40)
 
 
-def chosen(text: str | None, known: Any, what: str) -> list[str]:
+def chosen(text: str | None, choices: Any, what: str) -> list[str]:
     """Return the names in a list with commas; all where there is none. Exits where a name is not known."""
-    names = text.split(",") if text else list(known)
-    unknown = [name for name in names if name not in known]
+    names = text.split(",") if text else list(choices)
+    unknown = [name for name in names if name not in choices]
     if unknown:
-        sys.exit(f"no {what} {', '.join(unknown)}; there are {', '.join(known)}")
+        sys.exit(f"no {what} {', '.join(unknown)}; there are {', '.join(choices)}")
     return names
 
 
-def arguments(given: list[str] | None) -> argparse.Namespace:
+def arguments(argv: list[str] | None) -> argparse.Namespace:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
     parser.add_argument("what", nargs="?", choices=["all", "record", "view"], default="all", help=WHAT)
@@ -139,12 +139,12 @@ def arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="a picture (needs matplotlib)")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
-    return parser.parse_args(given)
+    return parser.parse_args(argv)
 
 
-def main(given: list[str] | None = None) -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run the command; 1 if an answer was wrong or a contender failed, 2 for a file that cannot be written."""
-    return run("benchmarks", lambda: compare(arguments(given)))
+    return run("benchmarks", lambda: compare(arguments(argv)))
 
 
 def compare(options: argparse.Namespace) -> int:
@@ -160,17 +160,17 @@ def compare(options: argparse.Namespace) -> int:
     except ShpyError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return 2
-    wanted = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
+    peer_names = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
     names = chosen(options.only, (*WORKS, *STUDIES), "work")
     mesh = mesh_of(options.mesh, options.quick)
     subjects = works([n for n in names if n in WORKS], mesh)
     targets = chosen(options.targets, TARGETS, "target")
-    found, missing = peers.available(wanted)
-    for name in found:
+    present, missing = peers.available(peer_names)
+    for name in present:
         peers.start(name)
-    here = machine.describe(found)
+    here = machine.describe(present)
     print(report.heading(here, missing), end="\n\n")
-    results = measure(subjects, [*targets, *found], options)
+    results = measure(subjects, [*targets, *present], options)
     print(report.means(results))
     tables = []
     for name in (n for n in names if n in STUDIES):
@@ -217,9 +217,9 @@ def write(
 ) -> None:
     """Write the files that were asked for."""
     if options.json:
-        found = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
-        found["studies"] = [vars(table) for table in tables]
-        write_json(options.json, found)
+        document = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
+        document["studies"] = [vars(table) for table in tables]
+        write_json(options.json, document)
     if options.markdown:
         parts = [report.PREFACE, report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
         parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]

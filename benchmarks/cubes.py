@@ -71,44 +71,46 @@ def _work(makers: Sequence[Callable[[], Any]]) -> list[str]:
 
 
 def _rows(mesh: Mesh, resolution: int, size: int, with_mitsuba: bool) -> list[list[str]]:
-    given = rays.secondary_rays(mesh, size)
+    ray_arrays = rays.secondary_rays(mesh, size)
     cube = partial(LayeredCube.of, mesh, resolution, backend=backend())
     makers = {name: partial(build, name, mesh.corners) for name in ("bvh", "grid")}
     makers |= {f'cube, "{hit}"': partial(cube, hit=hit) for hit in ("plane", "triangle")}
-    made = {name: make() for name, make in makers.items()}  # kernels are compiled
+    structures = {name: make() for name, make in makers.items()}  # kernels are compiled
     seconds = in_turns(list(makers.values()), 2)
-    shoot = {name: Intersector(mesh, s if isinstance(s, LayeredCube) else name, backend()) for name, s in made.items()}
-    runs = [partial(one.intersect, *given) for one in shoot.values()]
+    shoot = {
+        name: Intersector(mesh, s if isinstance(s, LayeredCube) else name, backend()) for name, s in structures.items()
+    }
+    runs = [partial(one.intersect, *ray_arrays) for one in shoot.values()]
     work = _work(list(makers.values()))
     first = runs[0]()
     exact = first.t
-    found = [run() for run in runs]
-    wrong = [_wrong(one.t, exact, mesh) for one in found]
-    others = [_others(one.triangle, first.triangle) for one in found]
+    hits = [run() for run in runs]
+    wrong = [_wrong(one.t, exact, mesh) for one in hits]
+    others = [_others(one.triangle, first.triangle) for one in hits]
     if with_mitsuba:
         peers.start("mitsuba")
-        runs.append(rays.mitsuba(*given, mesh=mesh, any_hit=False))
+        runs.append(rays.mitsuba(*ray_arrays, mesh=mesh, any_hit=False))
     rates = [rate(len(exact), s) for s in in_turns(runs)]
-    sizes = [s.nbytes if isinstance(s, LayeredCube) else s.bytes for s in made.values()]
+    sizes = [s.nbytes if isinstance(s, LayeredCube) else s.bytes for s in structures.values()]
     count = f"{len(mesh):,}"
     rows = [
         [name, count, f"{s:.2f}", c, f"{n / 2**20:.1f}", r, f"{w:.2%}", f"{o:.2%}"]
-        for name, s, c, n, r, w, o in zip(made, seconds, work, sizes, rates, wrong, others, strict=False)
+        for name, s, c, n, r, w, o in zip(structures, seconds, work, sizes, rates, wrong, others, strict=False)
     ]
-    return rows + [["Mitsuba", count, "", "", "", r, "", ""] for r in rates[len(made) :]]
+    return rows + [["Mitsuba", count, "", "", "", r, "", ""] for r in rates[len(structures) :]]
 
 
-def _others(found: np.ndarray, exact: np.ndarray) -> float:
+def _others(triangles: np.ndarray, exact: np.ndarray) -> float:
     """Return the share of the hits of both whose triangles differ."""
-    both = (found >= 0) & (exact >= 0)
-    return float(np.mean(found[both] != exact[both]))
+    both = (triangles >= 0) & (exact >= 0)
+    return float(np.mean(triangles[both] != exact[both]))
 
 
-def _wrong(found: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
+def _wrong(distances: np.ndarray, exact: np.ndarray, mesh: Mesh) -> float:
     """Return the share of distances that differ from the exact ones."""
     side = float(np.ptp(mesh.corners.reshape(-1, 3), axis=0).max())
     with np.errstate(invalid="ignore"):
-        return float(np.mean((found != exact) & ~(np.abs(found - exact) <= WRONG * side)))
+        return float(np.mean((distances != exact) & ~(np.abs(distances - exact) <= WRONG * side)))
 
 
 def deferred(mesh: Mesh, quick: bool) -> Table:
@@ -142,12 +144,12 @@ def _mirrored(mesh: Mesh, plain: bool) -> Scene:
     uv = mesh.vertices[:, :2] / side
     squares = Texture(np.kron(np.indices((8, 8)).sum(axis=0) % 2, np.ones((4, 4)))[..., None] * np.ones(3) * 0.7 + 0.2)
     material = Material((0.8, 0.5, 0.3)) if plain else Material(squares, specular=0.3)
-    made = replace(mesh, normals=None, colors=None, uv=uv, material=material)
+    body = replace(mesh, normals=None, colors=None, uv=uv, material=material)
     mirror = Material((0.2, 0.2, 0.2), reflectivity=0.8)
     ground = floor(3 * side, mirror).moved((middle[0], low[1], middle[2]))
     wall = box((3 * side, 3 * side, 0.01 * side), mirror).moved((middle[0], middle[1], low[2] - 0.2 * side))
     light = PointLight(tuple((middle + side * np.array([1, 3, 2])).tolist()), (0.9, 0.9, 0.9))
-    return Scene((made if plain else made.smoothed(), ground, wall), (light,), Camera.framing(low, high))
+    return Scene((body if plain else body.smoothed(), ground, wall), (light,), Camera.framing(low, high))
 
 
 def _difference(one: Image, other: Image) -> float:

@@ -106,8 +106,8 @@ def _ratio(values: Any) -> str:
 class Rounds:
     """The results of the rounds of one contender: seconds, CPU seconds and variances of a pixel, an array of each."""
 
-    def __init__(self, found: Sequence[tuple[float, float, np.ndarray]]) -> None:
-        seconds, cpu, pictures = zip(*found, strict=True)
+    def __init__(self, measurements: Sequence[tuple[float, float, np.ndarray]]) -> None:
+        seconds, cpu, pictures = zip(*measurements, strict=True)
         self.time, self.cpu = np.array(seconds), np.array(cpu)
         after = [*pictures[1:], pictures[0]]
         self.variance = np.array([np.mean((a - b) ** 2) / 2 for a, b in zip(pictures, after, strict=True)])
@@ -127,12 +127,12 @@ def in_processes(makers: Sequence[Callable[[], Any]], rounds: int, settling: flo
             ending.callback(here.send, None)
             here.recv()  # it is ready, and the next one compiles alone
             ways.append(here)
-        found: list[list[Any]] = [[] for _ in ways]
+        measurements: list[list[Any]] = [[] for _ in ways]
         for seed in range(1, rounds + 1):
-            for here, results in zip(ways, found, strict=True):
+            for here, results in zip(ways, measurements, strict=True):
                 here.send(seed)
                 results.append(here.recv())
-    return [Rounds(results) for results in found]
+    return [Rounds(results) for results in measurements]
 
 
 def _serve(maker: Callable[[], Any], there: Connection, settling: float) -> None:
@@ -168,10 +168,10 @@ def _mitsuba(scene: Callable[[], Scene], size: int, samples: int) -> Any:
 
 def glass(body: Mesh, quick: bool) -> Table:
     """Return the time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
-    known = features.cases(body)
+    cases_by_name = features.cases(body)
     size, rounds = (32, 2) if quick else (256, 15)
-    four = known["glass, 4 bounces"]
-    cases = {"plain": known["plain"], "glass, 3 bounces": replace(four, bounces=3), "glass, 4 bounces": four}
+    four = cases_by_name["glass, 4 bounces"]
+    cases = {"plain": cases_by_name["plain"], "glass, 3 bounces": replace(four, bounces=3), "glass, 4 bounces": four}
     renderers = [case.renderer(backend()) for case in cases.values()]
     runs = [partial(renderer.render, (size, size)) for renderer in renderers]
     for run in runs:
@@ -179,14 +179,14 @@ def glass(body: Mesh, quick: bool) -> Table:
         run()
         while not quick and time.perf_counter() - started < SETTLING:
             run()
-    found: list[list[tuple[float, float]]] = [[] for _ in runs]
+    measurements: list[list[tuple[float, float]]] = [[] for _ in runs]
     for _ in range(rounds):
-        for run, results in zip(runs, found, strict=True):
+        for run, results in zip(runs, measurements, strict=True):
             run()
             busy, started = time.process_time(), time.perf_counter()
             run()
             results.append((time.perf_counter() - started, time.process_time() - busy))
-    measured = np.array(found)
+    measured = np.array(measurements)
     shot = [run().stats.rays / size**2 for run in runs]
     rows = [
         [name, f"{rays:.2f}", f"{rays / shot[0]:.2f}", f"{1e3 * np.median(one[:, 0]):.1f}", *map(_ratio, ratios)]

@@ -111,26 +111,26 @@ def cases(mesh: Mesh) -> dict[str, Case]:
 def features(mesh: Mesh, quick: bool) -> Table:
     """Operations of the kernel with each feature, and the time of its picture beside the plain one's."""
     backends = [b.name for b in sh.backends() if b.available and b.name in SIZES]
-    known = cases(mesh)
+    cases_by_name = cases(mesh)
     if quick:
-        known = dict(list(known.items())[:3])
+        cases_by_name = dict(list(cases_by_name.items())[:3])
     rows: dict[str, list[str]] = {}
-    for name, case in known.items():
+    for name, case in cases_by_name.items():
         renderer = case.renderer("numpy")
         shot = renderer.render((64, 64), samples=case.samples).stats.rays / 64**2
         rows[name] = [name, f"{sum(count_ops(renderer.program.ir).values()):,}", f"{shot:.2f}"]
     for backend in backends:
         size = 16 if quick else SIZES[backend]
         runs = []
-        for case in known.values():
+        for case in cases_by_name.values():
             runs.append(partial(case.renderer(backend).render, (size, size), samples=case.samples))
         seconds = in_turns(runs, 1 if quick else 5, time.process_time)
         for row, busy in zip(rows.values(), seconds, strict=True):
             row.append(f"{busy / seconds[0]:.2f}")
         rows["plain"][-1] = f"{1e3 * seconds[0]:.1f} ms"
-    for name, case in known.items():
+    for name, case in cases_by_name.items():
         rows[name].append(
-            "" if case.unused is None else "same text" if unused_costs_nothing(case, known) else "DIFFERS"
+            "" if case.unused is None else "same text" if unused_costs_nothing(case, cases_by_name) else "DIFFERS"
         )
     head = ["feature", "operations", "rays a pixel", *backends, "unused"]
     pixels = ", ".join(f"{SIZES[b]}² on {b}" for b in backends)
@@ -142,7 +142,9 @@ def features(mesh: Mesh, quick: bool) -> Table:
     return Table("features", note, head, list(rows.values()))
 
 
-def unused_costs_nothing(case: Case, known: dict[str, Case], backends: Sequence[str] = tuple(TEXTS)) -> bool | None:
+def unused_costs_nothing(
+    case: Case, cases_by_name: dict[str, Case], backends: Sequence[str] = tuple(TEXTS)
+) -> bool | None:
     """Return whether a scene in which the feature has nothing to do has the text of the plain scene, on each backend.
 
     None where there is no such scene but the plain one.
@@ -150,7 +152,7 @@ def unused_costs_nothing(case: Case, known: dict[str, Case], backends: Sequence[
     if case.unused is None:
         return None
     idle = replace(case, scene=case.unused, bounces=0)
-    return all(text(idle, backend) == text(known["plain"], backend) for backend in backends)
+    return all(text(idle, backend) == text(cases_by_name["plain"], backend) for backend in backends)
 
 
 @cache

@@ -46,9 +46,9 @@ def files(quick: bool) -> Table:
     with tempfile.TemporaryDirectory() as folder:
         rows = []
         for name, path in _written(Path(folder), side):
-            found = {reader: _measured(code, path, 2 * side**2) for reader, code in READERS.items()}
-            seconds, size = found["trimesh"]
-            for reader, (own, most) in found.items():
+            measurements = {reader: _measured(code, path, 2 * side**2) for reader, code in READERS.items()}
+            seconds, size = measurements["trimesh"]
+            for reader, (own, most) in measurements.items():
                 ratios = (f"{own / seconds:.2f}", f"{most / max(size, 1):.2f}")
                 rows.append((name, reader, f"{own:.2f}", ratios[0], f"{most:,.0f}", ratios[1]))
     note = (
@@ -78,17 +78,17 @@ def _written(folder: Path, side: int) -> list[tuple[str, Path]]:
     mesh = Mesh(places, faces)
     normals = np.zeros_like(places)
     normals[faces] = mesh.smoothed().normals
-    found = []
+    entries = []
     for name, keys in (("OBJ, v", "v"), ("OBJ, v/vt", "vt"), ("OBJ, v/vt/vn", "vtn")):
         path = folder / f"{keys}.obj"
         _write_obj(path, places, faces, places[:, :2] if "t" in keys else None, normals if "n" in keys else None)
-        found.append((name, path))
-    made = trimesh.Trimesh(places, faces, process=False)
-    for kind, given in (("ply", {}), ("stl", {}), ("off", {})):
+        entries.append((name, path))
+    square = trimesh.Trimesh(places, faces, process=False)
+    for kind, options in (("ply", {}), ("stl", {}), ("off", {})):
         path = folder / f"square.{kind}"
-        made.export(path, **given)
-        found.append((kind.upper(), path))
-    return found
+        square.export(path, **options)
+        entries.append((kind.upper(), path))
+    return entries
 
 
 def _write_obj(path: Path, places: np.ndarray, faces: np.ndarray, uv: np.ndarray | None, normals: np.ndarray | None):

@@ -91,20 +91,20 @@ def _mitsuba_scene(mesh: Mesh) -> Any:
         {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(MATT.color)}}},
         {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}},
     ]
-    made = []
+    meshes = []
     for part, surface in zip((plain, ground), surfaces, strict=True):
         properties = mi.Properties()
         properties["bsdf"] = mi.load_dict(surface)
         properties["face_normals"] = True
-        made.append(mitsuba_mesh(part, properties))
+        meshes.append(mitsuba_mesh(part, properties))
     camera, light = scene.camera, scene.lights[0]
     assert camera is not None
     assert isinstance(light, PointLight)
     square = float(np.sum((np.asarray(light.position) - camera.target) ** 2))
     return mi.load_dict({
         "type": "scene",
-        "mesh": made[0],
-        "floor": made[1],
+        "mesh": meshes[0],
+        "floor": meshes[1],
         "light": {
             "type": "point",
             "position": list(light.position),

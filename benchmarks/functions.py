@@ -73,9 +73,11 @@ def times(name: str, backend: str, count: int) -> list[float]:
     kernels = [p.compile(backend, math=mode) for p in (named(name), empty) for mode in MODES]  # type: ignore[arg-type]
     for kernel in kernels:
         kernel(x)
-    least = [min(found) for found in zip(*([core_seconds(k, x) for k in kernels] for _ in range(ROUNDS)), strict=True)]
-    taken = zip(least[: len(MODES)], least[len(MODES) :], strict=True)
-    return [max(0.0, whole - nothing) / count / CALLS * 1e9 for whole, nothing in taken]
+    least = [
+        min(seconds) for seconds in zip(*([core_seconds(k, x) for k in kernels] for _ in range(ROUNDS)), strict=True)
+    ]
+    pairs = zip(least[: len(MODES)], least[len(MODES) :], strict=True)
+    return [max(0.0, whole - nothing) / count / CALLS * 1e9 for whole, nothing in pairs]
 
 
 def greatest_error(name: str, stride: int, mode: str) -> tuple[float, str]:
@@ -94,10 +96,10 @@ def greatest_error(name: str, stride: int, mode: str) -> tuple[float, str]:
     assert meaning is not None
     with np.errstate(all="ignore"):
         exact = np.asarray(meaning(x.astype(np.float64), *(o.astype(np.float64) for o in others)))
-        found = _program(function, len(others)).compile(math=mode)(x, *others)  # type: ignore[arg-type]
+        values = _program(function, len(others)).compile(math=mode)(x, *others)  # type: ignore[arg-type]
         place = 2.0 ** (np.floor(np.log2(np.maximum(np.abs(exact), 2.0**-126))) - 23)
-        off = np.abs(found.astype(np.float64) - exact) / place
-    off = np.where(np.isfinite(found) & (np.abs(exact) < 3.4e38), off, 0)
+        off = np.abs(values.astype(np.float64) - exact) / place
+    off = np.where(np.isfinite(values) & (np.abs(exact) < 3.4e38), off, 0)
     worst = int(np.argmax(off))
     return float(off[worst]), ", ".join(f"{v[worst]:.9g}" for v in (x, *others))
 
@@ -126,11 +128,11 @@ def functions(mesh: Mesh, quick: bool) -> Table:
         strict, _ = greatest_error(name, stride, "strict")
         portable, at = greatest_error(name, stride, "portable")
         row = [f"`{name}`", f"{strict:.2f}", f"{portable:.2f}", at]
-        taken = {backend: times(name, backend, count) for backend in available}
-        for backend, found in taken.items():
-            shares[backend].append([t / found[MODES.index("portable")] for t in found])
-        rows.append(row + [f"{t:.2f}" for found in taken.values() for t in found])
-    means = [f"{mean:.2f}" for found in shares.values() for mean in geometric_means(found)]
+        times_by_backend = {backend: times(name, backend, count) for backend in available}
+        for backend, costs in times_by_backend.items():
+            shares[backend].append([t / costs[MODES.index("portable")] for t in costs])
+        rows.append(row + [f"{t:.2f}" for costs in times_by_backend.values() for t in costs])
+    means = [f"{mean:.2f}" for ratios in shares.values() for mean in geometric_means(ratios)]
     rows.append(["of portable", "", "", "", *means])
     head = ["function", "strict error", "portable error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
     note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call. "
@@ -170,8 +172,8 @@ def modes(mesh: Mesh, quick: bool) -> Table:
         row: list[float] = []
         for target in available:
             size = work.quick if quick or target != "opencl" else work.size
-            taken = dict(zip(MODES, of_kernel(work, target, size), strict=True))
-            row += [taken[mode] / taken["relaxed"] for mode in others]
+            seconds = dict(zip(MODES, of_kernel(work, target, size), strict=True))
+            row += [seconds[mode] / seconds["relaxed"] for mode in others]
         ratios.append(row)
         rows.append([work.name, *(f"{ratio:.2f}" for ratio in row)])
     rows.append(["geometric mean", *(f"{mean:.2f}" for mean in geometric_means(ratios))])
@@ -189,7 +191,7 @@ def strict_frames(mesh: Mesh, quick: bool) -> Table:
     for make in FRAMES:
         strict, portable = (Renderer(make(), backend=studies.backend(), math=mode) for mode in ("strict", "portable"))
         runs = [renderer.render for renderer in (strict, portable)]
-        taken = np.array([[core_seconds(run, (size, size)) for run in runs] for _ in range(1 + rounds)])[1:]
-        rows.append([make.__name__, *(spread(t * 1e3, 2) for t in taken.T), spread(taken[:, 0] / taken[:, 1], 3)])
+        seconds = np.array([[core_seconds(run, (size, size)) for run in runs] for _ in range(1 + rounds)])[1:]
+        rows.append([make.__name__, *(spread(t * 1e3, 2) for t in seconds.T), spread(seconds[:, 0] / seconds[:, 1], 3)])
     note = f"{size} x {size} pixels on {studies.backend()}: core time, medians and quartiles of {rounds} frames each."
     return Table("What strict functions cost in frames", note, ["scene", "strict, ms", "portable, ms", "ratio"], rows)

@@ -31,22 +31,22 @@ def glass_rays(body: Mesh, quick: bool) -> Table:
     scene = features.plain(body)
     sets = rays_of(scene, len(body), 32 if quick else 256)
     whole = joined(scene)
-    found, _ = peers.available(["mitsuba", "embreex"])
-    for name in found:
+    peer_names, _ = peers.available(["mitsuba", "embreex"])
+    for name in peer_names:
         peers.start(name)
     makers: dict[str, Callable[..., Any]] = {"shpy, OpenCL": _ours}
-    makers |= {"Mitsuba": _mitsuba} if "mitsuba" in found else {}
-    makers |= {"Embree, one ray at a time": _embree} if "embreex" in found else {}
-    runs = [maker(whole, *given, coherent) for given, coherent in sets.values() for maker in makers.values()]
+    makers |= {"Mitsuba": _mitsuba} if "mitsuba" in peer_names else {}
+    makers |= {"Embree, one ray at a time": _embree} if "embreex" in peer_names else {}
+    runs = [maker(whole, *ray_arrays, coherent) for ray_arrays, coherent in sets.values() for maker in makers.values()]
     turns = 2 if quick else 15
     # Of all threads, as the contenders differ in how many they start.
-    taken = np.array(rounds_of(runs, turns, time.process_time)).reshape(len(sets), len(makers), turns)
+    seconds = np.array(rounds_of(runs, turns, time.process_time)).reshape(len(sets), len(makers), turns)
     counts = [len(eye) for (eye, _), _ in sets.values()]
     rows = [
         [name, f"{count:,}", *(spread(1e9 * times / count, 0) for times in of_set)]
-        for name, count, of_set in zip(sets, counts, taken, strict=True)
+        for name, count, of_set in zip(sets, counts, seconds, strict=True)
     ]
-    eye, light, glass = taken
+    eye, light, glass = seconds
     more = (counts[0] + counts[2]) / (counts[0] + counts[1])
     rows.append(["picture with glass / plain", f"{more:.2f}", *(spread(r, 1) for r in (eye + glass) / (eye + light))])
     note = (
@@ -80,12 +80,12 @@ def rays_of(scene: Scene, clear: int, size: int) -> dict[str, tuple[Rays, bool]]
 
     def met(start: np.ndarray, ray: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return places, normals against the rays, triangles, directions, and which are inside, of rays that hit."""
-        found = ask.intersect(start, ray)
-        hit = found.triangle >= 0
-        ray, triangle = ray[hit], found.triangle[hit]
+        hits = ask.intersect(start, ray)
+        hit = hits.triangle >= 0
+        ray, triangle = ray[hit], hits.triangle[hit]
         normal = mesh.face_normals[triangle]
         normal = normal * np.where(np.sum(normal * ray, axis=1) > 0, -1, 1)[:, None]
-        return start[hit] + found.t[hit, None] * ray, normal, triangle, ray, inside[hit]
+        return start[hit] + hits.t[hit, None] * ray, normal, triangle, ray, inside[hit]
 
     at, normal, triangle, ray, inside = met(start, first, np.zeros(len(first), bool))
     plain = shadows(at, normal, np.ones(len(at), bool))
@@ -111,8 +111,8 @@ def rays_of(scene: Scene, clear: int, size: int) -> dict[str, tuple[Rays, bool]]
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
-    found: np.ndarray = v / np.linalg.norm(v, axis=1, keepdims=True)
-    return found
+    units: np.ndarray = v / np.linalg.norm(v, axis=1, keepdims=True)
+    return units
 
 
 def _ours(mesh: Mesh, eye: np.ndarray, ray: np.ndarray, coherent: bool) -> Any:

@@ -64,9 +64,9 @@ def planes(quick: bool) -> Table:
     for segments in (12, 24) if quick else (32, 64, 96, 128, 160, 192, 264):
         ring = torus(1.0, 0.4, segments=segments, sides=segments // 2)
         vertices = ring.vertices.astype(np.float32).astype(np.float64)
-        held, shapes = np.empty((3 * len(ring), 4), np.float32), [Shape(len(ring), np.dtype(np.float32)) for _ in "12"]
+        table, shapes = np.empty((3 * len(ring), 4), np.float32), [Shape(len(ring), np.dtype(np.float32)) for _ in "12"]
         shapes[1].kernel = plane_kernel(backend()) or plane_program().compile("numpy", precision="f64")
-        runs = [partial(shape.take, vertices, ring.faces, held) for shape in shapes]
+        runs = [partial(shape.take, vertices, ring.faces, table) for shape in shapes]
         (numpy, kernel), busy = (np.array(rounds_of(runs, turns, clock)) for clock in CLOCKS)
         times = [spread(1e3 * numpy, 2), spread(1e3 * kernel, 2), spread(kernel / numpy, 2)]
         rows.append([f"{len(ring):,}", *times, spread(busy[1] / busy[0], 2)])
@@ -132,7 +132,7 @@ def _row(name: str, scene: Scene, number: int, change: Change, size: tuple[int, 
     for frame in range(2):  # the first change builds the hierarchy of the object
         change(changed, frame)
         changed.render(size)
-    builds, found = changed.builds, []
+    builds, measurements = changed.builds, []
     for frame in range(turns):
         time.sleep(PAUSE)
         still.render(size)  # it wakes the threads
@@ -140,9 +140,9 @@ def _row(name: str, scene: Scene, number: int, change: Change, size: tuple[int, 
         tables = _milliseconds(lambda frame=frame: _prepare(changed, change, frame + 2))
         drawn = _milliseconds(lambda: changed.render(size))
         again = _milliseconds(lambda: changed.render(size))
-        found.append((unchanged, tables + drawn, tables, again))
+        measurements.append((unchanged, tables + drawn, tables, again))
     assert changed.builds == builds, "a change has built the whole scene anew"
-    (unchanged, whole, tables, again), (unchanged_cpu, whole_cpu, *_) = np.transpose(found, (2, 1, 0))
+    (unchanged, whole, tables, again), (unchanged_cpu, whole_cpu, *_) = np.transpose(measurements, (2, 1, 0))
     times = [spread(values, 1) for values in (unchanged, whole, tables)]
     ratios = [spread(whole / unchanged, 2), spread(whole_cpu / unchanged_cpu, 2), spread(whole / again, 2)]
     return [name, f"{scene.triangles:,}", f"{len(scene.meshes[number]):,}", *times, *ratios]

@@ -79,8 +79,8 @@ class View:
     def end(self) -> tuple[int, str]:
         """End it as Ctrl-C does; return its exit status and its standard error."""
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=_PATIENCE)
-        return self.process.returncode, said
+        _, message = self.process.communicate(timeout=_PATIENCE)
+        return self.process.returncode, message
 
 
 def end_by_signal() -> None:
@@ -115,8 +115,8 @@ class Browsed:
         opened = profile / "DevToolsActivePort"
         wait_until(lambda: opened.is_file() and len(opened.read_text().splitlines()) == 2)
         port = opened.read_text().splitlines()[0]
-        found = wait_until(lambda: _pages(port, url))
-        self._line = connect(found[0]["webSocketDebuggerUrl"], max_size=None)
+        pages = wait_until(lambda: _pages(port, url))
+        self._line = connect(pages[0]["webSocketDebuggerUrl"], max_size=None)
         self._count = 0
 
     def send(self, method: str, **parameters: Any) -> Any:
@@ -152,14 +152,14 @@ def _pages(port: str, url: str) -> list[Any]:
         return [one for one in json.load(answer) if one["url"] == url]
 
 
-def wait_until(held: Callable[[], Any], seconds: float = _PATIENCE) -> Any:
+def wait_until(condition: Callable[[], Any], seconds: float = _PATIENCE) -> Any:
     """Call a function until it returns something true, and return that; raise TimeoutError after `seconds` of pauses.
 
     The pauses count, not the clock, which goes on while a virtual machine is paused.
     """
     for _ in range(round(seconds / _PAUSE)):
-        if found := held():
-            return found
+        if result := condition():
+            return result
         time.sleep(_PAUSE)
     raise TimeoutError(f"it does not hold after pauses of {seconds} s")
 

@@ -67,7 +67,7 @@ def mitsuba_scene(scene: Scene) -> Any:
     """Return a scene of matt surfaces and of lamps as Mitsuba's."""
     import mitsuba as mi
 
-    made: dict[str, Any] = {"type": "scene"}
+    description: dict[str, Any] = {"type": "scene"}
     for number, part in enumerate(scene.meshes):
         color = [part.material.numbers["diffuse"] * c for c in part.material.tint]
         properties = mi.Properties()
@@ -81,8 +81,8 @@ def mitsuba_scene(scene: Scene) -> Any:
         if any(part.material.emission):
             radiance = {"type": "rgb", "value": list(part.material.emission)}
             properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
-        made[f"mesh_{number}"] = mitsuba_mesh(part, properties)
-    return mi.load_dict(made)
+        description[f"mesh_{number}"] = mitsuba_mesh(part, properties)
+    return mi.load_dict(description)
 
 
 def mitsuba_picture(size: int, samples: int, seed: int, scene: Any = None, ours: Scene | None = None) -> Any:
@@ -111,8 +111,8 @@ def z_test(quick: bool) -> Table:
     if not peers.available(["mitsuba"])[1]:
         peers.start("mitsuba")
         size, samples = (16, 16) if quick else (64, 256)
-        found = scores(size, samples)
-        rows = [[f"{backend()} and Mitsuba", *found]]
+        columns = scores(size, samples)
+        rows = [[f"{backend()} and Mitsuba", *columns]]
         note = f"Cornell box, {size} x {size} pixels, {RUNS} pictures of {samples} samples each."
     head = ["pictures", "mean difference / mean", "standard error of that", "mean z²", "|z| > 2 (normal: 4.6 %)"]
     return Table("path-z", note, head, rows)

@@ -65,11 +65,11 @@ def libllvm() -> str | None:
     It aborts the process with LLVM 15 and older, so the newest that is installed is chosen.
     """
     if "DRJIT_LIBLLVM_PATH" not in os.environ:
-        found = [p for p in glob.glob("/usr/lib/*/libLLVM*.so*") if _major(p) >= 16]
-        if not found and not (ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")):
+        libraries = [p for p in glob.glob("/usr/lib/*/libLLVM*.so*") if _major(p) >= 16]
+        if not libraries and not (ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")):
             return None
-        if found:
-            os.environ["DRJIT_LIBLLVM_PATH"] = max(found, key=_major)
+        if libraries:
+            os.environ["DRJIT_LIBLLVM_PATH"] = max(libraries, key=_major)
     return os.environ.get("DRJIT_LIBLLVM_PATH", "")
 
 

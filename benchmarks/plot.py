@@ -20,10 +20,10 @@ def draw(results: Sequence[Measured], path: Path) -> None:
     axes = figure.subplots(len(results), 1, squeeze=False, height_ratios=[2 + len(m.seconds) for m in results])
     for axis, measured in zip(axes[:, 0], results, strict=True):
         base = base_of(measured)
-        found = {name: spread(measured.ratios(name, base)) for name in measured.seconds}
-        names = [label(name) for name in found]
-        middles = [q[0] for q in found.values()]
-        whiskers = [[q[0] - q[1] for q in found.values()], [q[2] - q[0] for q in found.values()]]
+        quartiles = {name: spread(measured.ratios(name, base)) for name in measured.seconds}
+        names = [label(name) for name in quartiles]
+        middles = [q[0] for q in quartiles.values()]
+        whiskers = [[q[0] - q[1] for q in quartiles.values()], [q[2] - q[0] for q in quartiles.values()]]
         colors = ["#c2571a" if n.startswith("shpy") else "#5a7d9a" for n in names]
         axis.barh(names, middles, xerr=whiskers, color=colors, error_kw={"linewidth": 0.8})
         axis.set_xscale("log")

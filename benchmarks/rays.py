@@ -76,15 +76,15 @@ def secondary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions, one for each primary ray that hits."""
     eye, ray = primary_rays(mesh, size)
     backend = "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
-    found = Intersector(mesh, backend=backend).intersect(eye, ray)
-    hit = found.triangle >= 0
-    normal = mesh.face_normals[found.triangle[hit]]
+    hits = Intersector(mesh, backend=backend).intersect(eye, ray)
+    hit = hits.triangle >= 0
+    normal = mesh.face_normals[hits.triangle[hit]]
     normal *= np.where(np.sum(normal * ray[hit], axis=1) > 0, -1, 1)[:, None]
     away = np.random.default_rng(1).normal(size=normal.shape)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     away *= np.where(np.sum(normal * away, axis=1) < 0, -1, 1)[:, None]
     radius = np.linalg.norm(np.ptp(mesh.corners.reshape(-1, 3), axis=0))
-    start = eye[hit] + found.t[hit, None] * ray[hit] + 1e-4 * radius * normal
+    start = eye[hit] + hits.t[hit, None] * ray[hit] + 1e-4 * radius * normal
     return start.astype(np.float32), away.astype(np.float32)
 
 
@@ -138,12 +138,12 @@ def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
     """Return the mesh as Mitsuba's, with flat faces."""
     import mitsuba as mi
 
-    made = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), props=properties or mi.Properties())
-    held = mi.traverse(made)
-    held["vertex_positions"] = np.float32(mesh.vertices).ravel()
-    held["faces"] = np.uint32(mesh.faces).ravel()
-    held.update()
-    return made
+    shape = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), props=properties or mi.Properties())
+    parameters = mi.traverse(shape)
+    parameters["vertex_positions"] = np.float32(mesh.vertices).ravel()
+    parameters["faces"] = np.uint32(mesh.faces).ravel()
+    parameters.update()
+    return shape
 
 
 @cache
@@ -189,12 +189,12 @@ def embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
     from embreex.rtcore_scene import EmbreeScene
 
     scene = EmbreeScene()
-    held = TriangleMesh(scene, np.float32(mesh.corners))
+    geometry = TriangleMesh(scene, np.float32(mesh.corners))
     shape = (rays[0], rays[0]) if len(rays) == 1 else (-1,)
     eye, ray = primary_rays(mesh, rays[0]) if len(rays) == 1 else rays
 
     def run() -> np.ndarray:
-        assert held is not None  # the scene does not hold it itself
+        assert geometry is not None  # the scene does not hold it itself
         if any_hit:
             return (scene.run(eye, ray, query="OCCLUDED") >= 0).reshape(shape)
         distance = scene.run(eye, ray, query="DISTANCE")

@@ -91,15 +91,15 @@ def _deform(renderer: Renderer, vertices: Vertices, limit: float) -> tuple[float
     The hierarchy is built anew if it costs more than `limit` times as much as an infinitely small one.
     """
     forest = _forest(renderer)
-    known = forest.objects[0]
-    built, known.built_cost = known.built_cost, limit
+    hierarchy = forest.objects[0]
+    built, hierarchy.built_cost = hierarchy.built_cost, limit
     renderer.deform(0, vertices)
     started = time.process_time()
     renderer._follow_motion()
     seconds = time.process_time() - started
     if limit > 0:
-        known.built_cost = built
-    return known.cost() / built, seconds
+        hierarchy.built_cost = built
+    return hierarchy.cost() / built, seconds
 
 
 def _forest(renderer: Renderer) -> Forest:

@@ -82,15 +82,15 @@ def rows(measured: Measured) -> list[tuple[str, ...]]:
 
     Of both the median, the first and the third quartile; the best call; and the CPU time of all threads.
     """
-    base, found = base_of(measured), []
+    base, lines = base_of(measured), []
     for name, seconds in measured.seconds.items():
         times = [f"{1e3 * t:.2f}" for t in spread(seconds)]
         ratios = [f"{r:.2f}" for r in spread(measured.ratios(name, base))]
         cpu, cpu_of_base = (float(np.median(measured.cpu[n])) for n in (name, base))
         times += [f"{1e3 * measured.best[name]:.2f}", f"{1e3 * cpu:.2f}"]
         ratios += [f"{measured.best[name] / measured.best[base]:.2f}", f"{cpu / cpu_of_base:.2f}"]
-        found.append((label(name), *times, *ratios, f"{measured.first[name]:.2f}", measured.agreement[name].text))
-    return found
+        lines.append((label(name), *times, *ratios, f"{measured.first[name]:.2f}", measured.agreement[name].text))
+    return lines
 
 
 def title(measured: Measured) -> str:
@@ -124,15 +124,15 @@ def markdown(measured: Measured) -> str:
 
 def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[float, float, float, float, int]]:
     """By contender, geometric means of its ratios to `base`: medians, best calls, CPU; the least median; how many."""
-    found: dict[str, list[tuple[float, float, float]]] = {}
+    ratios_by_name: dict[str, list[tuple[float, float, float]]] = {}
     for m in results:
         for name in m.seconds if base in m.seconds else ():
             if name != base:
                 cpu = np.median(m.cpu[name]) / np.median(m.cpu[base])
                 median = float(np.median(m.ratios(name, base)))
-                found.setdefault(name, []).append((median, m.best[name] / m.best[base], float(cpu)))
+                ratios_by_name.setdefault(name, []).append((median, m.best[name] / m.best[base], float(cpu)))
     means = {}
-    for name, ratios in found.items():
+    for name, ratios in ratios_by_name.items():
         median, best, cpu = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
         means[name] = (median, best, cpu, min(r[0] for r in ratios), len(ratios))
     return means
@@ -144,11 +144,14 @@ def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "opencl
     for group in dict.fromkeys(m.work.group for m in results):
         members = [m for m in results if m.work.group == group]
         for base in bases:
-            found = geometric_means(members, base)
-            if found:
+            means_by_name = geometric_means(members, base)
+            if means_by_name:
                 lines += [f"How many times as long as {label(base)} they take, geometric means of {group}:", ""]
                 lines += ["| | medians | best calls | CPU | least median | works |", "|---|---:|---:|---:|---:|---:|"]
-                lines += [f"| {label(n)} | {' | '.join(f'{x:.2f}' for x in m)} | {c} |" for n, (*m, c) in found.items()]
+                lines += [
+                    f"| {label(n)} | {' | '.join(f'{x:.2f}' for x in m)} | {c} |"
+                    for n, (*m, c) in means_by_name.items()
+                ]
                 lines.append("")
     return "\n".join(lines)
 

@@ -93,8 +93,8 @@ def run(
         for name, (timed, calls) in ready.items():
             time.sleep(PAUSE)
             busy = time.process_time()
-            found = [once(timed) for _ in range(calls)]
+            durations = [once(timed) for _ in range(calls)]
             measured.cpu[name].append((time.process_time() - busy) / calls)
-            measured.seconds[name].append(sum(found) / calls)
-            measured.best[name] = min(measured.best.get(name, math.inf), *found)
+            measured.seconds[name].append(sum(durations) / calls)
+            measured.best[name] = min(measured.best.get(name, math.inf), *durations)
     return measured

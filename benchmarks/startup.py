@@ -106,8 +106,8 @@ def compiling(mesh: Mesh, quick: bool) -> Table:
     cases += [("branches", "opencl", "16"), ("branches", "opencl", "1")] if "opencl" in _backends() else []
     for name, backend, lanes in [("spheres", "numpy", "auto")] if quick else cases:
         with tempfile.TemporaryDirectory() as cache:
-            found = [json.loads(_run(["-c", CHILD, name, backend, lanes], cache)[0]) for _ in range(2)]
-        (recorded, emitted, cold, count), (*_, warm, _) = found
+            runs = [json.loads(_run(["-c", CHILD, name, backend, lanes], cache)[0]) for _ in range(2)]
+        (recorded, emitted, cold, count), (*_, warm, _) = runs
         label = backend if lanes == "auto" else f"{backend}, {lanes} lanes"
         rows.append([name, label, f"{count:,}", *(f"{t:.3f}" for t in (recorded, emitted, cold, warm))])
     head = ["program", "target", "statements", "record", "emit", "compile, cold", "compile, warm"]
@@ -139,7 +139,7 @@ def importing(mesh: Mesh, quick: bool) -> Table:
             without = [_import_seconds(package, os.path.join(cache, str(n), package)) for n in range(rounds)]
             _import_seconds(package, cache, writes=True)
             kept = [_import_seconds(package, cache) for _ in range(rounds)]
-            rows.append([f"`{package}`", *(f"{min(found):.3f}" for found in (without, kept))])
+            rows.append([f"`{package}`", *(f"{min(seconds):.3f}" for seconds in (without, kept))])
     note = "Seconds of processor time of `import` in a new process, dependencies included, without Python's own start."
     return Table("importing", note, ["package", "without bytecode", "with bytecode"], rows)
 

@@ -59,11 +59,11 @@ def backend() -> str:
 def best(run: Callable[[], Any], calls: int = 5) -> tuple[float, float]:
     """Return the seconds of the fastest call after one warm-up call, and the least CPU seconds of all threads."""
     run()
-    found = []
+    measurements = []
     for _ in range(calls):
         busy = time.process_time()
-        found.append((once(run), time.process_time() - busy))
-    return min(f[0] for f in found), min(f[1] for f in found)
+        measurements.append((once(run), time.process_time() - busy))
+    return min(f[0] for f in measurements), min(f[1] for f in measurements)
 
 
 def in_turns(
@@ -80,15 +80,15 @@ def rounds_of(
 
     With `time.process_time` as the clock they are the CPU seconds of all threads of the process.
     """
-    found: list[list[float]] = [[] for _ in runs]
+    seconds: list[list[float]] = [[] for _ in runs]
     for _ in range(turns):
-        for run, times in zip(runs, found, strict=True):
+        for run, times in zip(runs, seconds, strict=True):
             time.sleep(PAUSE)
             run()
             started = clock()
             run()
             times.append(clock() - started)
-    return found
+    return seconds
 
 
 def rate(count: int, seconds: float) -> str:
@@ -105,12 +105,18 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
     rows = []
     for segments, sides in [(50, 10)] if quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
         knotted = knot(segments=segments, sides=sides)
-        given = rays.secondary_rays(knotted, size)
-        runs = [rays.ours_primary(compiled, size, knotted, False), rays.ours_given(compiled, *given, knotted, False)]
+        ray_arrays = rays.secondary_rays(knotted, size)
+        runs = [
+            rays.ours_primary(compiled, size, knotted, False),
+            rays.ours_given(compiled, *ray_arrays, knotted, False),
+        ]
         if with_mitsuba:
             peers.start("mitsuba")
-            runs += [rays.mitsuba(size, mesh=knotted, any_hit=False), rays.mitsuba(*given, mesh=knotted, any_hit=False)]
-        counts = [size * size, len(given[0])] * 2
+            runs += [
+                rays.mitsuba(size, mesh=knotted, any_hit=False),
+                rays.mitsuba(*ray_arrays, mesh=knotted, any_hit=False),
+            ]
+        counts = [size * size, len(ray_arrays[0])] * 2
         rates = [rate(n, seconds) for n, seconds in zip(counts, in_turns(runs), strict=False)]
         rows.append([f"{len(knotted):,}", *rates])
         rays.forget()
@@ -157,19 +163,21 @@ def queries(mesh: Mesh, quick: bool) -> Table:
     shoot = Intersector(mesh, backend=backend())
     with_embree = not quick and not peers.available(["embreex"])[1]
     rows = []
-    for kind, given in (
+    for kind, ray_arrays in (
         ("coherent", rays.primary_rays(mesh, size)),
         ("incoherent", rays.secondary_rays(mesh, size // 2)),
     ):
         for name, any_hit in (("intersect", False), ("occluded", True)):
-            runs = [rays.ours_given(compiled, *given, mesh, any_hit)]
-            runs += [partial(getattr(shoot, name), *(a.astype(t) for a in given)) for t in (np.float32, np.float64)]
-            runs += [rays.embreex(*given, mesh=mesh, any_hit=any_hit)] if with_embree else []
+            runs = [rays.ours_given(compiled, *ray_arrays, mesh, any_hit)]
+            runs += [
+                partial(getattr(shoot, name), *(a.astype(t) for a in ray_arrays)) for t in (np.float32, np.float64)
+            ]
+            runs += [rays.embreex(*ray_arrays, mesh=mesh, any_hit=any_hit)] if with_embree else []
             kernel, *asked = (best(run, 15)[1] for run in runs)
-            row = [f"{name}, {kind}", f"{len(given[0]):,}", f"{1e3 * kernel:.1f}"]
+            row = [f"{name}, {kind}", f"{len(ray_arrays[0]):,}", f"{1e3 * kernel:.1f}"]
             rows.append([*row, *(f"{seconds / kernel:.2f}" for seconds in asked)])
-    origins, directions = given
-    for name, arrays in (("count", given), ("all_hits", given), ("closest_point", (origins + directions,))):
+    origins, directions = ray_arrays
+    for name, arrays in (("count", ray_arrays), ("all_hits", ray_arrays), ("closest_point", (origins + directions,))):
         _, seconds = best(partial(getattr(shoot, name), *arrays))
         rows.append([f"{name}, incoherent", f"{len(origins):,}", f"{1e3 * seconds:.1f}"])
     head = ["query", "rays", "CPU ms", "float32", "float64", *(["Embree"] if with_embree else [])]

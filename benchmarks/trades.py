@@ -87,17 +87,17 @@ KERNELS: Sequence[tuple[str, Any, dict[str, Range], Any]] = (
 def kernels(mesh: Mesh, quick: bool) -> Table:
     """Return six kernels, each with its error budget."""
     del mesh
-    rows = [_kernel(*given, quick) for given in KERNELS]
+    rows = [_kernel(*arguments, quick) for arguments in KERNELS]
     note = "The pick of `sh.accuracy.tradeoff` for a budget, on 100,000 elements that it has not seen."
     return Table("budgets", note, ("kernel", "budget", "pick", "keeps it", "time over the fastest's"), rows)
 
 
 def _kernel(name: str, program: Any, domain: dict[str, Range], budget: Any, quick: bool) -> Sequence[str]:
     count = 1_000 if quick else 100_000
-    found = sh.accuracy.tradeoff(
+    tradeoff = sh.accuracy.tradeoff(
         program, domain, budget, samples=200 if quick else 1000, elements=count, reference="f64" if quick else "mpmath"
     )
-    pick = found.pick
+    pick = tradeoff.pick
     inputs = _drawn(domain, count)
     first = program.picked() if isinstance(program, type(glass)) else program
     exact = (first if isinstance(first, sh.Program) else sh.program(first)).compile("numpy", precision="f64")(*inputs)
@@ -105,7 +105,7 @@ def _kernel(name: str, program: Any, domain: dict[str, Range], budget: Any, quic
     def share(candidate: Any) -> float:
         return _kept(candidate.kernel(*inputs), exact, budget)
 
-    good = [c for c in found.candidates if c is pick or (c.error <= budget.limit and share(c) >= 0.999)]
+    good = [c for c in tradeoff.candidates if c is pick or (c.error <= budget.limit and share(c) >= 0.999)]
     seconds = _in_turns([partial(c.kernel, *inputs) for c in good], 2 if quick else ROUNDS)
     slower = seconds[good.index(pick)] / min(seconds)
     return name, str(budget), str(pick), f"{share(pick):.3%}", f"{slower:.2f}"
@@ -122,29 +122,29 @@ def _drawn(domain: dict[str, Range], count: int) -> list[np.ndarray]:
     return drawn
 
 
-def _kept(found: Any, exact: Any, budget: Any) -> float:
+def _kept(outputs: Any, exact: Any, budget: Any) -> float:
     """Return the share of elements all of whose outputs keep the budget."""
     measure = {"ulp": sh.accuracy.ulp, "relative": sh.accuracy.relative}[budget.unit]
-    pairs = zip(*(a if isinstance(a, tuple) else (a,) for a in (found, exact)), strict=True)
+    pairs = zip(*(a if isinstance(a, tuple) else (a,) for a in (outputs, exact)), strict=True)
     kept = [measure(np.asarray(f).astype(np.float32), e) <= budget.limit for f, e in pairs]
     return float(np.mean(np.all(kept, axis=0)))
 
 
 def _in_turns(runs: Sequence[Callable[[], Any]], rounds: int) -> list[float]:
     """Return the median seconds of each run. Runs take turns, each after a warm-up call; short runs are repeated."""
-    taken: list[list[float]] = [[] for _ in runs]
+    timings: list[list[float]] = [[] for _ in runs]
     for _ in range(rounds):
-        for run, seconds in zip(runs, taken, strict=True):
+        for run, seconds in zip(runs, timings, strict=True):
             calls = max(1, int(0.01 / once(run)))
             seconds.append(sum(once(run) for _ in range(calls)) / calls)
-    return [float(np.median(seconds)) for seconds in taken]
+    return [float(np.median(seconds)) for seconds in timings]
 
 
 def scenes(mesh: Mesh, quick: bool) -> Table:
     """Return two built-in scenes and a mesh on a mirror."""
-    given = [("boxes", Scene.builtin("boxes"), 1.0), ("mirror-box", Scene.builtin("mirror-box"), 4.0)]
-    given.append((f"{mesh.name} on a mirror", scene_of(mesh), 2.0))
-    rows = [_scene(*one, quick) for one in given[: 1 if quick else None]]
+    cases = [("boxes", Scene.builtin("boxes"), 1.0), ("mirror-box", Scene.builtin("mirror-box"), 4.0)]
+    cases.append((f"{mesh.name} on a mirror", scene_of(mesh), 2.0))
+    rows = [_scene(*one, quick) for one in cases[: 1 if quick else None]]
     note = (
         f"The pick of `raytracer tradeoff` on {backend()} for a root mean square error in 255ths, on {CAMERAS} "
         "pictures from elsewhere."
@@ -154,7 +154,7 @@ def scenes(mesh: Mesh, quick: bool) -> Table:
 
 def _scene(name: str, scene: Scene, limit: float, quick: bool) -> Sequence[str]:
     bounces = 1 if quick else 3
-    found = trade.tradeoff(scene, max_error=limit, backend=backend(), bounces=bounces)
+    tradeoff = trade.tradeoff(scene, max_error=limit, backend=backend(), bounces=bounces)
     angles = [360 * (k + 0.5) / CAMERAS for k in range(2 if quick else CAMERAS)]
     cameras = [trade.turned(scene.camera, angle, 1.1 if k % 2 else 0.9) for k, angle in enumerate(angles)]
     reference = trade.reference(scene, backend(), bounces)
@@ -167,12 +167,12 @@ def _scene(name: str, scene: Scene, limit: float, quick: bool) -> Sequence[str]:
         pictures = [one.render(trade.SIZE, camera=camera) for camera in cameras]
         return sum(trade.errors(p, e)["rmse"] <= limit for p, e in zip(pictures, exact, strict=True))
 
-    good = [c for c in found.candidates if c.worst <= limit]
-    made = [renderer(c) for c in good]
-    seconds = _in_turns([partial(one.render, trade.SIZE) for one in made], 2 if quick else ROUNDS)
-    at = good.index(found.pick)
-    share = f"{kept(made[at])} of {len(cameras)}"
-    return name, f"{limit:g}/255", str(found.pick.variant), share, f"{seconds[at] / min(seconds):.2f}"
+    good = [c for c in tradeoff.candidates if c.worst <= limit]
+    renderers = [renderer(c) for c in good]
+    seconds = _in_turns([partial(one.render, trade.SIZE) for one in renderers], 2 if quick else ROUNDS)
+    at = good.index(tradeoff.pick)
+    share = f"{kept(renderers[at])} of {len(cameras)}"
+    return name, f"{limit:g}/255", str(tradeoff.pick.variant), share, f"{seconds[at] / min(seconds):.2f}"
 
 
 STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {"budgets": kernels, "scenes-within": scenes}

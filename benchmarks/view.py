@@ -81,10 +81,10 @@ class Example:
     def moving(self) -> str:
         """Return the file's text, followed by a program whose picture differs from frame to frame."""
         inputs = [word.split(":")[0] for word in self.inputs.split(", ") if word]
-        taken = ", ".join(word for word in (self.inputs, "" if "time" in inputs else "time: sh.Attrib1f") if word)
+        parameters = ", ".join(word for word in (self.inputs, "" if "time" in inputs else "time: sh.Attrib1f") if word)
         return (FOLDER / f"{self.file}.py").read_text() + (
             '\n\nlevel = sh.Param(sh.Attrib1f, 1, range=(0, 1), title="Level")\n\n\n'
-            f"@sh.program\ndef moving({taken}) -> sh.Color3f:\n"
+            f"@sh.program\ndef moving({parameters}) -> sh.Color3f:\n"
             f"    return {self.program}({', '.join(inputs)}) * level * (0.75 + 0.25 * sh.sin(time))\n"
         )
 
@@ -145,7 +145,7 @@ def _children(process: int) -> list[int]:
 
 def saves(example: Example, count: int) -> NDArray[np.float64]:
     """Return milliseconds from a save to the first picture and to the full one, (count, 2)."""
-    found = []
+    delays = []
     with shown(example, example.saved(1), example.program) as (view, page):
         page.evaluate(_WATCH.replace("ATTRIBUTES", '["data-first", "data-full"]'))
         for _ in range(count):
@@ -156,8 +156,8 @@ def saves(example: Example, count: int) -> NDArray[np.float64]:
             view.save(text)
             page.wait("window.seen.some(([name, , value]) => name === 'data-full' && value)")
             times = {name: at for name, at, value in page.evaluate("window.seen") if value}
-            found.append([times["data-first"] - begun, times["data-full"] - begun])
-    return np.array(found)
+            delays.append([times["data-first"] - begun, times["data-full"] - begun])
+    return np.array(delays)
 
 
 def frames(example: Example, seconds: float) -> tuple[float, float, float]:

@@ -69,9 +69,11 @@ def nothing_kept() -> Iterator[None]:
 
 def _row(work: Work, math: str, quick: bool) -> list[str]:
     inputs = work.inputs(work.quick if quick else work.size)
-    made = work.versions["opencl"]
-    assert isinstance(made, partial)
-    version: Callable[..., Run] = partial(made.func, **made.keywords)  # without the compiler that it was given
+    with_compiler = work.versions["opencl"]
+    assert isinstance(with_compiler, partial)
+    version: Callable[..., Run] = partial(
+        with_compiler.func, **with_compiler.keywords
+    )  # without the compiler that it was given
     runs: dict[Any, Run] = {}
     kernels: list[sh.Kernel] = []
     for lanes in (*WIDTHS, AUTO):

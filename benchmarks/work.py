@@ -110,12 +110,12 @@ class Agreement:
 
 def compare(work: Work, answer: Any, reference: Any) -> Agreement:
     """Judge an answer by the reference alone."""
-    found, wanted = (np.atleast_1d(np.asarray(work.seen(a), dtype=np.float64)) for a in (answer, reference))
-    if found.shape != wanted.shape:
+    values, expected = (np.atleast_1d(np.asarray(work.seen(a), dtype=np.float64)) for a in (answer, reference))
+    if values.shape != expected.shape:
         return Agreement(np.inf, 1.0, False)
     with np.errstate(invalid="ignore"):
-        off = np.abs(found - wanted) / np.maximum(1.0, np.abs(wanted))
-    off[(found == wanted) | (np.isnan(found) & np.isnan(wanted))] = 0.0
+        off = np.abs(values - expected) / np.maximum(1.0, np.abs(expected))
+    off[(values == expected) | (np.isnan(values) & np.isnan(expected))] = 0.0
     off[np.isnan(off)] = np.inf
     share = float(np.mean(off > work.within)) if off.size else 0.0
     return Agreement(float(off.max(initial=0.0)), share, share <= work.share)
@@ -123,7 +123,7 @@ def compare(work: Work, answer: Any, reference: Any) -> Agreement:
 
 def judge(work: Work, answer: Any, reference: Any, inputs: tuple[Any, ...]) -> Agreement:
     """Judge an answer by the reference, and by what is exact if they part."""
-    found = compare(work, answer, reference)
-    if found.same or work.exact is None or not compare(work, answer, work.exact(*inputs)).same:
-        return found
-    return replace(found, same=True, other_order=True)
+    agreement = compare(work, answer, reference)
+    if agreement.same or work.exact is None or not compare(work, answer, work.exact(*inputs)).same:
+        return agreement
+    return replace(agreement, same=True, other_order=True)
