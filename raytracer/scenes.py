@@ -208,6 +208,21 @@ def teapot() -> Scene:
     return Scene(meshes, lights, camera, background=(0.055, 0.05, 0.048), ambient=0.16, name="teapot")
 
 
+def two_teapots() -> Scene:
+    """Two mirroring teapots over a mirror: 28,562 triangles; each shows the other, and itself from below."""
+    silver = Material((0.40, 0.42, 0.46), diffuse=0.35, specular=0.9, shininess=180, reflectivity=0.62)
+    copper = Material((0.72, 0.30, 0.13), diffuse=0.55, specular=0.7, shininess=120, reflectivity=0.38)
+    mirror = Material((0.10, 0.12, 0.16), specular=0.0, reflectivity=0.55)
+    meshes = [
+        newells_teapot(silver, divisions=15).moved((-2.2, 0, -0.5), turn=25),
+        newells_teapot(copper, divisions=15).moved((2.75, 0, 0.6), turn=205, scale=0.8),
+        floor(60, mirror).moved((0, -0.004, 0)),
+    ]
+    lights = (PointLight((-5, 9, 6), (0.95, 0.90, 0.82)), PointLight((7, 6, 4), (0.30, 0.34, 0.42)))
+    camera = Camera((0.4, 4.6, 10.5), (0, 1.0, 0), fov=38)
+    return Scene(meshes, lights, camera, background=(0.30, 0.42, 0.62), name="two-teapots")
+
+
 def _grazing(hit: Hit) -> sh.Attrib1f:
     """Return 0 where a surface is seen from above and 1 where it is seen edge-on, as Fresnel's share grows."""
     return sh.pow(1 - sh.dot(hit.normal, hit.view), 5)
@@ -324,6 +339,7 @@ SCENES: Final[Mapping[str, Callable[[], Scene]]] = {
     "glass": glass,
     "materials": materials,
     "teapot": teapot,
+    "two-teapots": two_teapots,
     "chrome": chrome,
     "cornell": cornell,
 }

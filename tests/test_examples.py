@@ -10,7 +10,7 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
-from raytracer import Camera, Scene, render
+from raytracer import Camera, Intersector, Scene, render
 from raytracer.meshes.shapes import box, floor
 
 BOXES = Scene.builtin("boxes")
@@ -77,6 +77,7 @@ SHOWN = {
     "raymarch": lambda m, backend: pixels_of(m.raymarch, (40, 24), backend, time=1.5),
     "voronoi": lambda m, backend: pixels_of(m.voronoi, (60, 40), backend, time=1.5),
     "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),
+    "cubemap": lambda m, backend: m.by_cube_map((16, 12), 8, 4, backend=backend).pixels,
     "occlusion": lambda m, backend: m.occlusion(Scene.framed(box()), (16, 12), 4, backend),
     "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
 }
@@ -368,3 +369,38 @@ def test_trace():
     slope, change = (next(s for s in steps if s.name == name) for name in ("slope", "change"))
     assert change.loc.line == slope.loc.line + 1
     assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)
+
+
+def test_cube_maps_mirror_far_things_alone():
+    """Beside exact rays a cube map is right but for what is near; a layered depth cube errs far less."""
+    m = example("cubemap")
+    mapped, layered, exact = (
+        m.by_cube_map((48, 40), 64, 6, backend="numpy"),
+        *(m.by_rays((48, 40), accel, 6, backend="numpy") for accel in ("ldc:128", "bvh")),
+    )
+    pot = exact.object_id == exact.object_id.max()
+    assert pot.sum() > 200
+    np.testing.assert_allclose(mapped.pixels[~pot], exact.pixels[~pot], atol=1e-5)
+    off = [np.sqrt(((image.srgb[pot].astype(float) - exact.srgb[pot]) ** 2).mean()) for image in (mapped, layered)]
+    assert off[1] < off[0] / 2
+    right = abs(mapped.pixels[pot] - exact.pixels[pot]).max(axis=1) < 0.02
+    assert 0.3 < right.mean() < 0.9, "the sky is mirrored right, the floor and the pot itself are not"
+
+
+def test_the_faces_of_a_cube_map_are_what_is_seen_in_their_directions():
+    """The pictures of six cameras have the colours of the directions to their pixels."""
+    m = example("cubemap")
+    scene = m.surroundings()
+    sky = m.cube_map(scene, m.MIDDLE, 6, backend="numpy")
+    ways = m.TextureCube.directions(6).reshape(-1, 3)
+
+    @sh.program
+    def read(way: sh.Vector3f) -> sh.Color3f:
+        return sky(way)
+
+    colors = read.compile("numpy")(ways)
+    hits = Intersector(scene, backend="numpy").intersect(np.broadcast_to(m.MIDDLE, ways.shape), ways)
+    nothing = hits.triangle < 0
+    assert 0.2 < nothing.mean() < 0.6
+    np.testing.assert_allclose(colors[nothing], np.broadcast_to(scene.background, (nothing.sum(), 3)), atol=1e-6)
+    assert (abs(colors[~nothing] - scene.background).max(axis=1) > 0.02).all()

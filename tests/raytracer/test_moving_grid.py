@@ -90,6 +90,16 @@ def test_paths_and_deformed_objects_beside_a_grid(built):
     assert built == [2 + 12]
 
 
+def test_scenes_that_are_shown_one_after_the_other_keep_the_grid(built):
+    renderer = Renderer(scene(), accel="grid", backend="numpy")
+    for angle in (0.2, 0.4):
+        shown = scene(stone=turned(angle, (0, angle, 0)))
+        renderer.show(shown)
+        same(renderer.render(SIZE), Renderer(shown, backend="numpy").render(SIZE))
+    assert renderer.builds == 2
+    assert built == [2 + len(scene().meshes[1]) + 12]
+
+
 def test_everything_may_move():
     renderer = Renderer(scene(), accel="grid", backend="numpy")
     places = {name: turned(0.2 * k, (0.1 * k, 0, 0)) for k, name in enumerate(("ground", "ball", "box", "stone"))}
@@ -207,9 +217,7 @@ def test_programs_that_trace_a_scene_see_moves(accel, backend):
             np.testing.assert_array_equal(getattr(found, name), one, name)
         if move:
             assert (found.triangle != before.triangle).any()
-    with pytest.raises(
-        SceneError, match=r"test_moving_grid\.py:\d+: the move of 'ball' has given .* program anew"
-    ):
+    with pytest.raises(SceneError, match=r"test_moving_grid\.py:\d+: the move of 'ball' has given .* program anew"):
         early(origins, directions)
 
 

@@ -273,7 +273,7 @@ def test_unknown_scene_names_the_known():
     ("name", "triangles"),
     [
         ("boxes", 36), ("cubes", 2064), ("mirror-box", 4558), ("mixed", 61_562), ("spheres", 72_066), ("glass", 21_230),
-        ("materials", 71_454), ("teapot", 61_324), ("chrome", 69_442),
+        ("materials", 71_454), ("teapot", 61_324), ("chrome", 69_442), ("two-teapots", 28_562),
     ],
 )  # fmt: skip
 def test_built_in_scenes(name, triangles):
