@@ -20,7 +20,9 @@ SIZE: Final = (640, 480)
 _PATHS: Final = {"cornell": 512}
 """The samples of pictures that are path traced, as large as the shorter side along both."""
 _SAMPLES: Final = 9
-_BOUNCES: Final = {"mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "teapot": 4, "two-teapots": 4, "chrome": 6}
+_BOUNCES: Final = {
+    "mirror-box": 6, "glass": 8, "materials": 6, "spheres": 4, "teapot": 4, "two-teapots": 4, "chrome": 6,
+}  # fmt: skip
 """The number of reflections and refractions of scenes that do not use the default, 3."""
 
 
