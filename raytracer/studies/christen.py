@@ -38,6 +38,8 @@ from raytracer.studies.report import (
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
+COMPARED = ("A", "C")
+"""The scenes of which calls go over few rays, over all, or over all masked: in B every ray has a successor."""
 WAYS = ("few", "all", "masked")
 """The rays that a call goes over: those on their way, once they are few; all; all, with others masked by a pass."""
 SIZE = (256, 256)
@@ -51,6 +53,8 @@ TRACERS = ("staged", "unified")
 _OFTEN = 3
 _SOON = 0.5
 """Seconds: a picture that takes less is rendered `_OFTEN` times, and the fastest counts."""
+_LATE = 5.0
+"""Seconds: a picture that takes more is rendered once, and so is one whose calls alone are of interest."""
 _MARKS = "os^"
 
 Clock = Callable[[], float]
@@ -245,28 +249,36 @@ def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
 
 
 def cases(backends: Sequence[str]) -> list[Case]:
-    """Return every case once, the most telling ones first. numpy, which is slow, has fewer."""
+    """Return every case once, the most telling ones first, and those last that take long."""
     fast = [name for name in backends if name != "numpy"]
     counted = counted_on(backends)
     wanted = [Case(*names) for names in _named(backends)]
     wanted += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
-    wanted += [
-        Case(scene, counted, "staged", threshold=threshold, at_once=at_once)
-        for at_once in reversed(AT_ONCE)
-        for scene in SCENES
-        for threshold in THRESHOLDS
-    ]
+    wanted += _counted(SCENES, counted, AT_ONCE[-1])
     wanted += [
         Case(scene, backend, "staged", iterations=ITERATIONS[-1], way=way)
         for backend in fast or [counted]
-        for scene in SCENES
+        for scene in COMPARED
         for way in WAYS[1:]
     ]
+    wanted += _counted([scene for scene in SCENES if scene != "C"], counted, AT_ONCE[0])
     wanted += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
     if "numpy" in backends:
-        wanted += [Case(*names, iterations=n) for n in ITERATIONS for names in _named(["numpy"])]
+        wanted += [Case(*names, iterations=n) for n in ITERATIONS[:-1] for names in _named(["numpy"])]
         wanted += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
+    wanted += _counted([scene for scene in SCENES if scene == "C"], counted, AT_ONCE[0])
+    if "numpy" in backends:
+        wanted += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
     return list(dict.fromkeys(wanted))
+
+
+def _counted(scenes: Iterable[str], backend: str, at_once: int) -> list[Case]:
+    """Return the cases that count calls against the threshold."""
+    return [
+        Case(scene, backend, "staged", threshold=threshold, at_once=at_once)
+        for scene in scenes
+        for threshold in THRESHOLDS
+    ]
 
 
 def _named(backends: Sequence[str]) -> list[tuple[str, str, str]]:
@@ -331,7 +343,8 @@ def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock
         found = Measured(case, taken, stats.rays, dict(stats.calls), stats.alive, seconds)
         best = found if best is None or found.seconds < best.seconds else best
         # OpenCL may try another width of packets within the first picture, which takes a compilation.
-        if taken > _SOON and (taken_before or case.backend == "numpy"):
+        once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (taken > _LATE and case.backend != "opencl")
+        if taken > _SOON and (taken_before or once):
             break
     assert best is not None
     return best

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image as pillow
 
-from raytracer import Material, PointLight, Renderer, SceneError, animation, cli, render
-from raytracer.animation import animate, animated, made_by
+from raytracer import Camera, Material, PointLight, Renderer, Scene, SceneError, animation, cli, render
+from raytracer.animation import ANIMATIONS, animate, animated, made_by
+from raytracer.meshes.shapes import box
 
 FILE = """
 import numpy as np
@@ -180,6 +181,35 @@ def test_the_command_animates_what_its_camera_options_say(tmp_path):
     picture = render(scene, (24, 16), backend="numpy")
     expected = dataclasses.replace(picture, pixels=2 * picture.pixels).srgb
     assert np.array_equal(np.asarray(pillow.open(output / "0001.png")), expected)
+
+
+@pytest.mark.parametrize("words", ["--accel ldc:16:triangle --bounces 0", "--tracer staged --accel brute --bounces 0"])
+def test_the_command_animates_with_an_accelerator_and_a_tracer(tmp_path, monkeypatch, words):
+    moving = lambda time: Scene([box().moved((time, 0, 0))], [PointLight((3, 5, 4))], Camera((2, 2, 4)))  # noqa: E731
+    monkeypatch.setitem(ANIMATIONS, "animated", moving)
+    output = tmp_path / "frames"
+    assert cli.main(["animate", "animated", "--frames", "2", "-o", str(output), *SMALL, *words.split()]) == 0
+    wanted = render(moving(1 / 24), (24, 16), bounces=0, backend="numpy").srgb
+    assert np.array_equal(np.asarray(pillow.open(output / "0001.png")), wanted)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--tracer staged --accel bvh", 'goes through cells of a grid: --accel grid or "brute", not "bvh"'),
+        (
+            "--tracer staged --accel ldc:64",
+            "secondary rays go through a layered depth cube with --tracer unified alone",
+        ),
+        ("--tracer staged --integrator path", "--tracer staged is for --integrator whitted: leave it out"),
+    ],
+)
+@pytest.mark.parametrize("command", ["animate", "view"])
+def test_tracers_and_accelerators_that_do_not_go_together(command, words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([command, "animated", *words.split()]) == 1
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_frames_of_a_python_file_have_the_floor_that_it_makes(tmp_path, capsys):

@@ -15,6 +15,7 @@ from raytracer.studies import christen
 def few(monkeypatch):
     """Two sizes of a grid, two numbers of iterations, one threshold, the smallest scene, once."""
     monkeypatch.setattr(christen, "SCENES", {"A": "boxes"})
+    monkeypatch.setattr(christen, "COMPARED", ("A",))
     monkeypatch.setattr(christen, "GRIDS", (5, 20))
     monkeypatch.setattr(christen, "_OFTEN", 1)
     monkeypatch.setattr(christen, "ITERATIONS", (1, 2))
@@ -29,11 +30,12 @@ def test_cases_are_different_and_cover_what_the_thesis_varies():
     for key, values in (("grid", christen.GRIDS), ("iterations", christen.ITERATIONS)):
         assert {getattr(c, key) for c in found} == set(values)
         assert {getattr(c, key) for c in found if c.backend == "opencl" and c.tracer == "unified"} == set(values)
+    for way in ("all", "masked"):
+        compared = {(c.scene, c.backend) for c in found if c.way == way}
+        assert compared == {(scene, backend) for scene in christen.COMPARED for backend in ("opencl", "glsl")}
     for scene in christen.SCENES:
         assert {c.threshold for c in found if (c.scene, c.at_once) == (scene, 1)} == set(christen.THRESHOLDS)
         assert {c.iterations for c in found if (c.scene, c.backend) == (scene, "numpy")} == set(christen.ITERATIONS)
-        ways = [c for c in found if c.scene == scene and c.way == "masked"]
-        assert [c.backend for c in ways] == ["opencl", "glsl"]
 
 
 def test_the_study_measures_every_case_and_writes_them(few, tmp_path):
@@ -54,6 +56,11 @@ def test_the_study_measures_every_case_and_writes_them(few, tmp_path):
         assert [row["tracer"] for row in csv.DictReader(file)] == [m.case.tracer for m in found.measured]
     text = found.markdown()
     assert "| A | numpy | staged |" in text
+    rows = [
+        line.split(" | ") for line in text.splitlines() if line.startswith(("| A | numpy | all |", "| A | numpy | m"))
+    ]
+    passes = {row[2]: int(row[4]) for row in rows if len(row) == 7}
+    assert passes["all"] == 0 < passes["masked"]
     assert f"{found.machine} (numpy: " in text
 
 

@@ -403,6 +403,18 @@ def test_a_request_gives_the_options_back():
     assert math.isclose(found.background[0], 1)
 
 
+def test_the_page_may_switch_from_a_staged_tracer_to_path_tracing():
+    session = opened("boxes", "--backend", "numpy", "--tracer", "staged", "--accel", "brute")
+    session.set({"size": [8, 6]})
+    shown = last(session)[0]
+    assert shown["form"] == "Staged on numpy"
+    names = [text["name"] for text in session.answer({"about": "text"})[0]["texts"]]
+    assert {"generate", "traverse", "intersect", "shade"} <= set(names)
+    session.set({"scene": {"integrator": "path"}})
+    assert str(session.form) == "Path on numpy"
+    assert session.form.integrator.accel == "brute"
+
+
 def test_a_view_tells_at_every_opening_what_is_ignored_in_a_file(tmp_path):
     """Python itself shows the warning of a line once, and hides those that a filter ignores."""
     (tmp_path / "t.mtl").write_text("newmtl paint\nmap_Kd gone.png\n")

@@ -43,6 +43,8 @@ CASES = {
     "slide.glb --samples 1 --clip go": {"time": 0.75},
     "slide.glb --samples 1 --no-floor": {"time": 1.3, "scene": {"camera": TURNED}},
     "moving.py --samples 4 --seconds 3": {"time": 0.125, "edit": "color"},
+    "boxes --samples 1 --background sky.png --accel ldc:16": {},
+    "boxes --samples 1 --tracer staged --accel brute": {"scene": {"camera": TURNED}},
     "animated --samples 1 --bounces 2": {"time": 0.5, "scene": {"camera": TURNED}},
 }
 
