@@ -17,8 +17,8 @@ from typing import Any
 
 import shpy as sh
 from raytracer import Scene
-from raytracer.integrators.renderer import eye_rays
 from raytracer.kernels.eye_rays import EyeRays
+from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
 from shpy import SH_FOR, SH_IF

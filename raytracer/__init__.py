@@ -17,6 +17,7 @@ from raytracer.appearance.textures import Texture
 from raytracer.errors import ClusterError, SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
+from raytracer.integrators.primary import GBuffer
 from raytracer.integrators.renderer import Renderer
 from raytracer.intersector import Intersector
 from raytracer.kernels.component import TracedHit
@@ -37,6 +38,7 @@ __all__ = [
     "ClusterError",
     "DirectionalLight",
     "EnvironmentLight",
+    "GBuffer",
     "Hit",
     "Hits",
     "Image",

@@ -462,7 +462,7 @@ class Intersector:
 
     @property
     def _placed(self) -> Any:
-        """Where programs that trace this mesh find it."""
+        """The pose by which programs trace this mesh."""
         return self._pose and (self._pose.turn, self._pose.back, self._pose.offset)
 
     @cached_property

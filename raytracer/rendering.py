@@ -21,6 +21,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
 from raytracer.integrators.layers import checked_size
+from raytracer.integrators.primary import GBuffer, check_primary, size_of
 from raytracer.integrators.progressive import check_resume
 from raytracer.integrators.renderer import Progress, Renderer, Resume
 from raytracer.scene.scene import Scene
@@ -29,7 +30,7 @@ from raytracer.studies.tradeoff import fastest
 
 def render(
     scene: Scene,
-    size: tuple[int, int] = (512, 512),
+    size: tuple[int, int] | None = None,
     *,
     integrator: Given = "whitted",
     backend: str | None = None,
@@ -39,9 +40,12 @@ def render(
     cluster: Any = None,
     tile_rows: int | None = None,
     partitions: int | None = None,
+    primary: GBuffer | None = None,
     **options: Unpack[Options],
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
+
+    The size is (512, 512) where none is named, and that of `primary` with one.
 
     `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
     directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
@@ -49,6 +53,9 @@ def render(
 
     The options may also be keywords: `bounces`, `samples`, `precision`, `math`, `accel`, `grid`, `threshold`, `seed`
     and `secondary`, of the integrator "whitted", with `tracer="staged"` of `Staged`, or "path".
+
+    `primary` is a `GBuffer`: the surfaces that the camera sees, drawn by a rasteriser. `Whitted` takes them for the
+    hits of its eye rays, and traces the shadow rays and mirrored rays that go on from there.
 
     With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
 
@@ -65,7 +72,11 @@ def render(
     not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for
     a cluster that cannot be used.
     """
-    wanted = chosen(integrator, options)
+    wanted, size = chosen(integrator, options), size_of(size, primary)
+    if primary is not None:
+        if cluster is not None or max_error is not None:
+            raise SceneError("a GBuffer is rendered by this process as it is: leave cluster and max_error out")
+        check_primary(primary, scene, wanted, size, wanted.samples)
     if cluster is not None:
         if max_error is not None:
             raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
@@ -76,7 +87,8 @@ def render(
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, wanted, backend, progress, resume)
-    return Renderer(scene, integrator=wanted, backend=backend).render(size, progress=progress, resume=resume)
+    renderer = Renderer(scene, integrator=wanted, backend=backend)
+    return renderer.render(size, progress=progress, resume=resume, primary=primary)
 
 
 def _by_workers(

@@ -355,6 +355,18 @@ def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
     assert len(np.unique(found.reshape(-1, 3), axis=0)) > 100
 
 
+@on_every_backend
+def test_raster_gives_the_traced_picture_where_both_see_the_same_triangle(backend):
+    """Rays start up to 2**-13 of the distance beside the traced ones, and only at the edge of a light that shows."""
+    size = (48, 36)
+    buffer = example("raster").rasterise(BOXES, size)
+    found, traced = render(BOXES, primary=buffer, backend=backend), render(BOXES, size, backend="numpy")
+    same = (buffer.object == traced.object_id) & np.isclose(buffer.normal, traced.normal, atol=1e-3).all(axis=-1)
+    assert (same | ((buffer.object < 0) & (traced.object_id < 0))).mean() > 0.995
+    assert (np.abs(found.pixels - traced.pixels).max(axis=-1)[same] < 2e-4).mean() > 0.995
+    np.testing.assert_allclose(found.depth[same], traced.depth[same], rtol=2e-6)
+
+
 def test_trace():
     m = example("trace")
     steps = m.cube_root.trace(a=2.0, start=0.01)

@@ -12,7 +12,7 @@ import copy
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from math import isqrt
 from os import PathLike
 from typing import Any, Unpack
@@ -30,12 +30,14 @@ from raytracer.integrators.integrator import Given, Options, Path, Staged, Whitt
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.origin import origin_of
+from raytracer.integrators.primary import GBuffer, check_primary, first_triangles, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.integrators.turns import Turn, in_turn
-from raytracer.kernels.eye_rays import EyeRays, PanoramaRays, eye_rays_of
+from raytracer.kernels.eye_rays import eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
+from raytracer.kernels.picture import eye_rays, seen_rays
 from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.scene.camera import Camera, known
 from raytracer.scene.layout import Layout
@@ -110,7 +112,7 @@ class Renderer:
         self._tracer = self._tracer_of(self.layout)
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
-        self._kinds: dict[tuple[str, bool, bool], dict[str, Any]] = {}
+        self._kinds: dict[tuple[str, bool, bool, bool], dict[str, Any]] = {}
         assert scene.camera is not None  # a scene frames one if it has none
         self._choose(scene.camera)
 
@@ -239,15 +241,15 @@ class Renderer:
             raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
         return GlassTracer(*given)
 
-    def _choose(self, camera: Camera) -> None:
-        """Take the kernels for a camera's projection, compiled once."""
+    def _choose(self, camera: Camera, seen: bool = False) -> None:
+        """Take the kernels for a camera's projection, compiled once; `seen` where a G-buffer stands for eye rays."""
         media = self._tracer.surfaces.media
-        kind = camera.projection, bool(camera.aperture), media is not None and media.wades
+        kind = camera.projection, bool(camera.aperture), media is not None and media.wades, seen
         if kind not in self._kinds:
-            self._kinds[kind] = self._compiled(camera)
+            self._kinds[kind] = self._compiled(camera, seen)
         self.__dict__.update(self._kinds[kind])
 
-    def _compiled(self, camera: Camera) -> dict[str, Any]:
+    def _compiled(self, camera: Camera, seen: bool) -> dict[str, Any]:
         """Compile the kernels for a camera's projection; return them as attributes."""
         started, rays = time.perf_counter(), eye_rays_of(camera)
         if isinstance(self._tracer, PathTracer):
@@ -258,6 +260,9 @@ class Renderer:
             staged.at_once.value = self.integrator.at_once
             self.compile_seconds += time.perf_counter() - started
             return {"staged": staged, "params": staged.params}
+        elif seen:
+            first_of = sh.Table(first_triangles(self.scene), sh.Attrib1i, "first_of")
+            program = seen_rays(self._tracer, rays, first_of)
         else:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
@@ -270,14 +275,18 @@ class Renderer:
     @in_turn
     def render(
         self,
-        size: tuple[int, int] = (512, 512),
+        size: tuple[int, int] | None = None,
         *,
         camera: Camera | None = None,
         samples: int | None = None,
         progress: Progress | None = None,
         resume: Resume = None,
+        primary: GBuffer | None = None,
     ) -> Image:
         """Render a picture of `size` = (width, height) pixels; `samples` None are the integrator's. See `render`."""
+        size = size_of(size, primary)
+        if primary is not None:
+            check_primary(primary, self.scene, self.integrator, size, self._samples(samples))
         if isinstance(self.integrator, Path):
             *_, image = self.passes(size, camera=camera, samples=samples, progress=progress, resume=resume)
             return image
@@ -285,7 +294,7 @@ class Renderer:
         samples = self._samples(samples)
         _, height = checked_size(size)
         started = time.perf_counter()
-        layers = self.rows(size, 0, height, camera=camera, samples=samples, progress=progress)
+        layers = self.rows(size, 0, height, camera=camera, samples=samples, progress=progress, primary=primary)
         return Image(**layers, stats=self.stats(layers, started), samples=samples)
 
     @in_turn
@@ -299,6 +308,7 @@ class Renderer:
         samples: int | None = None,
         progress: Progress | None = None,
         start: tuple[dict[str, Any], int] | None = None,
+        primary: GBuffer | None = None,
     ) -> dict[str, Any]:
         """Render the rows `top` to `top + count - 1` of a picture alone, with the bits that they have in the whole one.
 
@@ -320,8 +330,11 @@ class Renderer:
             *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
         fine = isqrt(samples)
-        self._aim(camera, width * fine, height * fine)
-        self._bands(layers, top, fine, progress)
+        seen = [] if primary is None else seen_inputs(primary, self.scene, self.layout, self._tracer)
+        self._aim(camera, width * fine, height * fine, primary is not None)
+        if primary is not None:
+            self.params["slack"].value = primary.slack
+        self._bands(layers, top, fine, progress, seen)
         return layers
 
     @in_turn
@@ -433,7 +446,7 @@ class Renderer:
             return _STAGED_BAND
         return _BAND if self.backend == "numpy" else _DEVICE_BAND
 
-    def _aim(self, camera: Camera | None, width: int, height: int) -> None:
+    def _aim(self, camera: Camera | None, width: int, height: int, seen: bool = False) -> None:
         """Set the eye rays of a camera, None for the scene's."""
         camera = known(self.scene.camera if camera is None else camera)
         assert self.layout is not None
@@ -441,7 +454,7 @@ class Renderer:
         values = camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype)
         if media is not None:
             media.look_from(*camera.origins(values, width, height))
-        self._choose(camera)
+        self._choose(camera, seen)
         for name, value in values.items():
             self.params[name].value = value
 
@@ -451,39 +464,31 @@ class Renderer:
         self._aim(camera, width, height)
         self.params["seed"].value = self.integrator.seed
 
-    def _bands(self, layers: dict[str, Any], top: int, fine: int, progress: Progress | None = None) -> None:
-        """Trace the rows of layers, which are those of the picture from `top` on, band by band."""
+    def _bands(
+        self, layers: dict[str, Any], top: int, fine: int, progress: Progress | None, seen: Sequence[Any] = ()
+    ) -> None:
+        """Trace the rows of layers, those of the picture from `top` on, band by band; `seen` is all of a G-buffer."""
         height, width = layers["depth"].shape
         if self.staged is not None:
             self.staged.log = Log()
         rows = max(1, self._rays_at_once // (width * fine * fine))
         for first in range(0, height, rows):
             past = min(first + rows, height)
-            self._band(Pixel(*(layer[first:past] for layer in layers.values())), top + first, fine)
+            inputs = [array[top + first : top + past] for array in seen]
+            self._band(Pixel(*(layer[first:past] for layer in layers.values())), top + first, fine, inputs)
             if progress is not None:
                 progress(past, height)
 
-    def _band(self, band: Pixel, top: int, fine: int) -> None:
+    def _band(self, band: Pixel, top: int, fine: int, inputs: Sequence[Any]) -> None:
         """Trace the rows of the picture from `top` on into `band`."""
         assert self.layout is not None
         self.params["first_row"].value = top * fine
         count, width = np.shape(band.depth)
         if fine == 1 and self.staged is None and self.kernel.options.precision == "f32":
-            self.kernel.run(shape=(count, width), out=band)
+            self.kernel.run(*inputs, shape=(count, width), out=band)
             unscale(band, self.layout.scale)
             return
         shape = (count * fine, width * fine)
-        found = self.kernel(shape=shape) if self.staged is None else self.staged.trace(shape)
+        found = self.kernel(*inputs, shape=shape) if self.staged is None else self.staged.trace(shape)
         take_samples(band, found, fine)
         unscale(band, self.layout.scale)
-
-
-def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
-    """Record the program of a picture, which makes the eye ray of each pixel of a band and traces it."""
-
-    @sh.program
-    def picture() -> Pixel:
-        row, column = sh.grid_index(2)
-        return tracer(*rays(row, column))
-
-    return picture

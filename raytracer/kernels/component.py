@@ -31,7 +31,7 @@ from raytracer.scene.layout import normal_rows, uv_rows
 from shpy import SH_IF
 
 Pose = tuple[Rows, Rows, Rows] | None
-"""Where a scene stands: (turn, back, offset) takes its own point x to `turn @ x + offset`, and `back` inverts `turn`.
+"""The pose of a scene: (turn, back, offset) takes its own point x to `turn @ x + offset`, and `back` inverts `turn`.
 
 None is where it was made."""
 SHIFTED, POSED = 4.0, 16.0
@@ -74,7 +74,7 @@ class FoundHit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """What the triangles of a scene have besides corners: rows as those of `Layout`, None where no mesh has any.
+    """The normals, uv coordinates and meshes of triangles: rows as those of `Layout`, None where no mesh has any.
 
     `object_of` (N,) is each triangle's mesh, None if all of them belong to mesh 0.
     """

@@ -6,7 +6,7 @@ Stage: kernel. Recorded by the tracers (`surfaces`) and by the walk that users' 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import highest
@@ -18,6 +18,15 @@ sum to 1, 3 of their products and sums, and 2 of moving it off the plane (Pharr,
 PLANE_ROUNDINGS = 12
 """The same of a point of the ray at the distance of the plane, in roundings of the plane's level, of the eye and of the
 way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
+
+
+class SeenHit(NamedTuple):
+    """A point that a rasteriser has seen: its distance, some triangle of its mesh, and the uv coordinates there."""
+
+    l: Any  # noqa: E741 - as in RayHit
+    id: Any
+    uv: Any
+    texcoord: Any
 
 
 def place_of(
@@ -48,13 +57,13 @@ def curve_depth(hit: RayHit, normals: Sequence[Any], point: Any, places: Sequenc
     return barylerp(hit, *(depth(point - p, side * n.xyz) for p, n in zip(places, normals, strict=True)))
 
 
-def rows_of(table: Any, hit: RayHit | CandidateHit) -> tuple[Any, Any, Any]:
+def rows_of(table: Any, hit: RayHit | CandidateHit | SeenHit) -> tuple[Any, Any, Any]:
     """Return the rows of the three corners of the triangle that was hit."""
     first = 3 * hit.id
     return table[first], table[first + 1], table[first + 2]
 
 
-def barylerp(hit: RayHit | CandidateHit, a: Any, b: Any, c: Any) -> Any:
+def barylerp(hit: RayHit | CandidateHit | SeenHit, a: Any, b: Any, c: Any) -> Any:
     """Interpolate linearly between `a`, `b` and `c` at the corners of the triangle that was hit."""
     return (1 - hit.uv.x - hit.uv.y) * a + hit.uv.x * b + hit.uv.y * c
 

@@ -21,7 +21,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.media import Held, Media
 from raytracer.kernels.phong import diffuse_lobe, highlight
-from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
+from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
 from raytracer.scene.bodies import Bodies
@@ -223,7 +223,7 @@ class SurfaceTables:
         surface.normal[:] = curved_normal(hit, normals, side, facing)
         surface.inter -= curve_depth(hit, normals, point, places, side)
 
-    def look(self, hit: RayHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
+    def look(self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients to those of its triangle; return its reflectivity."""
         if not self.appearance:
             return self.paint(hit, surface, self.material_at(hit))
@@ -312,7 +312,7 @@ class SurfaceTables:
         """Return the point that was hit, and how far it may be off the triangle's plane; see `place_of`."""
         return place_of(self.triangles, self.roundoff, hit, places, face, ray, eye)
 
-    def material_at(self, hit: RayHit | CandidateHit) -> Any:
+    def material_at(self, hit: RayHit | CandidateHit | SeenHit) -> Any:
         """Return the number of the material that was hit."""
         return 0 if self.material_of is None else self.material_of[hit.id]
 
@@ -320,7 +320,7 @@ class SurfaceTables:
         """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
         return self.emissions[self.material_at(hit)]
 
-    def paint(self, hit: RayHit, surface: Interaction, number: Any) -> Any:
+    def paint(self, hit: RayHit | SeenHit, surface: Interaction, number: Any) -> Any:
         """Set the surface's colour and coefficients to the numbers of its material; return its reflectivity."""
         row = self.materials[2 * number]
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
@@ -338,17 +338,17 @@ class SurfaceTables:
         """Return whether a material's cutout leaves a surface at a point of a triangle."""
         return self.appearance.number_at("cutout", self.material_at(hit), lambda: self.uv_at(hit), 1.0) >= CUTOFF
 
-    def uv_at(self, hit: RayHit | CandidateHit) -> Any:
-        """Interpolate the uv coordinates."""
-        return barylerp(hit, *rows_of(self.uvs, hit))
+    def uv_at(self, hit: RayHit | CandidateHit | SeenHit) -> Any:
+        """Interpolate the uv coordinates, where a rasteriser has not."""
+        return hit.texcoord if isinstance(hit, SeenHit) else barylerp(hit, *rows_of(self.uvs, hit))
 
-    def vertex_color(self, hit: RayHit) -> Any:
+    def vertex_color(self, hit: RayHit | SeenHit) -> Any:
         """Interpolate the colours at the corners; white where there are none."""
         if self.colors is None:
             return sh.Color3f(1, 1, 1)
         return barylerp(hit, *(c.rgb for c in rows_of(self.colors, hit)))
 
-    def describe(self, hit: RayHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
+    def describe(self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients by textures and programs; return its reflectivity."""
         number = self.material_at(hit)
         reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
@@ -378,7 +378,7 @@ class SurfaceTables:
             surface.shade[:] = self.appearance.shade_of(number)
         return reflectivity
 
-    def tilted(self, hit: RayHit, normal: Any, side: Any, color: Any) -> Any:
+    def tilted(self, hit: RayHit | SeenHit, normal: Any, side: Any, color: Any) -> Any:
         """Return a unit normal on the viewer's side, turned by a colour of a normal map.
 
         The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
@@ -404,7 +404,7 @@ class SurfaceTables:
         place = point / self.scale
         return place if self.origin is None else place + self.origin
 
-    def object_at(self, hit: RayHit) -> Any:
+    def object_at(self, hit: RayHit | SeenHit) -> Any:
         """Return the number of the mesh that was hit."""
         return 0 if self.object_of is None else self.object_of[hit.id]
 

@@ -190,10 +190,7 @@ class Tracer:
                 path.rn.y = self.surfaces.arrive(hit, ray, eye, surface, emission)
                 with SH_IF(pixel.object < 0):
                     self.note(pixel, hit, surface)
-                path.scolor[:] = self.ambient * surface.color
-                if emission is not None:  # a mirror sends out all of it, too
-                    path.color += path.rn.x * emission
-                path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
+                self.gather(path, surface, emission)
             with SH_ELSE():
                 path.scolor[:] = self.background.radiance(ray)
                 path.rn.y = 0
@@ -205,19 +202,29 @@ class Tracer:
                         path.scolor += self.surfaces.shade(surface, ray) * lightcol
                 else:
                     path.scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
+        self.go_on(path, surface, ray, eye)
+        return finished
+
+    def gather(self, path: PathState, surface: Interaction, emission: Any) -> None:
+        """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
+        path.scolor[:] = self.ambient * surface.color
+        if emission is not None:  # a mirror sends out all of it, too
+            path.color += path.rn.x * emission
+        path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
+
+    def go_on(self, path: PathState, surface: Interaction, ray: Any, eye: Any) -> None:
+        """Once all light is in, accumulate it, and go on to the reflection if there is one."""
         with SH_IF(path.shadows == 0):
-            # All light is in: accumulate, then go on to the reflection if there is one.
             path.color += path.rn.x * path.scolor
-            finished[:] = True
+            path.finished[:] = True
             if self.reflects:
                 path.rn.x *= path.rn.y
                 path.color -= path.rn.x * path.scolor
-                finished[:] = self.is_last(path)
+                path.finished[:] = self.is_last(path)
                 path.r -= 1
-                tracing[:] = True
+                path.tracing[:] = True
                 ray[:] = mirrored(surface)
                 eye[:] = surface.inter
-        return finished
 
     def is_last(self, path: PathState) -> Any:
         """Return whether no mirrored ray follows."""

@@ -10,8 +10,8 @@ import re
 import pytest
 
 from raytracer import Scene
-from raytracer.integrators.renderer import eye_rays
 from raytracer.kernels.eye_rays import EyeRays
+from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
 from shpy.passes.forget import forget_data

@@ -7,10 +7,10 @@ import pytest
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, EnvironmentLight, Intersector, Material, PointLight, Renderer, Scene
-from raytracer.integrators.renderer import eye_rays
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
+from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 from raytracer.scene.layout import Layout

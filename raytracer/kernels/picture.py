@@ -1,0 +1,92 @@
+"""The programs of a picture: from the eye rays of a camera, or from the surfaces that a rasteriser has seen.
+
+Stage: kernel. With a G-buffer the eye ray is not traced: its surface is given, and the tracer goes on from there with
+shadow rays and mirrored rays, as the hybrid renderers that Christen 2005 and Bürger et al. 2007 have in view.
+"""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import Any, NamedTuple
+
+import shpy as sh
+from raytracer.accel.bounds import far
+from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
+from raytracer.kernels.point import SeenHit
+from raytracer.kernels.surfaces import Interaction
+from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.walk import meet
+from shpy import SH_ELSE, SH_IF, SH_WHILE
+
+
+class Seen(NamedTuple):
+    """The surface that a rasteriser has seen in a pixel, in the kernel's coordinates; `object` is -1 for nothing."""
+
+    position: Any
+    normal: Any
+    object: Any
+    uv: Any
+
+
+def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
+    """Record the program of a picture, which makes the eye ray of each pixel of a band and traces it."""
+
+    @sh.program
+    def picture() -> Pixel:
+        row, column = sh.grid_index(2)
+        return tracer(*rays(row, column))
+
+    return picture
+
+
+def seen_rays(tracer: Tracer, rays: EyeRays | PanoramaRays, first_of: Any) -> Any:
+    """Record the program of a picture whose eye rays end where a rasteriser says.
+
+    `first_of` is the table of the first triangle of each mesh, `slack` a param: how far positions may be off their
+    surfaces, as a part of their distance.
+    """
+    slack = sh.Param(sh.Attrib1f, 0, name="slack")
+
+    @sh.program
+    def picture(position: sh.Point3f, normal: sh.Normal3f, object: sh.Attrib1i, uv: sh.TexCoord2f) -> Pixel:
+        row, column = sh.grid_index(2)
+        return _follow(tracer, Seen(position, normal, object, uv), *rays(row, column), first_of, slack)
+
+    return picture
+
+
+def _follow(tracer: Tracer, seen: Seen, ray: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
+    """Follow a ray from the surface that was seen; `ray` and `eye` are changed on the way."""
+    path, surface, pixel = tracer.begin()
+    path.tracing[:] = False
+    with SH_IF(seen.object >= 0):
+        hit = SeenHit(sh.dot(seen.position - eye, ray), first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv)
+        emission = sh.Color3f(0, 0, 0) if tracer.surfaces.glows else None
+        path.rn.y = _arrive(tracer, seen, hit, ray, surface, emission, slack)
+        tracer.note(pixel, hit, surface)
+        tracer.gather(path, surface, emission)
+    with SH_ELSE():
+        path.scolor[:] = tracer.background.radiance(ray)
+        path.rn.y = 0
+    tracer.go_on(path, surface, ray, eye)
+    with SH_WHILE(lambda: ~path.finished) if tracer.loops else nullcontext():
+        if tracer.loops:
+            limit = sh.Attrib1f(far())
+            lightcol = sh.Color3f(0, 0, 0)
+            tracer.aim(path, surface, ray, eye, limit, lightcol)
+            found = meet(tracer.intersector, lambda: sh.Attrib1b(False), ray, eye, limit, ~path.tracing)
+            tracer.settle(path, surface, pixel, found, ray, eye, limit, lightcol)
+    return pixel
+
+
+def _arrive(tracer: Tracer, seen: Seen, hit: SeenHit, ray: Any, surface: Interaction, emission: Any, slack: Any) -> Any:
+    """Fill in `surface` for what was seen, and `emission` in a scene that glows; return the reflectivity."""
+    normal = sh.normalize(seen.normal)
+    side = sh.cond(sh.dot(normal, ray) > 0, -1.0, 1.0)
+    surface.view[:] = -ray
+    surface.face[:] = side * normal
+    surface.normal[:] = surface.face
+    surface.inter[:] = seen.position + (slack * hit.l) * surface.face
+    if tracer.surfaces.glows:
+        emission[:] = tracer.surfaces.glow_at(hit).rgb
+    return tracer.surfaces.look(hit, surface, seen.position, side, emission)
