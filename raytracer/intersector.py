@@ -256,7 +256,8 @@ class Intersector:
         For streams of rays it is a stream, as with `intersect`.
         """
         if is_stream(origins, directions):
-            return self._over_streams("occluded", origins, directions, t_min, t_max, leaving)
+            stream: NDArray[Any] = self._over_streams("occluded", origins, directions, t_min, t_max, leaving)
+            return stream
         rays = self._rays(origins, directions, t_min, t_max)
         if self._has_nothing(rays):
             return np.zeros(rays.shape, dtype=bool)

@@ -45,8 +45,6 @@ def render(
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
 
-    The size is (512, 512) where none is named, and that of `primary` with one.
-
     `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
     directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
     unbiased estimate of all light.
@@ -54,8 +52,8 @@ def render(
     The options may also be keywords: `bounces`, `samples`, `precision`, `math`, `accel`, `grid`, `threshold`, `seed`
     and `secondary`, of the integrator "whitted", with `tracer="staged"` of `Staged`, or "path".
 
-    `primary` is a `GBuffer`: the surfaces that the camera sees, drawn by a rasteriser. `Whitted` takes them for the
-    hits of its eye rays, and traces the shadow rays and mirrored rays that go on from there.
+    `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays,
+    and traces the rays that go on from there. `size` None is the buffer's, and (512, 512) without one.
 
     With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
 
@@ -74,9 +72,7 @@ def render(
     """
     wanted, size = chosen(integrator, options), size_of(size, primary)
     if primary is not None:
-        if cluster is not None or max_error is not None:
-            raise SceneError("a GBuffer is rendered by this process as it is: leave cluster and max_error out")
-        check_primary(primary, scene, wanted, size, wanted.samples)
+        check_primary(primary, scene, wanted, size, wanted.samples, chooses=not (cluster is max_error is None))
     if cluster is not None:
         if max_error is not None:
             raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from raytracer.arrays import numbers, one_float
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Integrator, Whitted
-from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
@@ -85,8 +84,15 @@ def size_of(size: tuple[int, int] | None, primary: GBuffer | None) -> tuple[int,
     return size
 
 
-def check_primary(primary: Any, scene: Any, integrator: Integrator, size: tuple[int, int], samples: int) -> None:
-    """Raise SceneError where a G-buffer cannot take the place of eye rays."""
+def check_primary(
+    primary: Any, scene: Any, integrator: Integrator, size: tuple[int, int], samples: int, *, chooses: bool = False
+) -> None:
+    """Raise SceneError where a G-buffer cannot take the place of eye rays.
+
+    `chooses`: a cluster renders the picture, or `max_error` chooses how.
+    """
+    if chooses:
+        raise SceneError("a GBuffer is rendered by this process as it is: leave cluster and max_error out")
     if not isinstance(primary, GBuffer):
         raise SceneError(f"primary is a GBuffer(position, normal, object, uv), not {primary!r:.60}")
     if not isinstance(integrator, Whitted):
@@ -106,7 +112,7 @@ def check_primary(primary: Any, scene: Any, integrator: Integrator, size: tuple[
         )
 
 
-def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Tracer) -> list[NDArray[Any]]:
+def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> list[NDArray[Any]]:
     """Return position, normal, object and uv in the coordinates of the kernel; SceneError for what makes no surface."""
     seen = primary.object >= 0
     _check_objects(primary.object[seen], scene, layout, tracer)
@@ -136,7 +142,7 @@ def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Tracer) 
     ]
 
 
-def _check_objects(objects: NDArray[np.int32], scene: Scene, layout: Layout, tracer: Tracer) -> None:
+def _check_objects(objects: NDArray[np.int32], scene: Scene, layout: Layout, tracer: Any) -> None:
     """Raise SceneError for numbers of no mesh, and for meshes whose surface a G-buffer does not describe."""
     if not len(objects):
         return

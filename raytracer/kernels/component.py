@@ -96,7 +96,7 @@ class Surfaces:
         )
 
 
-class Precision(sh.Table):
+class Precision(sh.Table):  # type: ignore[type-arg]
     """A table without a use but its data: to send them to a kernel of another precision than the scene's is an error.
 
     The kernel's text does not have it, as nothing reads it there. `stale`, if it is not empty, says why programs that
@@ -215,10 +215,11 @@ class Component:
         normal, face, position = self.point(found, *ray[:2])
         uv = sh.TexCoord2f(0, 0) if self._uvs is None else inside(self._lerp(self._uvs, found), 0.0)
         number = inside(0 if self._object_of is None else self._object_of[found.triangle], -1)
-        return made(
+        traced: TracedHit = made(
             found.t, found.triangle, found.uv.x, found.uv.y, hit, number,
             inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
         )  # fmt: skip
+        return traced
 
     def renew(self, normals: Rows | None, moved: Mapping[int, Mesh]) -> None:
         """Update what the surfaces of objects have, each by its first triangle; the walk's tables have been updated.
@@ -333,7 +334,7 @@ def occluded(component: Component, bound: AheadBound | None) -> Any:
 
     @sh.program
     def occluded(origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f) -> sh.Attrib1b:
-        return component.find(origin, direction, t_min, t_max, True, bound).triangle >= 0
+        return sh.Attrib1b(component.find(origin, direction, t_min, t_max, True, bound).triangle >= 0)
 
     return occluded
 

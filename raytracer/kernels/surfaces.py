@@ -316,7 +316,7 @@ class SurfaceTables:
         """Return the number of the material that was hit."""
         return 0 if self.material_of is None else self.material_of[hit.id]
 
-    def glow_at(self, hit: RayHit) -> Any:
+    def glow_at(self, hit: RayHit | SeenHit) -> Any:
         """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
         return self.emissions[self.material_at(hit)]
 

@@ -22,6 +22,7 @@ from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.lights import LightList
+from raytracer.kernels.point import SeenHit
 from raytracer.kernels.sky import Sky
 from raytracer.kernels.surfaces import Interaction
 from raytracer.kernels.triangle import RayHit
@@ -232,7 +233,7 @@ class Tracer:
             return (path.r == 0) | (path.rn.y == 0) | ~(path.rn.x > self.least)
         return (path.r == 0) | (path.rn.y == 0)
 
-    def note(self, pixel: Pixel, hit: RayHit, surface: Interaction) -> None:
+    def note(self, pixel: Pixel, hit: RayHit | SeenHit, surface: Interaction) -> None:
         """Store the first surface that the eye ray hits in the layers."""
         pixel.depth[:] = hit.l
         pixel.normal[:] = surface.normal
