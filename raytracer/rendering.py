@@ -21,7 +21,7 @@ from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
 from raytracer.integrators.layers import checked_size
-from raytracer.integrators.primary import GBuffer, check_primary, size_of
+from raytracer.integrators.primary import GBuffer, size_of
 from raytracer.integrators.progressive import check_resume
 from raytracer.integrators.renderer import Progress, Renderer, Resume
 from raytracer.scene.scene import Scene
@@ -47,16 +47,12 @@ def render(
 
     `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
     directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
-    unbiased estimate of all light.
-
-    The options may also be keywords: `bounces`, `samples`, `precision`, `math`, `accel`, `grid`, `threshold`, `seed`
-    and `secondary`, of the integrator "whitted", with `tracer="staged"` of `Staged`, or "path".
-
+    unbiased estimate of all light. The options may also be keywords: `bounces`, `samples`, `precision`, `math`,
+    `accel`, `grid`, `threshold`, `seed` and `secondary`, of "whitted", with `tracer="staged"` of `Staged`, or "path".
     `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays,
     and traces the rays that go on from there. `size` None is the buffer's, and (512, 512) without one.
 
     With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
-
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
     rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
@@ -66,16 +62,13 @@ def render(
     With `partitions` the scene is cut into so many parts, each held by one worker, between which rays travel; this is
     for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
 
-    Raises SceneError for sizes and numbers that make no picture, pictures that do not fit into memory, options that do
-    not go together, and an error that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for
-    a cluster that cannot be used.
+    Raises SceneError for what makes no picture, does not fit into memory or does not go together, and an error that no
+    variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
     """
-    wanted, size = chosen(integrator, options), size_of(size, primary)
-    if primary is not None:
-        check_primary(primary, scene, wanted, size, wanted.samples, chooses=not (cluster is max_error is None))
+    wanted = chosen(integrator, options)
+    size = size_of(size, primary, scene, wanted, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        if max_error is not None:
-            raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
+        _check_no_measuring(max_error)
         job = Job(scene, wanted, backend or sh.default_backend())
         return _by_workers(cluster, job, size, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
@@ -85,6 +78,11 @@ def render(
         return _within(max_error, scene, size, wanted, backend, progress, resume)
     renderer = Renderer(scene, integrator=wanted, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary)
+
+
+def _check_no_measuring(max_error: float | None) -> None:
+    if max_error is not None:
+        raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
 
 
 def _by_workers(

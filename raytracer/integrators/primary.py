@@ -77,24 +77,32 @@ class GBuffer:
         return width, height
 
 
-def size_of(size: tuple[int, int] | None, primary: GBuffer | None) -> tuple[int, int]:
-    """Return the size of a picture; None stands for that of a G-buffer, and for 512 x 512 without one."""
-    if size is None:
-        return primary.size if isinstance(primary, GBuffer) else SIZE
-    return size
+def size_of(
+    size: tuple[int, int] | None,
+    primary: Any,
+    scene: Any,
+    integrator: Integrator,
+    samples: int | None = None,
+    *,
+    chooses: bool = False,
+) -> tuple[int, int]:
+    """Return the size of a picture; None stands for that of a G-buffer, and for 512 x 512 without one.
 
-
-def check_primary(
-    primary: Any, scene: Any, integrator: Integrator, size: tuple[int, int], samples: int, *, chooses: bool = False
-) -> None:
-    """Raise SceneError where a G-buffer cannot take the place of eye rays.
-
+    Raises SceneError where a G-buffer cannot take the place of eye rays. `samples` None are the integrator's;
     `chooses`: a cluster renders the picture, or `max_error` chooses how.
     """
+    if primary is None:
+        return SIZE if size is None else size
     if chooses:
         raise SceneError("a GBuffer is rendered by this process as it is: leave cluster and max_error out")
     if not isinstance(primary, GBuffer):
         raise SceneError(f"primary is a GBuffer(position, normal, object, uv), not {primary!r:.60}")
+    size = primary.size if size is None else size
+    _check_fits(primary, scene, integrator, size, integrator.samples if samples is None else samples)
+    return size
+
+
+def _check_fits(primary: GBuffer, scene: Any, integrator: Integrator, size: tuple[int, int], samples: int) -> None:
     if not isinstance(integrator, Whitted):
         name = type(integrator).__name__
         raise SceneError(f"a GBuffer takes the place of the eye rays of Whitted(), not of {name}(): leave primary out")

@@ -30,7 +30,7 @@ from raytracer.integrators.integrator import Given, Options, Path, Staged, Whitt
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.integrators.origin import origin_of
-from raytracer.integrators.primary import GBuffer, check_primary, first_triangles, seen_inputs, size_of
+from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.integrators.turns import Turn, in_turn
@@ -284,9 +284,7 @@ class Renderer:
         primary: GBuffer | None = None,
     ) -> Image:
         """Render a picture of `size` = (width, height) pixels; `samples` None are the integrator's. See `render`."""
-        size = size_of(size, primary)
-        if primary is not None:
-            check_primary(primary, self.scene, self.integrator, size, self._samples(samples))
+        size = size_of(size, primary, self.scene, self.integrator, self._samples(samples))
         if isinstance(self.integrator, Path):
             *_, image = self.passes(size, camera=camera, samples=samples, progress=progress, resume=resume)
             return image
