@@ -75,8 +75,8 @@ class Forest:
         self.bvh = Bvh(low, high, links, items)
         places = np.cumsum([0, *sizes])
         self.objects = [_Object(self.bvh, *place) for place in zip(roots, places, [m[0] for m in moving], strict=False)]
-        for known, (first, past) in zip(self.objects, self.moving, strict=True):
-            known.put(self._built(corners[first:past]))
+        for hierarchy, (first, past) in zip(self.objects, self.moving, strict=True):
+            hierarchy.put(self._built(corners[first:past]))
         self.shapes = [Shape(size, self.dtype, backend) for size in sizes]
         self.past_objects = END
         if self.still is not None:
@@ -97,14 +97,14 @@ class Forest:
 
     def change(self, number: int) -> None:
         """Refit the hierarchy of the moving object of this number to its new shape."""
-        known, shape = self.objects[number], self.shapes[number]
-        known.refit(shape.sides)
-        if known.cost() > DEGRADED * known.built_cost:
-            known.put(self._built(shape.corners))
+        hierarchy, shape = self.objects[number], self.shapes[number]
+        hierarchy.refit(shape.sides)
+        if hierarchy.cost() > DEGRADED * hierarchy.built_cost:
+            hierarchy.put(self._built(shape.corners))
             self.rebuilt += 1
-            self.stale_links += [(octant, known.root, known.root + known.count) for octant in range(8)]
-        self.stale_items.append((known.item, known.item + len(shape)))
-        self.stale_boxes.append((known.root, known.root + known.count))
+            self.stale_links += [(octant, hierarchy.root, hierarchy.root + hierarchy.count) for octant in range(8)]
+        self.stale_items.append((hierarchy.item, hierarchy.item + len(shape)))
+        self.stale_boxes.append((hierarchy.root, hierarchy.root + hierarchy.count))
 
     def join(self) -> None:
         """Rebuild the hierarchy over the objects' boxes, and link it to the nodes before and after it."""
@@ -114,8 +114,8 @@ class Forest:
         before = bvh.links[:, :inner].copy()
         for octant in range(8):
             bvh.links[octant, 0] = top.root, END
-            for known, end in top.linked(octant, past):
-                self.stale_links += [(octant, *part) for part in known.link(octant, end)]
+            for hierarchy, end in top.linked(octant, past):
+                self.stale_links += [(octant, *part) for part in hierarchy.link(octant, end)]
         boxes = [top.root] if past == END else [top.root, past]
         bvh.low[0], bvh.high[0] = bvh.low[boxes].min(axis=0), bvh.high[boxes].max(axis=0)
         if not np.array_equal(before, bvh.links[:, :inner]):
@@ -164,10 +164,10 @@ class _Object:
         """Refit the boxes to the moved triangles; see `Shape`."""
         # Member by member of all leaves: several times as fast as `reduceat`, which goes number by number. `take` is
         # several times as fast as an index.
-        held = reduce(np.minimum, (sides.take(members, axis=0) for members in self.members))
-        held -= growth_of(reduce(np.maximum, np.abs(held.T)), sides.dtype).astype(sides.dtype)[:, None]
+        leaf_sides = reduce(np.minimum, (sides.take(members, axis=0) for members in self.members))
+        leaf_sides -= growth_of(reduce(np.maximum, np.abs(leaf_sides.T)), sides.dtype).astype(sides.dtype)[:, None]
         ordered, placed = self.ordered, self.placed
-        ordered[self.leaf_places] = held
+        ordered[self.leaf_places] = leaf_sides
         for inner, first, middle, past in self.levels:
             ordered[inner] = np.minimum(ordered[first:middle], ordered[middle:past])
         ordered.take(self.place, axis=0, out=placed, mode="clip")
@@ -198,10 +198,10 @@ class _Top:
 
     def __init__(self, bvh: Bvh, objects: Sequence[_Object]) -> None:
         self.bvh, self.objects = bvh, objects
-        roots = [known.root for known in objects]
+        roots = [hierarchy.root for hierarchy in objects]
         self.centers = bvh.low[roots].astype(np.float64) + bvh.high[roots]
         self.children: dict[int, tuple[int, int, int]] = {}
-        self.known = {known.root: known for known in objects}
+        self.by_root = {hierarchy.root: hierarchy for hierarchy in objects}
         self.root = self._cut(np.arange(len(objects)))
 
     def _cut(self, members: Ints) -> int:
@@ -223,18 +223,18 @@ class _Top:
 
         Returns the objects, each with the node that a ray visits after it.
         """
-        found = []
+        successors = []
         todo = [(self.root, past)]
         while todo:
             node, after = todo.pop()
-            if node in self.known:
-                found.append((self.known[node], after))
+            if node in self.by_root:
+                successors.append((self.by_root[node], after))
                 continue
             left, right, axis = self.children[node]
             near, far = (right, left) if octant >> axis & 1 else (left, right)
             self.bvh.links[octant, node] = near, after
             todo += [(near, far), (far, after)]
-        return found
+        return successors
 
 
 def _put(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:

@@ -80,8 +80,8 @@ def build_part(corners: NDArray[np.floating], numbers: Ints, across: int | None 
     """Build the grid of those triangles alone whose `numbers` are given; `items` has their numbers among all."""
     if not len(numbers):
         return Grid(np.zeros(3), np.ones(3), (1, 1, 1), np.zeros((1, 1, 1, 2), np.int32), np.zeros(1, np.int32), 0)
-    found = build_grid(corners[numbers].astype(np.float32), across)
-    return replace(found, items=numbers[found.items].astype(np.int32))
+    grid = build_grid(corners[numbers].astype(np.float32), across)
+    return replace(grid, items=numbers[grid.items].astype(np.int32))
 
 
 def far_larger(triangles: Floats) -> NDArray[np.bool_]:
@@ -109,8 +109,8 @@ def _bounds(small: Floats, triangles: Floats) -> tuple[Floats, Floats]:
 
 def _resolution(size: Floats, count: int) -> tuple[int, int, int]:
     """Return the number of cells along each axis: nearly cubes, `DENSITY * count` in all, within the limits."""
-    wanted = min(max(DENSITY * count, 1.0), MAX_CELLS)
-    edge = (float(np.prod(size)) / wanted) ** (1 / 3)
+    cells = min(max(DENSITY * count, 1.0), MAX_CELLS)
+    edge = (float(np.prod(size)) / cells) ** (1 / 3)
     nx, ny, nz = np.clip(np.rint(size / edge), 1, MAX_PER_AXIS).astype(int).tolist()
     while nx * ny * nz > MAX_CELLS:
         nx, ny, nz = (max(1, n * 9 // 10) for n in (nx, ny, nz))

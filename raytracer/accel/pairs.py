@@ -50,9 +50,9 @@ def joined(
     A box that is its own partner stays as it is. The axis is that along which the middles are farthest apart; `TURNED`
     is added where the partner is the lower one.
     """
-    given = np.asarray(places, np.int32)
-    *found, axis = _join(backend)(given, sh.Table(partner, sh.Attrib1i), *_tables(sides))
-    return found, axis
+    indices = np.asarray(places, np.int32)
+    *boxes, axis = _join(backend)(indices, sh.Table(partner, sh.Attrib1i), *_tables(sides))
+    return boxes, axis
 
 
 def _tables(sides: Sides) -> list[Any]:

@@ -133,11 +133,11 @@ def parts(count: int) -> Iterator[slice]:
 
 def by_parts(vector_of: Callable[[Any], Vector], items: NDArray[Any]) -> Floats:
     """Return the vectors (N, 3) of N items, some thousands of which are computed at once."""
-    found = np.empty((len(items), 3))
+    vectors = np.empty((len(items), 3))
     for part in parts(len(items)):
         for axis, column in enumerate(vector_of(items[part])):
-            found[part, axis] = column
-    return found
+            vectors[part, axis] = column
+    return vectors
 
 
 def constant(array: NDArray[Any]) -> NDArray[Any]:

@@ -70,8 +70,8 @@ def _boxes(triangles: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Floats
     size = float((-lowest[3:] - lowest[:3]).max()) or 1.0
     unit = np.empty(exact.shape, np.float32)
     for part in parts(len(triangles)):
-        held = (exact[:, part] - begin) / size
-        unit[:, part] = np.where(np.abs(held) < LEAST, 0, held)
+        coordinates = (exact[:, part] - begin) / size
+        unit[:, part] = np.where(np.abs(coordinates) < LEAST, 0, coordinates)
     return unit, sides
 
 
@@ -111,18 +111,18 @@ class _Tree:
     """
 
     def __init__(self, total: int) -> None:
-        self.total = self.made = total
+        self.total = self.next_node = total
         self.left, self.right, self.axis = np.zeros((3, total - 1), np.int64)
         self.count = np.ones(2 * total - 1, np.int64)
         self.rounds: list[slice] = []
 
     def add(self, left: Ints, right: Ints, axis: NDArray[np.integer]) -> Ints:
         """Make a node of each pair of nodes; return the numbers of the new nodes."""
-        new = slice(self.made - self.total, self.made - self.total + len(left))
+        new = slice(self.next_node - self.total, self.next_node - self.total + len(left))
         self.left[new], self.right[new], self.axis[new] = left, right, axis
-        nodes = np.arange(self.made, self.made + len(left))
+        nodes = np.arange(self.next_node, self.next_node + len(left))
         self.count[nodes] = self.count[left] + self.count[right]
-        self.made += len(left)
+        self.next_node += len(left)
         self.rounds.append(new)
         return nodes
 
@@ -220,8 +220,8 @@ def _numbered(tree: _Tree, order: Ints) -> _Numbered:
         rows[one, 3] = rows[other, 3] = node
     items = np.empty(total, np.int64)
     items[begin[:total]] = order
-    held = np.flatnonzero(there & (count <= MAX_LEAF))
-    leaf = np.stack([number[held], begin[held], count[held]])
+    leaves = np.flatnonzero(there & (count <= MAX_LEAF))
+    leaf = np.stack([number[leaves], begin[leaves], count[leaves]])
     rows[leaf[0], 0] = -1 - (leaf[1] << COUNT_BITS | leaf[2])
     return _Numbered(items, rows, leaf, inner)
 

@@ -93,9 +93,9 @@ class Shape:
 
 def _gathered(columns: Rows, faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the corners of triangles, (3, 3, n), each by its components, from those of the vertices, (3, V)."""
-    held = np.empty((3, 3, len(faces)))
+    corners = np.empty((3, 3, len(faces)))
     for corner in range(3):
         numbers = np.ascontiguousarray(faces[:, corner])
         for axis in range(3):
-            columns[axis].take(numbers, out=held[corner, axis], mode="clip")  # without "clip" numpy fills a copy
-    return held
+            columns[axis].take(numbers, out=corners[corner, axis], mode="clip")  # without "clip" numpy fills a copy
+    return corners

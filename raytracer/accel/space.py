@@ -64,8 +64,8 @@ def scale_of(corners: NDArray[np.float64], precision: str) -> float:
             'scale the meshes, or choose precision="f32"'
         )
     _, exponent = np.frexp(largest)
-    wanted = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
-    return float(2.0 ** min(wanted - exponent, STEEPEST))
+    limit = np.clip(exponent, 0, EXPONENT) if precision == "f16" else EXPONENT
+    return float(2.0 ** min(limit - exponent, STEEPEST))
 
 
 def placed(what: str, position: ArrayLike, origin: Rows, scale: float, dtype: np.dtype[Any]) -> Rows:
@@ -74,14 +74,14 @@ def placed(what: str, position: ArrayLike, origin: Rows, scale: float, dtype: np
     Raises SceneError, which names the object `what`, if `dtype` cannot hold them.
     """
     with np.errstate(over="ignore"):
-        found = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
-    if not (np.abs(found) <= np.finfo(dtype).max).all():
+        coordinates = np.asarray(np.subtract(position, origin, dtype=np.float64) * scale)
+    if not (np.abs(coordinates) <= np.finfo(dtype).max).all():
         place = ", ".join(f"{x:.6g}" for x in np.ravel(position))
         raise SceneError(
             f"{what} at ({place}) is too far away for a scene of this size, in floats of {8 * dtype.itemsize} bits: "
             f"scale the scene, or move {what} nearer"
         )
-    return found
+    return coordinates
 
 
 def to_kernel(corners: Rows, precision: str) -> tuple[Rows, Rows, float]:

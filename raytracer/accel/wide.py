@@ -80,8 +80,8 @@ def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], ba
     same for every backend on which nodes are chosen.
     """
     tree = _binary(bvh)
-    found = families(tree, target_for(len(bvh.items), backend))
-    children = np.concatenate(found)
+    generations = families(tree, target_for(len(bvh.items), backend))
+    children = np.concatenate(generations)
     there = children >= 0
     kids = children[there]
     is_block = np.concatenate([[False], tree.count[kids] <= HALF])
@@ -91,15 +91,15 @@ def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], ba
     blocks = kids[is_block[1:]]
     items = _block_items(bvh, tree.start[blocks], tree.count[blocks])
     _put_blocks(table, np.flatnonzero(is_block), items, _words(rows, levels))
-    return WideBvh(constant(table), count, len(found))
+    return WideBvh(constant(table), count, len(generations))
 
 
 def _binary(bvh: Bvh) -> Binary:
     """Return the nodes of a hierarchy, with what follows from its links."""
     first, past = bvh.links[0].T.astype(np.int64)
     code = -1 - first
-    held = np.where(first < 0, code & ((1 << COUNT_BITS) - 1), 0)
-    before = np.concatenate([[0], np.cumsum(held)])
+    counts = np.where(first < 0, code & ((1 << COUNT_BITS) - 1), 0)
+    before = np.concatenate([[0], np.cumsum(counts)])
     end = np.where(past < 0, len(first), past)  # nodes are numbered depth first: here what a node holds ends
     left = np.where(first < 0, -1, first)
     right = np.where(first < 0, -1, past[np.maximum(first, 0)])
@@ -130,14 +130,14 @@ def _block_items(bvh: Bvh, start: Ints, count: Ints) -> Ints:
 
 def _words(rows: NDArray[np.floating], levels: NDArray[np.floating]) -> Words:
     """Return what a block says of each triangle, (N + 1, 14); the last one is not there."""
-    held = rows.reshape(-1, 3, 4)
-    words = np.zeros((len(held) + 1, LEVEL + 1), np.uint32)
+    triangles = rows.reshape(-1, 3, 4)
+    words = np.zeros((len(triangles) + 1, LEVEL + 1), np.uint32)
     floats = words[:-1].view(np.float32)
     for corner in range(3):
-        copy_columns(floats[:, 3 * corner : 3 * corner + 3], held[:, corner, :3])
-    copy_columns(floats[:, NORMALS:LEVEL], held[:, :, 3])
+        copy_columns(floats[:, 3 * corner : 3 * corner + 3], triangles[:, corner, :3])
+    copy_columns(floats[:, NORMALS:LEVEL], triangles[:, :, 3])
     floats[:, LEVEL] = levels
-    words[:-1, NUMBERS], words[-1, NUMBERS] = np.arange(len(held)), 0xFFFFFFFF
+    words[:-1, NUMBERS], words[-1, NUMBERS] = np.arange(len(triangles)), 0xFFFFFFFF
     return words
 
 
