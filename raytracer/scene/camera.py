@@ -130,10 +130,10 @@ class Camera:
         value = getattr(self, name)
         if value is None and name == "focus":
             return None
-        found = one_float(value)
-        if found is None:
+        number = one_float(value)
+        if number is None:
             raise SceneError(f"a camera's {name} is a number, not {value!r}")
-        return found
+        return number
 
     @property
     def _sight(self) -> tuple[float, Vector]:
@@ -169,16 +169,18 @@ class Camera:
 
         Raises SceneError for numbers that `dtype`, the kernel's working precision, or a Param does not hold.
         """
-        held = min(dtype, np.dtype(np.float32), key=lambda floats: floats.itemsize)  # Params are no wider than f32
-        place = placed("the camera", self.position, origin, scale, held)
+        dtype_of_params = min(
+            dtype, np.dtype(np.float32), key=lambda floats: floats.itemsize
+        )  # Params are no wider than f32
+        place = placed("the camera", self.position, origin, scale, dtype_of_params)
         with np.errstate(over="ignore", invalid="ignore"):
-            found = self._uniforms(place, width, height, scale)
-        if not all(np.all(np.abs(value) <= np.finfo(held).max) for value in found.values()):
+            uniforms = self._uniforms(place, width, height, scale)
+        if not all(np.all(np.abs(value) <= np.finfo(dtype_of_params).max) for value in uniforms.values()):
             raise SceneError(
                 f"the span, aperture or focus of the camera is too large for a scene of this size, in floats of "
-                f"{8 * held.itemsize} bits: scale the scene, or choose a smaller one"
+                f"{8 * dtype_of_params.itemsize} bits: scale the scene, or choose a smaller one"
             )
-        return found
+        return uniforms
 
     def _uniforms(self, place: Vector, width: int, height: int, scale: float) -> dict[str, Any]:
         """Return the params of a camera at `place`, in the kernel's coordinates."""
@@ -191,15 +193,15 @@ class Camera:
             corner = place - across * (width / 2) - down * (height / 2)
             return {"eye": corner, "corner": forward, "across": across, "down": down}
         view = self.view(width, height)
-        found: dict[str, Any] = view._replace(eye=place)._asdict()
+        uniforms: dict[str, Any] = view._replace(eye=place)._asdict()
         if self.aperture:
             focus = self._sight[0] if self.focus is None else self.focus
-            found["focus"] = focus * scale
-            found |= {
+            uniforms["focus"] = focus * scale
+            uniforms |= {
                 "lens_right": right * (self.aperture * scale / 2),
                 "lens_above": above * (self.aperture * scale / 2),
             }
-        return found
+        return uniforms
 
     def origins(self, uniforms: dict[str, Any], width: int, height: int) -> tuple[Vector, Vector]:
         """Return the middle of the box in which a picture's eye rays start, and half its size, by its `uniforms`."""
@@ -244,10 +246,10 @@ class Camera:
         x, y, z = place[:3, 3].tolist()
         forward, up = place[:3, 2].tolist(), (-place[:3, 1]).tolist()
         fov = math.degrees(2 * math.atan(min(width / matrix[0, 0], height / matrix[1, 1]) / 2))
-        held = Intrinsics(tuple((turn @ np.linalg.inv(matrix)).reshape(-1).tolist()), (width, height))
+        intrinsics = Intrinsics(tuple((turn @ np.linalg.inv(matrix)).reshape(-1).tolist()), (width, height))
         return cls(
             (x, y, z), (x + forward[0], y + forward[1], z + forward[2]), tuple(up), fov,
-            aperture=aperture, focus=focus, intrinsics=held,
+            aperture=aperture, focus=focus, intrinsics=intrinsics,
         )  # fmt: skip
 
     @classmethod

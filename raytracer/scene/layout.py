@@ -115,7 +115,7 @@ class Layout:
             structure = build_part(corners, still_of(len(corners), ranges), across) if is_grid else forest.bvh
         else:
             structure = build(accel, corners, precision, across, backend)
-        found = cls(
+        layout = cls(
             origin=origin,
             scale=scale,
             structure=structure,
@@ -132,7 +132,7 @@ class Layout:
             uvs=uv_rows(meshes) if any(m.textures or m.surface for m in materials) else None,
             forest=forest,
         )
-        return found if forest is None else found.in_working_precision()
+        return layout if forest is None else layout.in_working_precision()
 
     def in_working_precision(self) -> Layout:
         """Return the layout with rows as tables hold them: those of objects that move are often computed anew."""
@@ -185,10 +185,10 @@ class Layout:
 
         Raises SceneError for numbers that binary32 does not hold.
         """
-        found = self._rounded(rows)
-        if found is None:
+        table = self._rounded(rows)
+        if table is None:
             raise _out_of_range("a colour, a normal or a uv coordinate of the scene", np.abs(rows).max())
-        return found
+        return table
 
     def _rounded(self, rows: Rows) -> NDArray[Any] | None:
         """Return rows as a table holds them; None for numbers that binary32 does not hold."""
@@ -223,19 +223,19 @@ class Layout:
         lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
         if kinds_of(lights) != kinds_of(self.lights):
             return None
-        found = replace(self, lights=lights, materials=materials, material_rows=_material_rows(materials))
+        layout = replace(self, lights=lights, materials=materials, material_rows=_material_rows(materials))
         tinted = [
             number for number, material in enumerate(index) if materials[material].tint != self.materials[material].tint
         ]
         if self.colors is None or not tinted or any(map(is_programmed, materials)):
-            return found, []
+            return layout, []
         colors = self.colors.copy()
         for number in tinted:
             first, past = ranges[number]
             copy_columns(colors[3 * first : 3 * past], _corner_colors(meshes[number], materials).reshape(-1, 3))
         if self._rounded(colors) is None:
             return None
-        return replace(found, colors=colors), [ranges[number] for number in tinted]
+        return replace(layout, colors=colors), [ranges[number] for number in tinted]
 
     @property
     def glass(self) -> Rows:
@@ -256,17 +256,17 @@ def _forest(corners: Rows, ranges: Sequence[tuple[int, int]], dtype: np.dtype[An
 
 def check_range(scene: Scene, materials: Sequence[Material]) -> None:
     """Raise SceneError for a number of a material, a light or the background that a pixel, in binary32, cannot hold."""
-    given: list[tuple[str, Any]] = [
+    entries: list[tuple[str, Any]] = [
         ("the background", scene.background),
         *(("a light's color", light.color) for light in scene.lights),
     ]
     for material in materials:
         numbers = (*material.numbers.values(), material.ior, *material.absorption)
-        given += [("a number of a material", numbers), ("a colour of a material", material.tint)]
-        given.append(("the emission of a material", material.emission))
-    for what, held in given:
-        plain = held is not None and not (isinstance(held, Texture) or callable(held))
-        largest = float(np.abs(held).max()) if plain else 0.0
+        entries += [("a number of a material", numbers), ("a colour of a material", material.tint)]
+        entries.append(("the emission of a material", material.emission))
+    for what, value in entries:
+        plain = value is not None and not (isinstance(value, Texture) or callable(value))
+        largest = float(np.abs(value).max()) if plain else 0.0
         if largest > float(np.finfo(np.float32).max):
             raise _out_of_range(what, largest)
 
@@ -307,9 +307,9 @@ def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:
 
 def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
     """Return the distinct materials, and for each mesh the index of its material."""
-    known: dict[Material, int] = {}
-    index = [known.setdefault(mesh.material, len(known)) for mesh in meshes]
-    return tuple(known), index
+    numbers: dict[Material, int] = {}
+    index = [numbers.setdefault(mesh.material, len(numbers)) for mesh in meshes]
+    return tuple(numbers), index
 
 
 def _differ_in_numbers(material: Material, other: Material) -> bool:
@@ -329,11 +329,11 @@ def _material_rows(materials: Sequence[Material]) -> Rows:
 
 def _without_uv(meshes: Sequence[Mesh], index: Sequence[int], count: int) -> tuple[str, ...]:
     """Return for each of `count` materials the name of its first mesh without uv coordinates, or "" without any."""
-    found = [""] * count
+    names = [""] * count
     for mesh, number in zip(meshes, index, strict=True):
-        if mesh.uv is None and not found[number]:
-            found[number] = mesh.name or "a mesh"
-    return tuple(found)
+        if mesh.uv is None and not names[number]:
+            names[number] = mesh.name or "a mesh"
+    return tuple(names)
 
 
 def normal_rows(meshes: Sequence[Mesh]) -> Rows | None:
@@ -345,8 +345,8 @@ def normal_rows(meshes: Sequence[Mesh]) -> Rows | None:
 
 def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Return the normals at corners, (n, 3, 3): those of the faces for a flat mesh."""
-    found = np.repeat(mesh.face_normals[:, None], 3, axis=1) if mesh.normals is None else mesh.normals
-    return np.asarray(found)
+    normals = np.repeat(mesh.face_normals[:, None], 3, axis=1) if mesh.normals is None else mesh.normals
+    return np.asarray(normals)
 
 
 def _colors(meshes: Sequence[Mesh]) -> Rows | None:

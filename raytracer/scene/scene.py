@@ -134,16 +134,16 @@ class Scene:
         function of the one that there would be; where meshes enclose it, the two lights are inside. Raises SceneError
         for meshes without triangles, for too large ones, and for an `up` that is no direction.
         """
-        given = placed(meshes)
-        name = name or next((mesh.name for mesh in given), "scene")
-        if not any(map(len, given)):
+        parts = placed(meshes)
+        name = name or next((mesh.name for mesh in parts), "scene")
+        if not any(map(len, parts)):
             raise SceneError(f"{name}: a mesh without triangles cannot be framed")
         turn = upright(up)
-        low, high = bounds_of(given, turn)
-        eye = _camera(camera, fitted(given, turn))
-        shining = lights or lights_for(name, given, eye, turn)
+        low, high = bounds_of(parts, turn)
+        eye = _camera(camera, fitted(parts, turn))
+        shining = lights or lights_for(name, parts, eye, turn)
         under = [ground(low, high, turn)] if floor else []
-        return cls((*given, *under), shining, eye, name=name)
+        return cls((*parts, *under), shining, eye, name=name)
 
     @classmethod
     def load(
@@ -166,8 +166,8 @@ class Scene:
         are not there are errors. Raises FileNotFoundError, and SceneError for a file that cannot be read or holds no
         triangles.
         """
-        found = load_contents(path, strict=strict)
-        return furnished(found, Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
+        contents = load_contents(path, strict=strict)
+        return furnished(contents, Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -181,7 +181,7 @@ class Scene:
 
 
 def furnished(
-    found: Contents,
+    contents: Contents,
     name: str,
     *,
     up: Triple = (0, 1, 0),
@@ -190,45 +190,45 @@ def furnished(
     camera: Camera | Callable[[Camera], Camera] | None = None,
 ) -> Scene:
     """Return the scene of a file's contents, with what they lack; see `Scene.load`."""
-    if found.camera is None and not found.lights:
-        return Scene.framed(found.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
+    if contents.camera is None and not contents.lights:
+        return Scene.framed(contents.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
     turn = upright(up)
-    eye = _camera(camera, found.camera or fitted(found.meshes, turn))
-    shining = (*found.lights, *lights) or lights_for(name, found.meshes, eye, turn)
-    return Scene(found.meshes, shining, eye, name=name)
+    eye = _camera(camera, contents.camera or fitted(contents.meshes, turn))
+    shining = (*contents.lights, *lights) or lights_for(name, contents.meshes, eye, turn)
+    return Scene(contents.meshes, shining, eye, name=name)
 
 
-def _background(given: Any) -> Background:
+def _background(value: Any) -> Background:
     """Return the background of a scene, a colour as three floats; SceneError for anything but the three kinds."""
-    if isinstance(given, Texture) or callable(given):
-        found: Background = given
-        return found
-    if isinstance(given, str | PathLike):
+    if isinstance(value, Texture) or callable(value):
+        background: Background = value
+        return background
+    if isinstance(value, str | PathLike):
         raise SceneError(
-            f"a background is a colour (r, g, b), a Texture or a program, not {str(given)!r}: "
-            f"Texture({str(given)!r}) reads a picture"
+            f"a background is a colour (r, g, b), a Texture or a program, not {str(value)!r}: "
+            f"Texture({str(value)!r}) reads a picture"
         )
-    if isinstance(given, np.ndarray) and given.ndim > 1:
+    if isinstance(value, np.ndarray) and value.ndim > 1:
         raise SceneError("a background is a colour (r, g, b), a Texture or a program, not an array: Texture(array)")
-    if isinstance(given, EnvironmentLight):
+    if isinstance(value, EnvironmentLight):
         raise SceneError(
             "a background is a colour (r, g, b), a Texture or a program: an EnvironmentLight is one of the lights"
         )
-    return finite_triple("a background", given)
+    return finite_triple("a background", value)
 
 
-def _lights(given: Any) -> tuple[Light, ...]:
+def _lights(value: Any) -> tuple[Light, ...]:
     """Return the lights of a scene; SceneError for anything but lights in a list or another iterable."""
-    lights = tuple(given) if isinstance(given, Iterable) else (None,)
+    lights = tuple(value) if isinstance(value, Iterable) else (None,)
     if not all(isinstance(light, Light) for light in lights):
         kinds = "PointLight, DirectionalLight or EnvironmentLight"
-        raise SceneError(f"the lights of a scene are a list of lights, each a {kinds}, not {given!r}")
+        raise SceneError(f"the lights of a scene are a list of lights, each a {kinds}, not {value!r}")
     return lights
 
 
-def _camera(given: Camera | Callable[[Camera], Camera] | None, found: Camera) -> Camera:
-    """Return the camera that is given, or what the given function makes of the one that was found."""
-    return known(given(found) if callable(given) else found if given is None else given)
+def _camera(camera: Camera | Callable[[Camera], Camera] | None, default: Camera) -> Camera:
+    """Return `camera`, or what it makes of `default` where it is a function; `default` where it is None."""
+    return known(camera(default) if callable(camera) else default if camera is None else camera)
 
 
 def placed(things: Any) -> tuple[Mesh, ...]:
@@ -262,8 +262,8 @@ def _of_trimesh(thing: Any) -> bool:
 
 def _stranger(thing: Any) -> SceneError:
     cure = "; Scene.load reads a file" if isinstance(thing, str) or hasattr(thing, "__fspath__") else ""
-    made = "a Mesh, Instance, trimesh.Trimesh or trimesh.Scene, or several of them"
-    return SceneError(f"a scene is made of {made}, not of {type(thing).__name__} {str(thing)[:60]!r}{cure}")
+    kinds = "a Mesh, Instance, trimesh.Trimesh or trimesh.Scene, or several of them"
+    return SceneError(f"a scene is made of {kinds}, not of {type(thing).__name__} {str(thing)[:60]!r}{cure}")
 
 
 BUILTIN: dict[str, Callable[[], Scene]] = {}
