@@ -45,13 +45,13 @@ def calls(mesh: Mesh, quick: bool) -> Table:
         for name, (run, parts) in runs.items():
             time.sleep(PAUSE)
             count = 5 if quick else max(CALLS // parts, 10)
-            taken = sum(once(run) for _ in range(count)) / count / parts
+            mean = sum(once(run) for _ in range(count)) / count / parts
             if number:  # the first round compiles and settles
-                seconds[name].append(1e6 * taken)
+                seconds[name].append(1e6 * mean)
     rows = []
-    for name, found in seconds.items():
-        low, middle, high = np.percentile(found, (25, 50, 75))
-        rows.append([name, f"{middle:.1f}", f"{low:.1f} to {high:.1f}", f"{min(found):.1f}"])
+    for name, means in seconds.items():
+        low, middle, high = np.percentile(means, (25, 50, 75))
+        rows.append([name, f"{middle:.1f}", f"{low:.1f} to {high:.1f}", f"{min(means):.1f}"])
     note = (
         f"Microseconds of a call of x + 1 over {COUNT} float32 numbers: the median of {ROUNDS - 1} rounds of {CALLS} "
         f"calls, the quartiles, the best round. Of a chain of {STEPS} kernels, one kernel."

@@ -101,7 +101,7 @@ def _by_numpy() -> None:
 
 def _by_jax() -> None:
     def version(of: str) -> Callable[[np.ndarray], Run]:
-        def made(x: np.ndarray) -> Run:
+        def prepare(x: np.ndarray) -> Run:
             import jax
             import jax.numpy as jnp
 
@@ -110,7 +110,7 @@ def _by_jax() -> None:
             there = jnp.asarray(x)
             return lambda: function(there).block_until_ready()
 
-        return made
+        return prepare
 
     for work in (*SUMS, *SCANS, SORT, COMPACT):
         work.version("jax")(version(work.name.removesuffix("-small")))
@@ -118,24 +118,24 @@ def _by_jax() -> None:
 
 def _by_numba() -> None:
     def version(of: str) -> Callable[[np.ndarray], Run]:
-        def made(x: np.ndarray) -> Run:
+        def prepare(x: np.ndarray) -> Run:
             from numba import njit, prange
 
             @njit(parallel=True, fastmath=True)
             def total(a: Any) -> Any:
-                found = np.float32(0)
+                result = np.float32(0)
                 for i in prange(len(a)):
-                    found += a[i]
-                return found
+                    result += a[i]
+                return result
 
             @njit(fastmath=True)
             def prefixes(a: Any) -> Any:
-                found = np.empty_like(a)
+                sums = np.empty_like(a)
                 so_far = np.float32(0)
                 for i in range(len(a)):
                     so_far += a[i]
-                    found[i] = so_far
-                return found
+                    sums[i] = so_far
+                return sums
 
             @njit
             def ordered(a: Any) -> Any:
@@ -148,7 +148,7 @@ def _by_numba() -> None:
             function = {"sum": total, "scan": prefixes, "sort": ordered, "compact": above}[of]
             return lambda: function(x)
 
-        return made
+        return prepare
 
     for work in (*SUMS, *SCANS, SORT, COMPACT):
         work.version("numba")(version(work.name.removesuffix("-small")))
@@ -156,7 +156,7 @@ def _by_numba() -> None:
 
 def _by_pyopencl() -> None:
     def version(of: str) -> Callable[[np.ndarray], Run]:
-        def made(x: np.ndarray) -> Run:
+        def prepare(x: np.ndarray) -> Run:
             import pyopencl as cl
             import pyopencl.algorithm as algorithm
             import pyopencl.array as arrays
@@ -174,12 +174,12 @@ def _by_pyopencl() -> None:
                 neutral="0",
                 output_statement="found[i] = item;",
             )
-            found = arrays.empty_like(there)
+            sums = arrays.empty_like(there)
 
             def scanned() -> Any:
-                prefix(there, found)
+                prefix(there, sums)
                 queue.finish()
-                return found
+                return sums
 
             def copied() -> Any:
                 chosen, count, _ = algorithm.copy_if(there, "ary[i] > 0")
@@ -189,7 +189,7 @@ def _by_pyopencl() -> None:
             runs = {"sum": lambda: kept and arrays.sum(there).get(), "scan": scanned, "compact": copied}
             return runs[of]
 
-        return made
+        return prepare
 
     for work in (*SUMS, *SCANS, COMPACT):
         work.version("pyopencl")(version(work.name.removesuffix("-small")))
@@ -199,21 +199,21 @@ def _by_a_launch() -> None:
     """Run an empty kernel and wait for its end; its result was computed before."""
 
     def version(of: str) -> Callable[[np.ndarray], Run]:
-        def made(x: np.ndarray) -> Run:
+        def prepare(x: np.ndarray) -> Run:
             import pyopencl as cl
 
             queue = sh.Stream(x[:1], sh.Attrib1f, "opencl").native().queue
             empty = cl.Program(queue.context, "__kernel void empty() {}").build().empty
-            known = {"sum": np.sum, "scan": np.cumsum}[of](x)
+            answer = {"sum": np.sum, "scan": np.cumsum}[of](x)
 
             def run() -> Any:
                 empty(queue, (1,), (1,))
                 queue.finish()
-                return known
+                return answer
 
             return run
 
-        return made
+        return prepare
 
     for work in (SUM_SMALL, SCAN_SMALL):
         work.version("launch")(version(work.name.removesuffix("-small")))

@@ -105,8 +105,8 @@ def masks(start):
 
     def run():
         eaten, change = scratch
-        for field, given in zip(fields, np.moveaxis(start, -1, 0), strict=True):
-            field[1:-1, 1:-1] = given
+        for field, values in zip(fields, np.moveaxis(start, -1, 0), strict=True):
+            field[1:-1, 1:-1] = values
         u, v = (field[1:-1, 1:-1] for field in fields)
         for _ in range(STEPS):
             for field, out, rate in zip(fields, spread, (du, dv), strict=True):
@@ -211,4 +211,4 @@ def jax(start):
     return lambda: np.asarray(all_steps(start))
 
 
-VECTORS.versions |= {name: made for name, made in WORK.versions.items() if name not in VECTORS.versions}
+VECTORS.versions |= {name: version for name, version in WORK.versions.items() if name not in VECTORS.versions}

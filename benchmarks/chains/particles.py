@@ -215,7 +215,7 @@ def warp(positions, velocities):
     counts = wp.empty(CELLS, dtype=int, device="cpu")
 
     def run():
-        a = [wp.array(given, dtype=vec, device="cpu") for given in (positions, velocities)]  # copies
+        a = [wp.array(array, dtype=vec, device="cpu") for array in (positions, velocities)]  # copies
         b = [wp.empty(n, dtype=vec, device="cpu") for _ in range(2)]
         for _ in range(STEPS):
             counts.zero_()
@@ -282,8 +282,8 @@ def jax(positions, velocities):
 
     @j.jit
     def all_steps(at, speed):
-        def step(_, given):
-            at, speed = given
+        def step(_, state):
+            at, speed = state
             cells = (at[:, 1] >> SHIFT) * SIDE + (at[:, 0] >> SHIFT)
             order = jnp.argsort(cells, stable=True)
             at, speed, cells = at[order], speed[order], cells[order]
@@ -369,8 +369,8 @@ def pyopencl(positions, velocities):
 
     def run():
         a, b, answer = rest[:2], rest[2:], np.empty_like(positions)
-        for buffer, given in zip(a, (positions, velocities), strict=True):
-            cl.enqueue_copy(queue, buffer, given)
+        for buffer, array in zip(a, (positions, velocities), strict=True):
+            cl.enqueue_copy(queue, buffer, array)
         for _ in range(STEPS):
             tally(queue, (CHUNKS,), (1,), a[0], n, own)
             add_chunks(queue, (CELLS,), None, own, counts)

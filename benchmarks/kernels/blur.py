@@ -41,11 +41,11 @@ def ours(compiled, picture):
         return compiled(blur)
 
     first, second = along(0, 1), along(1, 0)
-    given, between = sh.Table(picture, sh.Attrib1f), sh.Table(picture, sh.Attrib1f)
+    source, between = sh.Table(picture, sh.Attrib1f), sh.Table(picture, sh.Attrib1f)
 
     def run():
-        given.update(picture)
-        between.update(first(given, shape=picture.shape))
+        source.update(picture)
+        between.update(first(source, shape=picture.shape))
         return second(between, shape=picture.shape)
 
     return run

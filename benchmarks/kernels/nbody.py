@@ -24,13 +24,13 @@ WORK = Work(
 
 
 @WORK.ours
-def ours(compiled, given):
-    bodies = sh.Table(given, sh.Attrib4f)
+def ours(compiled, particles):
+    bodies = sh.Table(particles, sh.Attrib4f)
 
     @sh.program
     def pull(x: sh.Point3f) -> sh.Vector3f:
         total = sh.Vector3f(0, 0, 0)
-        with SH_FOR(len(given)) as j:
+        with SH_FOR(len(particles)) as j:
             body = bodies[j]
             away = body.xyz - x
             near = sh.rsqrt(sh.dot(away, away) + SOFTENING)
@@ -40,18 +40,18 @@ def ours(compiled, given):
     kernel = compiled(pull)
 
     def run():
-        bodies.update(given)
-        return kernel(given[:, :3])
+        bodies.update(particles)
+        return kernel(particles[:, :3])
 
     return run
 
 
 @WORK.version("masks")
-def masks(given):
+def masks(particles):
     def run():
-        x, y, z, mass = np.ascontiguousarray(given.T)
-        out = np.empty((len(given), 3), np.float32)
-        for start in range(0, len(given), 64):  # the rows of pairs that fit a cache
+        x, y, z, mass = np.ascontiguousarray(particles.T)
+        out = np.empty((len(particles), 3), np.float32)
+        for start in range(0, len(particles), 64):  # the rows of pairs that fit a cache
             part = slice(start, start + 64)
             dx, dy, dz = x - x[part, None], y - y[part, None], z - z[part, None]
             r2 = dx * dx
@@ -67,12 +67,12 @@ def masks(given):
 
 
 @WORK.version("drjit")
-def drjit(given):
+def drjit(particles):
     import drjit as dr
     from drjit.llvm import Array3f, Float, UInt32
 
     def run():
-        x, y, z, mass = (Float(a) for a in given.T)
+        x, y, z, mass = (Float(a) for a in particles.T)
         here = Array3f(x, y, z)
 
         def add(j, total):
@@ -80,17 +80,19 @@ def drjit(given):
             near = dr.rsqrt(dr.fma(away.x, away.x, dr.fma(away.y, away.y, dr.fma(away.z, away.z, SOFTENING))))
             return j + 1, total + dr.gather(Float, mass, j) * near * near * near * away
 
-        _, total = dr.while_loop((UInt32(0), dr.zeros(Array3f, len(given))), lambda j, total: j < len(given), add)
+        _, total = dr.while_loop(
+            (UInt32(0), dr.zeros(Array3f, len(particles))), lambda j, total: j < len(particles), add
+        )
         return total.numpy().T
 
     return run
 
 
 @WORK.version("taichi")
-def taichi(given):
+def taichi(particles):
     import taichi as ti
 
-    count = len(given)
+    count = len(particles)
 
     @ti.kernel
     def kernel(bodies: ti.types.ndarray(dtype=ti.math.vec4, ndim=1), out: ti.types.ndarray(dtype=ti.math.vec3, ndim=1)):
@@ -103,15 +105,15 @@ def taichi(given):
             out[i] = total
 
     def run():
-        out = np.empty((len(given), 3), np.float32)
-        kernel(given, out)
+        out = np.empty((len(particles), 3), np.float32)
+        kernel(particles, out)
         return out
 
     return run
 
 
 @WORK.version("warp")
-def warp(given):
+def warp(particles):
     import warp as wp
 
     softening = wp.constant(SOFTENING)
@@ -129,15 +131,17 @@ def warp(given):
         out[i] = total
 
     def run():
-        out = wp.empty(len(given), dtype=wp.vec3, device="cpu")
-        wp.launch(kernel, len(given), [wp.array(given, dtype=wp.vec4, device="cpu", copy=False)], [out], device="cpu")
+        out = wp.empty(len(particles), dtype=wp.vec3, device="cpu")
+        wp.launch(
+            kernel, len(particles), [wp.array(particles, dtype=wp.vec4, device="cpu", copy=False)], [out], device="cpu"
+        )
         return out.numpy()
 
     return run
 
 
 @WORK.version("numba")
-def numba(given):
+def numba(particles):
     from numba import njit, prange
 
     softening = np.float32(SOFTENING)
@@ -155,11 +159,11 @@ def numba(given):
             out[i, 0], out[i, 1], out[i, 2] = ax, ay, az
         return out
 
-    return lambda: kernel(*np.ascontiguousarray(given.T))
+    return lambda: kernel(*np.ascontiguousarray(particles.T))
 
 
 @WORK.version("jax")
-def jax(given):
+def jax(particles):
     import jax
     import jax.numpy as jnp
 
@@ -172,4 +176,4 @@ def jax(given):
 
         return jax.lax.map(pull, bodies, batch_size=64)
 
-    return lambda: np.asarray(kernel(given))
+    return lambda: np.asarray(kernel(particles))

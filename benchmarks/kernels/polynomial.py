@@ -57,9 +57,9 @@ def drjit(x):
     from drjit.llvm import Float
 
     def run():
-        given, total = Float(x), Float(0)
+        argument, total = Float(x), Float(0)
         for c in COEFFICIENTS:
-            total = dr.fma(total, given, float(c))
+            total = dr.fma(total, argument, float(c))
         return np.asarray(total)
 
     return run
@@ -89,7 +89,7 @@ def taichi(x):
 def warp(x):
     import warp as wp
 
-    held = wp.array(COEFFICIENTS, dtype=wp.float32, device="cpu")
+    coefficients = wp.array(COEFFICIENTS, dtype=wp.float32, device="cpu")
 
     @wp.kernel
     def kernel(x: wp.array(dtype=float), c: wp.array(dtype=float), out: wp.array(dtype=float)):
@@ -101,7 +101,9 @@ def warp(x):
 
     def run():
         out = wp.empty(len(x), dtype=float, device="cpu")
-        wp.launch(kernel, len(x), [wp.array(x, dtype=float, device="cpu", copy=False), held], [out], device="cpu")
+        wp.launch(
+            kernel, len(x), [wp.array(x, dtype=float, device="cpu", copy=False), coefficients], [out], device="cpu"
+        )
         return out.numpy()
 
     return run

@@ -110,7 +110,7 @@ def taichi(size, spheres, light, rays, away, far):
 def warp(size, spheres, light, rays, away, far):
     import warp as wp
 
-    held = wp.array(np.float32(spheres), dtype=wp.vec4, device="cpu")
+    ball_array = wp.array(np.float32(spheres), dtype=wp.vec4, device="cpu")
 
     @wp.func
     def met(o: wp.vec3, d: wp.vec3, ball: wp.vec4):
@@ -162,7 +162,7 @@ def warp(size, spheres, light, rays, away, far):
 
     def run():
         out = wp.empty((size, size), dtype=float, device="cpu")
-        wp.launch(kernel, (size, size), [held, wp.vec3(*light), rays, away, far], [out], device="cpu")
+        wp.launch(kernel, (size, size), [ball_array, wp.vec3(*light), rays, away, far], [out], device="cpu")
         return out.numpy()
 
     return run
