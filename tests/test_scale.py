@@ -146,5 +146,5 @@ def test_a_scope_copies_no_names():
     assert inner.take("point") == "point_101"
     outer.take("later")
     assert inner.take("later") == "later_2"
-    assert inner._taken == {"point_101", "later_2"}
+    assert inner._used == {"point_101", "later_2"}
     assert "point_101" not in outer

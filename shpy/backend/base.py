@@ -215,13 +215,15 @@ class Tree(Protocol):
     def each(self, count: int) -> int:
         """Return the elements of a part of a stream of `count`: a power of two, so that a part is a tree."""
 
-    def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
-        """Reduce each part of a stream to an element of `made`."""
+    def fold(self, elements: Sequence[Any], totals: Sequence[Any]) -> None:
+        """Reduce each part of a stream to an element of `totals`."""
 
-    def reduce(self, given: Sequence[Any]) -> list[Array]:
+    def reduce(self, elements: Sequence[Any]) -> list[Array]:
         """Reduce a stream to one element; return its leaves, of shape (1,) or (1, size), once the device has ended."""
 
-    def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
+    def scan(
+        self, elements: Sequence[Any], above: Sequence[Any] | None, prefixes: Sequence[Any], exclusive: bool
+    ) -> None:
         """Give all prefixes, where `above` are those that end with each part, or None for only one part."""
 
 

@@ -18,12 +18,12 @@ STAGES = ("ir", "vector", "tree", "source")
 
 def dump(stage: str, title: str, text: Callable[[], str]) -> None:
     """Print the text of a stage if SHPY_DUMP names it."""
-    if stage in _wanted(os.environ.get("SHPY_DUMP", "")):
+    if stage in _chosen_stages(os.environ.get("SHPY_DUMP", "")):
         print(f"--- {stage}: {title}\n{text()}", file=sys.stderr)
 
 
 @cache
-def _wanted(text: str) -> frozenset[str]:
+def _chosen_stages(text: str) -> frozenset[str]:
     """Return the stages that a value of SHPY_DUMP names; warn of others."""
     names = frozenset(text.replace(" ", "").split(",")) - {""}
     if others := sorted(names.difference(STAGES)):

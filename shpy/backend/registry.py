@@ -18,7 +18,7 @@ from shpy.errors import BackendUnavailable
 NAMES = ("numpy", "opencl", "glsl")
 
 _default: str | None = None
-_found: dict[str, Backend] = {}
+_backends: dict[str, Backend] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +34,12 @@ class BackendInfo:
 
 def backend(name: str) -> Backend:
     """Return the backend of this name; BackendUnavailable where there is no such backend."""
-    found = _found.get(name) if isinstance(name, str) else None
-    if found is None:
+    result = _backends.get(name) if isinstance(name, str) else None
+    if result is None:
         if not isinstance(name, str) or name not in NAMES:
             raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
-        found = _found[name] = importlib.import_module(f"shpy.backend.{name}").backend
-    return found
+        result = _backends[name] = importlib.import_module(f"shpy.backend.{name}").backend
+    return result
 
 
 def backends() -> list[BackendInfo]:

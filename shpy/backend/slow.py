@@ -74,11 +74,11 @@ def _printed(module: Module, backend: str) -> Iterator[None]:
     if os.environ.get("SHPY_QUIET"):
         yield
         return
-    said = threading.Event()
+    announcement = threading.Event()
     started = time.monotonic()
 
     def announce() -> None:
-        said.set()
+        announcement.set()
         _write(f"shpy: compiling {describe(module, backend)} …")
 
     timer = threading.Timer(PATIENCE, announce)
@@ -91,7 +91,7 @@ def _printed(module: Module, backend: str) -> Iterator[None]:
         timer.join()
         seconds = time.monotonic() - started
         # Some drivers compile with Python's lock held, and no thread can speak meanwhile.
-        if seconds > PATIENCE and not said.is_set():
+        if seconds > PATIENCE and not announcement.is_set():
             _write(f"shpy: compiled {describe(module, backend)} in {seconds:.0f} s")
 
 

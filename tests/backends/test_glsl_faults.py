@@ -160,7 +160,7 @@ def test_answers_of_hard_cases_are_kept_on_disk(wrong: Any, monkeypatch: pytest.
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
     backend: Any = backend_named("glsl")
     wrong(roots=False)
-    monkeypatch.setattr(glsl._judged, "_made", {})
+    monkeypatch.setattr(glsl._judged, "_results", {})
     assert backend._limits(0).doubles
     glsl._judged.forget()
     monkeypatch.setattr(backend, "_compiled", None)  # not to be called again
@@ -169,7 +169,7 @@ def test_answers_of_hard_cases_are_kept_on_disk(wrong: Any, monkeypatch: pytest.
 
 def test_corrected_binary64_that_fails_at_hard_cases_is_not_used(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(glsl, "hard_cases", lambda name: (np.float32([1.5]), np.float32([7])))
-    monkeypatch.setattr(glsl._judged, "_made", {})
+    monkeypatch.setattr(glsl._judged, "_results", {})
     wrong(roots=False)
     with pytest.raises(sh.CompileError, match="asin needs binary64 in strict mode"):
         compiled(function("asin"), "glsl")

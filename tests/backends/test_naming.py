@@ -84,6 +84,6 @@ def test_readable() -> None:
 
 
 def test_names_of_an_inner_scope_avoid_the_outer_ones_only() -> None:
-    outer = Names("opencl", taken=["n"])
+    outer = Names("opencl", used=["n"])
     first, second = outer.scope(), outer.scope()
     assert (first.take("n"), first.take("x"), second.take("x"), outer.take("x")) == ("n_2", "x", "x", "x")

@@ -75,7 +75,7 @@ def test_the_probe_tells_zeros_and_ints_of_nan_in_binary64(
     assert device.EXACTNESS.count(right) == 1
     monkeypatch.setattr(device, "EXACTNESS", device.EXACTNESS.replace(right, other))
     machine = machine_of(None)
-    assert machine._found(machine._options) == {fault}
+    assert machine._faults_with(machine._options) == {fault}
 
 
 def test_the_probe_finds_what_is_off_by_one() -> None:
@@ -421,6 +421,6 @@ def test_a_kernel_that_a_driver_builds_but_refuses_is_asked_for_without_optimisa
             raise machine.cl.LogicError("clCreateKernel failed: INVALID_KERNEL_NAME")
         return frozenset({"convert_nan"})
 
-    monkeypatch.setattr(machine, "_found", found)
+    monkeypatch.setattr(machine, "_faults_with", found)
     assert machine._asked() == {"convert_nan", "optimiser"}
     assert len(asked) == 2

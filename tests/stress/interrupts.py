@@ -100,7 +100,7 @@ def in_a_draw(after: int) -> Iterator[None]:
             job = context._job
             assert job is not None
             os.kill(os.getpid(), signal.SIGINT)
-            wait_until(lambda: not job.wanted)
+            wait_until(lambda: not job.is_awaited)
         real(context)
 
     before = signal.signal(signal.SIGINT, _raise)

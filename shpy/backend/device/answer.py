@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 
 class Answer(Generic[T]):
-    """A result or an error, given once by one thread; `given` tells whether it is there."""
+    """A result or an error, given once by one thread; `ended` tells whether it is there."""
 
-    __slots__ = ("__weakref__", "_error", "_lock", "_result", "given")
+    __slots__ = ("__weakref__", "_error", "_lock", "_result", "ended")
 
     def __init__(self) -> None:
-        self.given = False
+        self.ended = False
         self._result: Any = None
         self._error: BaseException | None = None
         self._lock = threading.Lock()
@@ -44,11 +44,11 @@ class Answer(Generic[T]):
 
     def wait(self, seconds: float = math.inf) -> bool:
         """Wait for the answer, at most so many seconds; return whether it is there. Ctrl-C ends the wait."""
-        while not self.given and seconds > 0:
+        while not self.ended and seconds > 0:
             if self._lock.acquire(timeout=min(seconds, HEARD)):
                 self._lock.release()  # for others that wait
             seconds -= HEARD
-        return self.given
+        return self.ended
 
     def result(self, seconds: float = math.inf) -> T:
         """Return the result, or raise the error; TimeoutError if there is no answer after so many seconds."""
@@ -62,5 +62,5 @@ class Answer(Generic[T]):
             del self  # the traceback of the error holds this frame
 
     def _end(self) -> None:
-        self.given = True
+        self.ended = True
         self._lock.release()

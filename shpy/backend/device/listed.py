@@ -51,8 +51,8 @@ def run_some(call: Call, elements: Array, status: Array, run: Callable[[Call], A
     ended = run(replace(call, shape=(len(elements),), inputs=inputs, outputs=outputs))
     status[elements] = Status.WRITTEN if ended is None else ended
     written = slice(None) if ended is None else ended == Status.WRITTEN
-    for out, found in zip(call.outputs, outputs, strict=True):
-        out[elements[written]] = found[written]
+    for out, values in zip(call.outputs, outputs, strict=True):
+        out[elements[written]] = values[written]
 
 
 @dataclass(slots=True)
@@ -65,7 +65,7 @@ class Listed:
     guarded: Executable
     plain: Executable
     space: Space
-    _known: int = 0
+    _measured_count: int = 0
     """Elements of the list whose times are known: of the second one, since the first one builds kernels."""
     _first: bool = True
     _running: float = 0.0
@@ -127,7 +127,7 @@ class Listed:
         """
         if live in (0, count):
             return live == 0
-        if live > _SIMILAR * self._known:
+        if live > _SIMILAR * self._measured_count:
             return True
         lanes = getattr(self.plain, "lanes", 1)
         together = 1 - (1 - live / count) ** (lanes if lanes > 1 else _WARP)
@@ -143,27 +143,27 @@ class Listed:
             return
         begin = self._now(live)
         gathered = tuple(m if m.count == 1 else own.take(m, live) for m in call.inputs[:-1])
-        found = tuple(space.allocate(live.count, m.type, m.dtype) for m in call.outputs)
+        outputs = tuple(space.allocate(live.count, m.type, m.dtype) for m in call.outputs)
         ended: Any = None if self.plain.writes_all else space.allocate(live.count, vec(Base.I), np.dtype(np.int32))
-        part = replace(call, shape=(live.count,), inputs=gathered, outputs=found, status=ended)
+        part = replace(call, shape=(live.count,), inputs=gathered, outputs=outputs, status=ended)
         run = self._now(live)
         space.start([self.plain.ready(part, once=True)])
         back = self._now(live)
         if ended is not None:
             own.place(ended, live, call.status)
-        for values, target in zip(found, call.outputs, strict=True):
+        for values, target in zip(outputs, call.outputs, strict=True):
             own.place(values, live, target)
         end = self._now(live)
         if self._first:
             self._first = False
-        elif live.count > _SIMILAR * self._known:
-            self._known = live.count
+        elif live.count > _SIMILAR * self._measured_count:
+            self._measured_count = live.count
             self._running = (back - run) / live.count
             self._moving = (run - begin + end - back) / live.count
 
     def _now(self, live: Any) -> float:
         """Wait for the runs that were started and return the time; 0 at once where no time is needed."""
-        if live.count <= _SIMILAR * self._known:
+        if live.count <= _SIMILAR * self._measured_count:
             return 0.0
         self.space.finish()
         return time.perf_counter()

@@ -31,29 +31,29 @@ class once(Generic[P, T]):
 
     def __init__(self, make: Callable[P, T]) -> None:
         self._make = make
-        self._made: dict[tuple[Any, ...], T] = {}
+        self._results: dict[tuple[Any, ...], T] = {}
         self._lock = threading.RLock()
         _all.add(self)
 
     def __call__(self, *args: P.args, **none: P.kwargs) -> T:
         """Return the result for these arguments; a thread that comes while it is made waits."""
         try:
-            return self._made[args]
+            return self._results[args]
         except KeyError:
             pass
         with self._lock:
-            if args not in self._made:
-                self._made[args] = self._make(*args, **none)
-            return self._made[args]
+            if args not in self._results:
+                self._results[args] = self._make(*args, **none)
+            return self._results[args]
 
     def __len__(self) -> int:
         """Return the number of results."""
-        return len(self._made)
+        return len(self._results)
 
     def forget(self) -> None:
         """Make the results anew: for tests."""
         with self._lock:
-            self._made.clear()
+            self._results.clear()
 
 
 _all: weakref.WeakSet[once[..., Any]] = weakref.WeakSet()

@@ -69,7 +69,7 @@ def _scattered(stream: int, bits: int) -> Array:
     return ((word >> 22) ^ word).astype(np.int64) & ((1 << bits) - 1)
 
 
-def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
+def wrong_operations(answers: Mapping[str, Array]) -> frozenset[str]:
     """Return the operations of PROBED whose results for the hard inputs are not exact to the bit, and "denormals".
 
     Where a device makes zeros of all products that are denormal, denormal results are not compared.
@@ -79,9 +79,9 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
              "fma": fma(a, b, c),
              "convert": np.clip(a.astype(np.float64), 0, 2.0**31 - 1).astype(np.int32)}  # fmt: skip
     denormal = np.abs(exact["mul"]) < _TINY
-    flushed = "mul" in found and not np.any(found["mul"][denormal])
+    flushed = "mul" in answers and not np.any(answers["mul"][denormal])
     wrong = {"denormals"} if flushed else set()
-    for name, results in found.items():
+    for name, results in answers.items():
         compared = ~(np.abs(exact[name]) < _TINY) | (exact[name] == 0) if flushed else np.full(COUNT, True)
         if flushed and name == "fma":
             compared &= c < 0  # c itself is denormal
@@ -90,17 +90,17 @@ def wrong_operations(found: Mapping[str, Array]) -> frozenset[str]:
     return frozenset(wrong)
 
 
-def is_exact_in_binary64(found: Mapping[str, Array], *, flushed: bool) -> bool:
+def is_exact_in_binary64(answers: Mapping[str, Array], *, flushed: bool) -> bool:
     """Return whether operations of binary64 on the hard inputs have given the exact results, bit for bit.
 
-    `found` has some of the results that `in_binary64` makes, by name. Where the device makes zeros of denormals of
+    `answers` has some of the results that `in_binary64` makes, by name. Where the device makes zeros of denormals of
     binary32 (`flushed`), only the half of the inputs without them is compared.
     """
     exact = in_binary64()
     compared = slice(COUNT // 2 if flushed else COUNT)
-    if "fma" in found:  # which takes long
+    if "fma" in answers:  # which takes long
         exact = exact | {"fma": fma(exact["x"], exact["mul"], -exact["x"])}
-    return all(np.array_equal(values[compared], exact[name][compared]) for name, values in found.items())
+    return all(np.array_equal(values[compared], exact[name][compared]) for name, values in answers.items())
 
 
 @cache

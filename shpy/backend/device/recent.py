@@ -30,11 +30,11 @@ class Recent(Generic[K, T]):
 
     def get(self, key: K, make: Callable[[], T]) -> T:
         """Return the thing of this key, made if there is none."""
-        found = self._kept.get(key)
-        if found is None:
-            found = self._kept[key] = make()
+        value = self._kept.get(key)
+        if value is None:
+            value = self._kept[key] = make()
             if len(self._kept) > self._most:
                 self._release(self._kept.popitem(last=False)[1])
         else:
             self._kept.move_to_end(key)
-        return found
+        return value

@@ -106,12 +106,12 @@ def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[
     """
     kept = load(name)
     if kept is not None:
-        known = frozenset(kept.decode(errors="replace").split())
-        if all(n in possible for n in known):
-            return known
-    found = frozenset(ask())
-    save(name, " ".join(sorted(found)).encode())
-    return found
+        names = frozenset(kept.decode(errors="replace").split())
+        if all(n in possible for n in names):
+            return names
+    names = frozenset(ask())
+    save(name, " ".join(sorted(names)).encode())
+    return names
 
 
 def _head(name: str, binary: bytes) -> bytes:

@@ -48,17 +48,17 @@ def needed_by(let: Let) -> Needs:
 
 def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]:
     """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
-    found: dict[str, Needs] = {}
+    needs_by_name: dict[str, Needs] = {}
     for function in module.functions:  # callees come first
         needs: set[Need] = set()
         for s in walk(function.body):
             callee = callee_of(s)
             if callee is not None:
-                needs |= found[callee]
+                needs |= needs_by_name[callee]
             elif isinstance(s, Let):
                 needs |= needed(s)
-        found[function.name] = frozenset(needs)
-    return found
+        needs_by_name[function.name] = frozenset(needs)
+    return needs_by_name
 
 
 def leaves_early(function: Function) -> bool:

@@ -177,15 +177,15 @@ class _LatePlanner(Planner):
         The estimate is not C's, because vectors of numbers, such as `np.int32([[-1], [0]])`, and brackets take more
         letters: with C's estimate a sum of two reads at constant offsets is one line of 150 letters.
         """
-        found = [self.sizes.get(a) or (0, len(self.value_names.get(a) or "t10")) for a in s.args]
-        depth, width = 1 + max([d for d, _ in found], default=-1), sum([w for _, w in found])
+        sizes = [self.sizes.get(a) or (0, len(self.value_names.get(a) or "t10")) for a in s.args]
+        depth, width = 1 + max([d for d, _ in sizes], default=-1), sum([w for _, w in sizes])
         match s.op:
             case "const":
                 return 0, _letters_of(s)
             case "splat":
                 return depth, width
             case "swizzle":
-                return found[0][0], width + (3 if s.value.type.size == 1 else 4)
+                return sizes[0][0], width + (3 if s.value.type.size == 1 else 4)
             case "mad":
                 return depth, width + 6 + self.brackets("mul", s.args[:2]) + self.brackets("add", s.args[2:])
             case "cond":
@@ -260,15 +260,15 @@ class _LatePlanner(Planner):
     def stored_results(self, s: Call, place: Place) -> dict[int, int]:
         """Return the variables that the statements after a call store its results into, and nothing else."""
         results = {r.id for r in s.results}
-        found: dict[int, int] = {}
+        variables: dict[int, int] = {}
         for store in self.survey.regions[place[0]][place[1] + 1 :]:
-            if not isinstance(store, Store) or store.value not in results - found.keys() or not is_whole(store):
+            if not isinstance(store, Store) or store.value not in results - variables.keys() or not is_whole(store):
                 break
             variable = store.variable
-            taken = variable in self.late.changing or variable in found.values()
-            if self.late.holds(store.value, variable) and not taken:
-                found[store.value] = variable
-        return found
+            in_use = variable in self.late.changing or variable in variables.values()
+            if self.late.holds(store.value, variable) and not in_use:
+                variables[store.value] = variable
+        return variables
 
     def enter(self, s: If | Loop, place: Place) -> None:
         """Name the values that must be computed before the region, and those used later that change in it."""

@@ -120,10 +120,10 @@ _PREFIXES: Final[Mapping[Target, tuple[str, ...]]] = {
 class Names:
     """The names that are taken in one scope of the emitted text. `scope` opens an inner one."""
 
-    def __init__(self, target: Target, taken: Iterable[str] = (), outer: Names | None = None) -> None:
+    def __init__(self, target: Target, used: Iterable[str] = (), outer: Names | None = None) -> None:
         self.target = target
         self.outer = outer
-        self._taken = set(taken)
+        self._used = set(used)
         self._next: dict[str, int] = {}
 
     def scope(self) -> Names:
@@ -132,21 +132,21 @@ class Names:
 
     def reserve(self, name: str) -> None:
         """Mark a name as used."""
-        self._taken.add(name)
+        self._used.add(name)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._taken or (self.outer is not None and name in self.outer)
+        return name in self._used or (self.outer is not None and name in self.outer)
 
     def _count(self, stem: str) -> int:
         """Return the last number that was put behind the stem here, or in a scope around this one."""
         return self._next.get(stem) or (self.outer._count(stem) if self.outer else 1)
 
-    def take(self, wanted: str | None, default: str = "t") -> str:
-        """Take an identifier as close to `wanted` as the target allows.
+    def take(self, wish: str | None, default: str = "t") -> str:
+        """Take an identifier as close to `wish` as the target allows.
 
         `default` stands for a name that is missing or has no letter or digit in it; it must itself be legal.
         """
-        stem = legal(wanted, self.target) if wanted else ""
+        stem = legal(wish, self.target) if wish else ""
         base = f"{stem.rstrip('_')}_" if stem else default
         if stem and base.startswith(_PREFIXES[self.target]):
             base = stem  # `M_2` would begin as the target's own names do; `M2` does not
@@ -157,17 +157,17 @@ class Names:
             count += 1
             name = f"{base}{count}"
         self._next[stem] = count
-        self._taken.add(name)
+        self._used.add(name)
         return name
 
 
-def legal(wanted: str, target: Target) -> str:
-    """Return `wanted` as a legal identifier of `target` that is not reserved; '' if it has no letter or digit."""
-    text = "".join(map(_spelled, unicodedata.normalize("NFKD", wanted[: 4 * MAX_LENGTH])))
+def legal(wish: str, target: Target) -> str:
+    """Return `wish` as a legal identifier of `target` that is not reserved; '' if it has no letter or digit."""
+    text = "".join(map(_spelled, unicodedata.normalize("NFKD", wish[: 4 * MAX_LENGTH])))
     text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", text))
     if text == "_":
         return ""
-    if wanted.isascii() and wanted.isidentifier():
+    if wish.isascii() and wish.isidentifier():
         text = text[:MAX_LENGTH]
     else:
         text = text.strip("_")[:MAX_LENGTH]

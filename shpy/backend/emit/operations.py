@@ -39,7 +39,7 @@ class Operations:
     """The expression of each variable that has been declared."""
     types: dict[int, Type]
     variables: dict[int, Variable]
-    known: Known
+    ranges: Known
 
     # What a target gives
 

@@ -385,8 +385,8 @@ class Planner:
 
     def size(self, s: Let) -> tuple[int, int]:
         """Return how deep the expression nests and, nearly, how many letters it has."""
-        found = [self.sizes.get(a) or (0, len(self.value_names.get(a) or "t10")) for a in s.args]
-        depth, width = 1 + max([d for d, _ in found], default=-1), sum([w for _, w in found])
+        sizes = [self.sizes.get(a) or (0, len(self.value_names.get(a) or "t10")) for a in s.args]
+        depth, width = 1 + max([d for d, _ in sizes], default=-1), sum([w for _, w in sizes])
         match s.op:
             case "load" if not s.args:
                 assert isinstance(s.attr, int)
@@ -395,11 +395,11 @@ class Planner:
                 return min(1, s.value.type.size - 1), _letters_of(s)
             case "swizzle":
                 assert isinstance(s.attr, tuple)
-                return found[0][0], width + 1 + len(s.attr)
+                return sizes[0][0], width + 1 + len(s.attr)
             case "splat" | "construct":
-                return depth, width + 6 + 2 * len(found)
+                return depth, width + 6 + 2 * len(sizes)
             case "any_lane" | "all_lanes":
-                return found[0][0], width
+                return sizes[0][0], width
             case "not" | "neg":
                 return depth, width + 1
             case "cond":
@@ -410,7 +410,7 @@ class Planner:
         name = len(s.attr) if isinstance(s.attr, str) else self.wishes.letters(s.op)
         if s.op == "table":
             name = 2 * name + 16
-        return depth, width + name + 2 * len(found)
+        return depth, width + name + 2 * len(sizes)
 
 
 def _letters_of(const: Let) -> int:

@@ -61,14 +61,14 @@ class Body(Operations):
         self.values = {v.id: v for v in defined(function)}
         self.types = {v.id: v.type for v in self.values.values()}
         self.variables = {v.id: v for v in variables_of(function)}
-        self.known = Known(function)
+        self.ranges = Known(function)
         self.exprs = {}
         self.slots = {}
         self.scope = unit.globals.scope()
         self.out: list[tree.Stmt] = []
         self.gives_value = False
         """Return whether the function returns its one result."""
-        self._held: dict[int, tuple[Expr, Loc | None]] = {}
+        self._first_values: dict[int, tuple[Expr, Loc | None]] = {}
         self._load_names: dict[int, str] = {}
         for s in walk(function.body):
             if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) and s.value.name:
@@ -100,9 +100,9 @@ class Body(Operations):
         """Return the step of a `for`; `test` held when the iteration began, None if the iteration may change it."""
         return step
 
-    def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
+    def looped(self, s: Loop, loop: tree.Loop) -> tree.Loop:
         """Return the loop with the statements that the target adds; a hook for targets, which adds none by default."""
-        return made
+        return loop
 
     def unknown_zero(self, type: Type) -> Expr | None:
         """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
@@ -152,10 +152,10 @@ class Body(Operations):
 
     def bind(self, value: int, e: Expr | None = None, loc: Loc | None = None) -> None:
         """Declare a temporary that holds the value; from now on it stands for that."""
-        made = self.values[value]
-        name = self.scope.take(made.name)
-        self.out.append(Declare(made.type, name, e or self.exprs[value], loc=loc or made.loc))
-        self.exprs[value] = Name(made.type, name)
+        definition = self.values[value]
+        name = self.scope.take(definition.name)
+        self.out.append(Declare(definition.type, name, e or self.exprs[value], loc=loc or definition.loc))
+        self.exprs[value] = Name(definition.type, name)
 
     def settle(self, place: Place) -> None:
         """Declare the values that are used later and that this statement would change."""
@@ -253,7 +253,7 @@ class Body(Operations):
         elif place in self.planned.kept:
             self.slots[s.variable] = e
         elif place in self.planned.starts:
-            self._held[s.variable] = e, s.loc
+            self._first_values[s.variable] = e, s.loc
         else:
             self.out.append(Declare(variable.type, self.slot(variable), e, loc=s.loc))
         if place in self.planned.adopts:
@@ -301,28 +301,28 @@ class Body(Operations):
             args.append(self.reference(temporary))
         self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
-    def _call_with_result(self, made: Expr, s: Call, place: Place) -> None:
+    def _call_with_result(self, call: Expr, s: Call, place: Place) -> None:
         (result,), after = s.results, self.planned.survey.following(place)
         uses = self.planned.survey.uses[result.id]
         if not uses:
-            self.out.append(Do(made, s.loc))
+            self.out.append(Do(call, s.loc))
         elif uses == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
-            self.exprs[result.id] = made
+            self.exprs[result.id] = call
         else:
-            self.bind(result.id, made, s.loc)
+            self.bind(result.id, call, s.loc)
 
     def branch(self, s: If, place: Place) -> bool:
         """Append a choice; return whether what follows cannot be reached."""
         self.settle(place)
         condition = self.exprs[s.condition]
-        made, ended = [], []
+        blocks, ended = [], []
         for region, number in zip((s.then, s.orelse), self.planned.survey.inner[place], strict=True):
             with self.block() as out:
                 ended.append(self.region(region, number))
-            made.append(tuple(out))
+            blocks.append(tuple(out))
         if not s.then and s.orelse:
-            condition, made = tree.negation(condition), made[::-1]
-        self.out.append(tree.If(condition, made[0], made[1], s.loc))
+            condition, blocks = tree.negation(condition), blocks[::-1]
+        self.out.append(tree.If(condition, blocks[0], blocks[1], s.loc))
         return all(ended)
 
     # Loops
@@ -341,12 +341,12 @@ class Body(Operations):
                 outer.reserve(declared.name)
                 self.out.append(declared)
             if not skips:
-                made = self._plain(s, place)
+                loop = self._plain(s, place)
             elif place in self.planned.feet and place not in self.planned.tests:
-                made = self._tested_last(s, place)
+                loop = self._tested_last(s, place)
             else:
-                made = self._gated(s, place, outer)
-            self.out.append(self.looped(s, made))
+                loop = self._gated(s, place, outer)
+            self.out.append(self.looped(s, loop))
         self.scope = outer
 
     def _hide_first_values(self, s: Loop, place: Place) -> None:
@@ -365,9 +365,9 @@ class Body(Operations):
 
     def _begin_counters(self) -> tuple[Declare, ...]:
         """Name the counters that begin with the loop; a loop inside has starts of its own."""
-        held, self._held = self._held, {}
-        names = {v: self.slot(self.variables[v], "i") for v in held}
-        return tuple(Declare(self.variables[v].type, names[v], e, loc=loc) for v, (e, loc) in held.items())
+        starts, self._first_values = self._first_values, {}
+        names = {v: self.slot(self.variables[v], "i") for v in starts}
+        return tuple(Declare(self.variables[v].type, names[v], e, loc=loc) for v, (e, loc) in starts.items())
 
     def _counted(self, s: Loop, place: Place, starts: tuple[Declare, ...]) -> tree.Loop:
         """Return a `for`."""
@@ -382,9 +382,9 @@ class Body(Operations):
         changed = {self.slots[v] for v in self.planned.survey.stored_in[body] if v in self.slots}
         steady = test is not None and changed.isdisjoint(tree.walk(test))
         step = self.step(test if steady else None, step)
-        with self.block() as made:
+        with self.block() as statements:
             self.region(s.body, body, start)
-        return tree.Loop(tuple(made), starts, test, step, loc=s.loc)
+        return tree.Loop(tuple(statements), starts, test, step, loc=s.loc)
 
     def _tested_last(self, s: Loop, place: Place) -> tree.Loop:
         """Return a `do` whose test `continue` goes to."""
@@ -392,16 +392,16 @@ class Body(Operations):
         self.region(s.continuing, continuing)
         assert s.until is not None
         again = tree.negation(self.exprs[s.until])
-        with self.block() as made:
+        with self.block() as statements:
             self.region(s.body, body)
-        return tree.Loop(tuple(made), again=again, loc=s.loc, again_loc=_line_of_test(s))
+        return tree.Loop(tuple(statements), again=again, loc=s.loc, again_loc=_line_of_test(s))
 
     def _plain(self, s: Loop, place: Place) -> tree.Loop:
         """Return a loop of body, continuing and test, one after the other."""
         body, continuing = self.planned.survey.inner[place]
         start, test = self._first_test(s, place)
         around, again = self.scope, None
-        with self.block() as made:
+        with self.block() as statements:
             if not self.region(s.body, body, start):
                 self.region(s.continuing, continuing)
                 if s.until is not None:
@@ -409,9 +409,9 @@ class Body(Operations):
                     if test is None and _is_visible(until, around):
                         again = tree.negation(until)
                     else:
-                        made.append(tree.If(until, (Exit("break"),), (), _line_of_test(s)))
+                        statements.append(tree.If(until, (Exit("break"),), (), _line_of_test(s)))
         line = None if again is None else _line_of_test(s)
-        return tree.Loop(tuple(made), test=test, again=again, loc=s.loc, again_loc=line)
+        return tree.Loop(tuple(statements), test=test, again=again, loc=s.loc, again_loc=line)
 
     def _gated(self, s: Loop, place: Place, outer: Names) -> tree.Loop:
         """Return a loop whose step and test are at its top, skipped in the first iteration: `continue` goes there."""
@@ -419,14 +419,14 @@ class Body(Operations):
         gate = Name(BOOL, outer.take("again"))
         self.scope.reserve(gate.text)
         self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
-        with self.block() as made:
+        with self.block() as statements:
             with self.block() as last:
                 self.region(s.continuing, continuing)
                 if s.until is not None:
                     last.append(tree.If(self.exprs[s.until], (Exit("break"),)))
-            made += [tree.If(gate, tuple(last)), Assign(gate, Literal(BOOL, True))]
+            statements += [tree.If(gate, tuple(last)), Assign(gate, Literal(BOOL, True))]
             self.region(s.body, body)
-        return tree.Loop(tuple(made), loc=s.loc)
+        return tree.Loop(tuple(statements), loc=s.loc)
 
     def _first_test(self, s: Loop, place: Place) -> tuple[int, Expr | None]:
         """Return where the body goes on after a first `If(c) { Break }`, and the opposite of c; (0, None) without."""
@@ -445,5 +445,5 @@ def _is_visible(e: Expr, scope: Names) -> bool:
 
 def _line_of_test(loop: Loop) -> Loc | None:
     """Return the user's line that computes what ends the loop."""
-    made = (s.value for s in (*loop.body, *loop.continuing) if isinstance(s, Let))
-    return next((value.loc for value in made if value.id == loop.until), None)
+    values = (s.value for s in (*loop.body, *loop.continuing) if isinstance(s, Let))
+    return next((value.loc for value in values if value.id == loop.until), None)

@@ -105,8 +105,8 @@ class Survey:
             # The test is at the end of the iteration: its region is the one that made the value, if it is inside.
             inner = self.inner[number, index]
             self.uses[s.until] += 1
-            made = self._made_in.get(s.until, number)
-            self._used_in[s.until] = made if made in inner else inner[0]
+            region = self._made_in.get(s.until, number)
+            self._used_in[s.until] = region if region in inner else inner[0]
         if s.continuing and isinstance(s.continuing[-1], Store):
             self.counters.add(s.continuing[-1].variable)
 
@@ -166,7 +166,7 @@ class Survey:
         marks: dict[int, set[int]] = {}
         for region, index in {at for place in touched for at in (*self._around[place[0]], place)}:
             marks.setdefault(region, set()).add(index)
-        return {region: sorted(found) for region, found in marks.items()}
+        return {region: sorted(indices) for region, indices in marks.items()}
 
     def _first_access(
         self, number: int, variable: int, marks: Mapping[int, list[int]]

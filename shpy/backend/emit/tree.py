@@ -51,14 +51,14 @@ class Expr:
     @property
     def parts(self) -> tuple[Expr, ...]:
         """The expressions directly inside: all fields that hold some."""
-        made: list[Expr] = []
+        parts: list[Expr] = []
         for name in self.__match_args__:
-            held = getattr(self, name)
-            if isinstance(held, Expr):
-                made.append(held)
-            elif isinstance(held, tuple):
-                made += [e for e in held if isinstance(e, Expr)]
-        return tuple(made)
+            content = getattr(self, name)
+            if isinstance(content, Expr):
+                parts.append(content)
+            elif isinstance(content, tuple):
+                parts += [e for e in content if isinstance(e, Expr)]
+        return tuple(parts)
 
     @property
     def splat(self) -> Expr | None:

@@ -185,8 +185,8 @@ def _judged(backend: GlslBackend, device: int, limits: Limits) -> Limits:
     key = store.key("glsl hard cases", *context.call(lambda: context.about), *texts)
 
     def ask() -> set[str]:
-        made = {name: backend._compiled(m, options, limits) for name, m in modules.items()}
-        return {name for name, executable in made.items() if _rounds(name, executable, limits)}
+        executables = {name: backend._compiled(m, options, limits) for name, m in modules.items()}
+        return {name for name, executable in executables.items() if _rounds(name, executable, limits)}
 
     right = store.known_names(key, set(_HARD), ask)
     return limits if right == set(_HARD) else replace(limits, doubles=False)
@@ -204,8 +204,8 @@ def _target(limits: Limits, module: Module, options: Options) -> Target:
 
 def _printable(module: Module, exact: bool) -> Module:
     """Return the module in forms that Mesa's compilers get right; `exact`: they may fold no floats either."""
-    held = hold_bools_as_ints(module)
-    return hide_derivable(held) if exact else held
+    without_bools = hold_bools_as_ints(module)
+    return hide_derivable(without_bools) if exact else without_bools
 
 
 def _module_of(name: str) -> Module:
@@ -238,11 +238,11 @@ def _printed(part: Module, options: Options, limits: Limits, *, flagged: bool, r
 def _rounds(name: str, executable: GlslExecutable, limits: Limits) -> bool:
     """Return whether a function gives the answers that are hardest to round; flushed denormals do not count."""
     x, answers = hard_cases(name)
-    found = np.empty_like(answers)
-    executable.run(Call(x.shape, (x,), (found,), {}, {}))
+    results = np.empty_like(answers)
+    executable.run(Call(x.shape, (x,), (results,), {}, {}))
     least = 0.0 if limits.keeps_denormals else np.finfo(np.float32).tiny
     compared = (np.abs(x) >= least) & (np.abs(answers) > least)
-    return np.array_equal(found[compared], answers[compared])
+    return np.array_equal(results[compared], answers[compared])
 
 
 def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
@@ -273,14 +273,14 @@ def _notes(limits: Limits) -> tuple[str, ...]:
 
 def _refuse(module: Module, target: Target) -> None:
     """Raise CompileError for f64, which GLSL 3.30 lacks, unless the device has it for shpy's functions."""
-    found: list[Loc | None] = []
+    locations: list[Loc | None] = []
     for function in module.functions:
         things: list[Value | Variable] = [*defined(function), *variables_of(function)]
-        found += [thing.loc or function.loc for thing in things if thing.type.base is Base.D]
-    found += [module.entry.loc for table in module.tables if table.type.base is Base.D]
-    if found and not target.doubles:
+        locations += [thing.loc or function.loc for thing in things if thing.type.base is Base.D]
+    locations += [module.entry.loc for table in module.tables if table.type.base is Base.D]
+    if locations and not target.doubles:
         cure = 'compile this program on "numpy" or "opencl"'
-        raise CompileError("GLSL 3.30 has no 64-bit floats (f64)", loc=found[0], cure=cure, lacks="f64")
+        raise CompileError("GLSL 3.30 has no 64-bit floats (f64)", loc=locations[0], cure=cure, lacks="f64")
 
 
 backend = GlslBackend()

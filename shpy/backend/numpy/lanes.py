@@ -60,10 +60,10 @@ TOGETHER = 65_536
 def vector(*scalars: Array) -> Array:
     """Return the vector with these components."""
     shape = np.broadcast(*scalars).shape
-    made = np.empty((len(scalars), *(shape or (1,))), scalars[0].dtype)
-    for row, scalar in zip(made, scalars, strict=True):
+    result = np.empty((len(scalars), *(shape or (1,))), scalars[0].dtype)
+    for row, scalar in zip(result, scalars, strict=True):
         row[...] = scalar
-    return made
+    return result
 
 
 def joined(*parts: Array) -> Array:
@@ -73,17 +73,17 @@ def joined(*parts: Array) -> Array:
 
 def splat(scalar: Array, size: int) -> Array:
     """Return the vector of `size` equal components."""
-    made = np.empty((size, scalar.shape[0] if scalar.ndim else 1), scalar.dtype)
-    made[:] = scalar
-    return made
+    result = np.empty((size, scalar.shape[0] if scalar.ndim else 1), scalar.dtype)
+    result[:] = scalar
+    return result
 
 
 def spread(value: Array, lanes: int | tuple[int, int]) -> Array:
     """Return a uniform value, given to every lane, or to every place of a block."""
     value = np.asarray(value)
-    made = np.empty((*value.shape[:-1], *(lanes if isinstance(lanes, tuple) else (lanes,))), value.dtype)
-    made[...] = value
-    return made
+    result = np.empty((*value.shape[:-1], *(lanes if isinstance(lanes, tuple) else (lanes,))), value.dtype)
+    result[...] = value
+    return result
 
 
 def lane_count(*args: Array) -> int:
@@ -103,8 +103,8 @@ def component(v: Array, i: Array) -> Array:
 
 def on_components(f: Any, *args: Array) -> Array:
     """Return a function of vectors applied to scalars, as vectors of one component."""
-    given = f(*(np.asarray(a)[None] for a in args))
-    return np.asarray(given[0] if given.ndim == max(np.ndim(a) for a in args) + 1 else given)
+    values = f(*(np.asarray(a)[None] for a in args))
+    return np.asarray(values[0] if values.ndim == max(np.ndim(a) for a in args) + 1 else values)
 
 
 def select(mask: Array, a: Any, b: Any) -> Array:
@@ -188,13 +188,13 @@ def fold(operation: np.ufunc, total: Array, terms: Array) -> Array:
     first = np.asarray(operation(total, terms[0]))
     if len(terms) >= MANY_ROWS and first.size > 1 and terms.flags.carray and first.shape == terms.shape[1:]:
         kept, terms[0] = terms[0].copy(), first
-        found = operation.reduce(terms, axis=0)
+        result = operation.reduce(terms, axis=0)
         terms[0] = kept
-        return np.asarray(found)
-    found = first
+        return np.asarray(result)
+    result = first
     for row in terms[1:]:
-        operation(found, row, out=found)
-    return found
+        operation(result, row, out=result)
+    return result
 
 
 def few(live: Array) -> bool:

@@ -120,12 +120,12 @@ class _Block:
     shape: tuple[int, ...]
     copies: tuple[tuple[tuple[slice, slice], Array], ...]
 
-    def made(self) -> Array:
+    def array(self) -> Array:
         """Copy the parts of the block into a new array."""
-        made = np.empty(self.shape, self.copies[0][1].dtype)
-        for into, found in self.copies:
-            made[into] = found
-        return made
+        array = np.empty(self.shape, self.copies[0][1].dtype)
+        for into, part in self.copies:
+            array[into] = part
+        return array
 
 
 class TableView:
@@ -176,53 +176,55 @@ class TableView:
             return self.at(index)  # a function may be called with what is the same for every lane
         return self._components_first(self._rows.take(index, axis=0, mode="clip"))
 
-    def _components_first(self, found: Array) -> Array:
+    def _components_first(self, elements: Array) -> Array:
         if not self._vectors:
-            return found
-        axes = range(found.ndim - 1)
-        return np.ascontiguousarray(found.transpose(found.ndim - 1, *axes))
+            return elements
+        axes = range(elements.ndim - 1)
+        return np.ascontiguousarray(elements.transpose(elements.ndim - 1, *axes))
 
     def neighbour(self, place: Place, *offsets: Any) -> Array:
         """Return the elements at the tile's own indices, moved by an offset on each axis, clamped; it may be a view.
 
         The offsets may be followed by as many moduli: each index is taken modulo its own before it is clamped.
         """
-        given = tuple([o if type(o) is int else int(o.item()) for o in offsets])
-        known = self._reads.get((place, given))
-        if known is None:
-            known = self._read(place, given)
-        if known is None:
-            return self._gathered(place, given)
-        block, at = known
-        found: Array = at if block is None else block.made() if at is ... else self._copied(block)[at]
+        distances = tuple([o if type(o) is int else int(o.item()) for o in offsets])
+        entry = self._reads.get((place, distances))
+        if entry is None:
+            entry = self._read(place, distances)
+        if entry is None:
+            return self._gathered(place, distances)
+        block, at = entry
+        elements: Array = at if block is None else block.array() if at is ... else self._copied(block)[at]
         if not place.block:
-            found = found.reshape(-1, *self._rows.shape[1:])[place.skipped : place.skipped + place.stop - place.start]
-        return self._components_first(found) if self._vectors else found
+            elements = elements.reshape(-1, *self._rows.shape[1:])[
+                place.skipped : place.skipped + place.stop - place.start
+            ]
+        return self._components_first(elements) if self._vectors else elements
 
-    def _split(self, given: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int] | None]:
+    def _split(self, distances: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int] | None]:
         """Return the distances down and across, and the moduli of both."""
         rank = len(self._extents)
-        by = (0, *given[:rank])[-2:]
-        if len(given) == rank:
+        by = (0, *distances[:rank])[-2:]
+        if len(distances) == rank:
             return (by[0], by[1]), None
-        moduli = given[-2] if rank > 1 else 1, given[-1]
+        moduli = distances[-2] if rank > 1 else 1, distances[-1]
         if _is_near(by):
             by = tuple(map(_least_offset, by, moduli))
         return (by[0], by[1]), moduli
 
-    def _gathered(self, place: Place, given: tuple[int, ...]) -> Array:
+    def _gathered(self, place: Place, distances: tuple[int, ...]) -> Array:
         """Return the elements at offsets from the place; each is gathered by its own index."""
-        by, moduli = self._split(given)
+        by, moduli = self._split(distances)
         rank = len(self._extents)
         moved = place.moved(*by[-rank:])
         return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
 
-    def _read(self, place: Place, given: tuple[int, ...]) -> tuple[_Block | None, Any] | None:
+    def _read(self, place: Place, distances: tuple[int, ...]) -> tuple[_Block | None, Any] | None:
         """Return a view of the table, or a block and what of it is read; None where there is no such thing.
 
         A block has a margin that serves for other reads too.
         """
-        (down, across), moduli = self._split(given)
+        (down, across), moduli = self._split(distances)
         read: tuple[_Block | None, Any]
         if isinstance(place, Listed) or not _is_near((down, across)):
             return None
@@ -245,7 +247,7 @@ class TableView:
             read = block, ... if far else (slice(top, top + height), slice(left, left + width))
         if len(self._reads) >= _KEPT_READS:
             self._reads.clear()
-        self._reads[place, given] = read
+        self._reads[place, distances] = read
         return read
 
     def _margin(self, down: int, across: int) -> tuple[int, int]:
@@ -262,7 +264,7 @@ class TableView:
         """Return the array of a block; the array of the block that was asked for last is kept."""
         last, wide = self._wide
         if last is not block:
-            wide = block.made()
+            wide = block.array()
             self._wide = block, wide
         return wide
 
@@ -271,19 +273,19 @@ class TableView:
 
         None if they lie in many pieces.
         """
-        known = self._blocks.get((lines, columns, moduli))
-        if known is None:
+        block = self._blocks.get((lines, columns, moduli))
+        if block is None:
             height, width = self._plane.shape[:2]
             down, across = moduli or (None, None)
             rows, places = _pieces(lines, down, height), _pieces(columns, across, width)
             if len(rows) * len(places) > _MANY_PIECES:
                 return None
             copies = tuple(((into, beside), self._plane[row, place]) for into, row in rows for beside, place in places)
-            known = _Block((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
+            block = _Block((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
             if len(self._blocks) >= _KEPT_READS:
                 self._blocks.clear()
-            self._blocks[lines, columns, moduli] = known
-        return known
+            self._blocks[lines, columns, moduli] = block
+        return block
 
     def _flat(self, index: Any) -> Array:
         """Return the number of the element in memory, from its clamped index on each axis."""
@@ -307,15 +309,15 @@ def _pieces(some: Range, modulus: int | None, extent: int) -> tuple[tuple[slice,
     places = np.clip(places, 0, extent - 1)
     steps = np.diff(places)
     ends = {step: [*np.flatnonzero(steps != step).tolist(), len(steps)] for step in (0, 1)}
-    found, at = [], 0
+    pieces, at = [], 0
     while at < len(places):
         step = int(steps[at]) if at < len(steps) else 0
         stop = at + 1
         if step in ends:
             stop = ends[step][bisect_left(ends[step], at)] + 1
-        found.append((slice(at, stop), slice(int(places[at]), int(places[stop - 1]) + 1)))
+        pieces.append((slice(at, stop), slice(int(places[at]), int(places[stop - 1]) + 1)))
         at = stop
-    return tuple(found)
+    return tuple(pieces)
 
 
 def _widened(some: Range, before: int, after: int) -> Range:

@@ -65,13 +65,13 @@ def check(gl: Any, what: str) -> None:
 
 
 class _Job(Answer[Any]):
-    """Work for the context's thread, `wanted` until its caller is interrupted."""
+    """Work for the context's thread, `is_awaited` until its caller is interrupted."""
 
-    __slots__ = ("wanted", "work")
+    __slots__ = ("is_awaited", "work")
 
     def __init__(self, work: Callable[[], Any]) -> None:
         super().__init__()
-        self.work, self.wanted = work, True
+        self.work, self.is_awaited = work, True
 
 
 class Context:
@@ -128,7 +128,7 @@ class Context:
             self._jobs.put(job)
             return cast(T, job.result())
         except BaseException:
-            job.wanted = False
+            job.is_awaited = False
             raise
         finally:
             del job  # the traceback of its error holds this frame
@@ -162,7 +162,7 @@ class Context:
         """
         if self._ending:
             raise SystemExit
-        if self._job is None or not self._job.wanted:
+        if self._job is None or not self._job.is_awaited:
             raise ShpyError("the run was interrupted")
 
     def _end(self) -> None:
@@ -192,8 +192,8 @@ class Context:
         target = self.gl.framebuffer([self.gl.texture((8, 1), 4, dtype="f4")])
         target.use()
         self.gl.vertex_array(self.program(source), []).render(self.moderngl.TRIANGLES, 3)
-        found: list[float] = np.frombuffer(target.read(components=4, dtype="f4"), np.float32)[::4].tolist()
-        return found
+        values: list[float] = np.frombuffer(target.read(components=4, dtype="f4"), np.float32)[::4].tolist()
+        return values
 
     def _asked(self, source: str, outputs: int, dtype: str) -> list[bytes]:
         """Return what a probe's shader writes for the hard inputs: a texel of four numbers for each."""
@@ -209,10 +209,10 @@ class Context:
 
     def _faults(self) -> frozenset[str]:
         """Probe the device: return the names of its faults, from FAULTS and _OF_GLSL."""
-        found = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(PROBE, 2, "f4")])
+        results = np.hstack([np.frombuffer(data, np.float32).reshape(-1, 4) for data in self._asked(PROBE, 2, "f4")])
         names = ("add", "sub", "mul", "div", "sqrt", "floor")
-        wrong = set(wrong_operations({**dict(zip(names, found.T, strict=False)), "fma": found[:, 7]}))
-        if not np.array_equal(found[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
+        wrong = set(wrong_operations({**dict(zip(names, results.T, strict=False)), "fma": results[:, 7]}))
+        if not np.array_equal(results[:, 6], np.trunc(np.minimum(hard_inputs()[0], np.float32(2**24 - 1)))):
             wrong.add("convert")
         wrong |= {name for name, (text, right) in QUESTIONS.items() if self._drawn(text) != right}
         self.resting.use()
@@ -226,11 +226,11 @@ class Context:
         """
         try:
             *doubles, narrowed = self._asked(DOUBLES, 4, "u4")
-            found: dict[str, Array] = {"narrow": np.frombuffer(narrowed, np.float32)[::4]}
+            answers: dict[str, Array] = {"narrow": np.frombuffer(narrowed, np.float32)[::4]}
             for names, data in zip(_IN_DOUBLES, doubles, strict=True):
-                found |= dict(zip(names, np.frombuffer(data, np.float64).reshape(-1, 2).T, strict=True))
-            root: dict[str, Array] = {"sqrt": found.pop("sqrt")}
-            abilities = {_EXACT} if is_exact_in_binary64(found, flushed=flushed) else set()
+                answers |= dict(zip(names, np.frombuffer(data, np.float64).reshape(-1, 2).T, strict=True))
+            root: dict[str, Array] = {"sqrt": answers.pop("sqrt")}
+            abilities = {_EXACT} if is_exact_in_binary64(answers, flushed=flushed) else set()
             if is_exact_in_binary64(root, flushed=flushed):
                 abilities.add(_ROOTED)
             elif abilities:

@@ -155,10 +155,10 @@ class GlslMemory:
         """Copy the elements to the host: from the row in which the first of them lies."""
         row, skipped = divmod(begin, self.width)
         count = (self.count if end is None else end) - row * self.width
-        found = np.empty((count, self.type.size), FORMATS[self.type.base.value])
-        if len(found) > skipped:
-            self.space.call(lambda: read(self.target, 0, self.type, found, self.width, row))
-        numbers = found[skipped:] if self.type.size > 1 else found[skipped:, 0]
+        elements = np.empty((count, self.type.size), FORMATS[self.type.base.value])
+        if len(elements) > skipped:
+            self.space.call(lambda: read(self.target, 0, self.type, elements, self.width, row))
+        numbers = elements[skipped:] if self.type.size > 1 else elements[skipped:, 0]
         return numbers.astype(self.dtype, copy=False)
 
 
@@ -223,10 +223,10 @@ class GlslSpace:
                 f"a stream of {count:,} elements: the textures of this device hold {width * limit:,}",
                 cure="several streams, or another backend",
             )
-        made: GlslMemory = self.call(lambda: self._taken(width, height, count, type, dtype))
-        return made
+        memory: GlslMemory = self.call(lambda: self._take(width, height, count, type, dtype))
+        return memory
 
-    def _taken(self, width: int, height: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
+    def _take(self, width: int, height: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
         kind, target = self._store.target([type], width, height)
         memory = GlslMemory(self, target, width, count, type, dtype)
         memory.pooling = self._store.pool.belong(memory, kind, target)
@@ -244,9 +244,9 @@ class GlslSpace:
                 "this texture belongs to another context",
                 cure="a texture of stream.native().ctx, or sh.Stream(array, type)",
             )
-        wanted = FORMATS[type.base.value]
-        if native.dtype != wanted or native.components != type.size or type.size == 3:
-            raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {wanted!r}")
+        expected = FORMATS[type.base.value]
+        if native.dtype != expected or native.components != type.size or type.size == 3:
+            raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {expected!r}")
         width, height = native.size
         target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,)))
         return GlslMemory(self, target, width, width * height, type, dtype)
@@ -275,9 +275,9 @@ class GlslSpace:
         """Return the memory itself, or a copy in rows of FOLD where its rows have another length."""
         if memory.width in (FOLD, memory.count) and memory.width <= FOLD:
             return memory
-        made = self.allocate(memory.count, memory.type, memory.dtype)
-        self.copy(memory, made)
-        return made
+        duplicate = self.allocate(memory.count, memory.type, memory.dtype)
+        self.copy(memory, duplicate)
+        return duplicate
 
     def _merge(self, status: GlslMemory | None, new: GlslMemory, old: GlslMemory | None, kept: GlslMemory) -> None:
         text = _KEEP.replace("KIND", KINDS[new.type.base]).replace("WRITTEN", str(Status.WRITTEN))
@@ -295,8 +295,8 @@ class GlslSpace:
         """Count the statuses."""
         if not status.count:
             return Counts(0)
-        found: Counts = self.call(lambda: self._count(status))
-        return found
+        counts: Counts = self.call(lambda: self._count(status))
+        return counts
 
     def _count(self, status: GlslMemory) -> Counts:
         text = _COUNT.replace("BLOCK", str(_BLOCK))
@@ -305,7 +305,7 @@ class GlslSpace:
         source, size = status, (status.width, status.height)
         while True:
             blocks = (-(-size[0] // _BLOCK), -(-size[1] // _BLOCK))
-            counts = self._taken(*blocks, blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
+            counts = self._take(*blocks, blocks[0] * blocks[1], vec(Base.I, 4), np.dtype(np.int32))
             numbers = {"size": size, "count": status.count, "is_status": int(source is status)}
             self.draw(text, {"source": source}, numbers, counts, blocks)
             if blocks == (1, 1):

@@ -70,14 +70,14 @@ class Runtime:
         """
         # Two texts may be the same where the names behind them, by which data come, are not.
         key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
-        known = self._programs.get(key)
-        return known or self.context.call(lambda: self._linked(key, shader, loc, steady))
+        program = self._programs.get(key)
+        return program or self.context.call(lambda: self._linked(key, shader, loc, steady))
 
     def _linked(self, key: tuple[Any, ...], shader: Shader, loc: Loc | None, steady: bool) -> Program:
-        known = self._programs.get(key)  # another thread may have linked it since
-        if known is None:
-            known = self._programs[key] = self._link(shader, loc, steady)
-        return known
+        program = self._programs.get(key)  # another thread may have linked it since
+        if program is None:
+            program = self._programs[key] = self._link(shader, loc, steady)
+        return program
 
     def _link(self, shader: Shader, loc: Loc | None, steady: bool) -> Program:
         samplers = [i.sampler for i in shader.inputs] + [t.sampler for t in shader.tables]
@@ -96,10 +96,10 @@ class Runtime:
         check(self.context.gl, "prepare a program")
         for sampler, unit in units.items():
             program[sampler].value = unit
-        made = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
+        result = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
         doomed = self.context.doomed
-        weakref.finalize(made, lambda: doomed.extend((program, vertices))).atexit = False
-        return made
+        weakref.finalize(result, lambda: doomed.extend((program, vertices))).atexit = False
+        return result
 
     def run(self, programs: tuple[Program, ...], groups: tuple[tuple[int, ...], ...], call: Call) -> Array | None:
         """Run `programs`, whose outputs are those of `groups`, over all elements; return the status if one is made.
@@ -127,72 +127,74 @@ class Runtime:
         return status
 
     def _draw(
-        self, made: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
+        self, program: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
     ) -> Target:
-        shader, gl = made.shader, self.context.gl
+        shader, gl = program.shader, self.context.gl
         count = part.stop - part.start
         kind, target = self.store.target(shader.outputs, width, -(-count // width))
         lent.append((kind, target))
         check(gl, "make the outputs")
         for port in shader.inputs:
-            if port.sampler in made.units and port.index not in inputs:
+            if port.sampler in program.units and port.index not in inputs:
                 array = call.inputs[port.index]
                 alone = len(array) == 1
                 lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
                 inputs[port.index] = lent[-1][1], not alone
-        self.bind(made, call, inputs)
+        self.bind(program, call, inputs)
         target.framebuffer.use()
-        self.render(made, call.shape, part.start, count, width, reads=True)
+        self.render(program, call.shape, part.start, count, width, reads=True)
         return target
 
-    def render(self, made: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, reads: bool) -> None:
+    def render(
+        self, program: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, reads: bool
+    ) -> None:
         """Run the cells of `count` elements, of which the first is `start`, in rows of `width`: see `Pace.driver`."""
-        program = made.program
-        _set(program, FIRST, start)
-        _set(program, WIDTH, width)
-        _set(program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
-        _set(program, RUNNING, True)
+        gl_program = program.program
+        _set(gl_program, FIRST, start)
+        _set(gl_program, WIDTH, width)
+        _set(gl_program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
+        _set(gl_program, RUNNING, True)
         rows, rest = divmod(count, width)
 
         def draw(first: int, height: int) -> None:
             full = min(height, rows - first)
             if full:
-                self._dispatch(made, width, first, full)
+                self._dispatch(program, width, first, full)
             if full < height:
-                self._dispatch(made, rest, rows, 1)
+                self._dispatch(program, rest, rows, 1)
 
-        made.pace.driver(-(-count // width), draw, lambda _: self.context.gl.finish(), width, reads=reads)()
+        program.pace.driver(-(-count // width), draw, lambda _: self.context.gl.finish(), width, reads=reads)()
 
-    def _dispatch(self, made: Program, across: int, first: int, height: int) -> None:
+    def _dispatch(self, program: Program, across: int, first: int, height: int) -> None:
         """Run some rows."""
         self.context.go_on()
-        _set(made.program, LAST, (across - 1, first + height - 1))
+        _set(program.program, LAST, (across - 1, first + height - 1))
         self.context.gl.viewport = (0, first, across, height)
-        made.vertices.render(self.context.moderngl.TRIANGLES, 3)
+        program.vertices.render(self.context.moderngl.TRIANGLES, 3)
 
-    def bind(self, made: Program, call: Call | DeviceCall, inputs: Inputs) -> None:
+    def bind(self, program: Program, call: Call | DeviceCall, inputs: Inputs) -> None:
         """Let a program read the inputs, tables and params of a call."""
-        for port in made.shader.inputs:
-            if port.sampler in made.units:
+        for port in program.shader.inputs:
+            if port.sampler in program.units:
                 texture, each = inputs[port.index]
-                texture.use(made.units[port.sampler])
-                _set(made.program, port.each, int(each))
-        for table in made.shader.tables:
-            self._bind_table(made, table, call.tables[table.name])
-        for name, (uniform, type) in made.shader.params.items():
-            if uniform in made.program:
-                made.program[uniform].write(uniform_bytes(call.params[name], type))
+                texture.use(program.units[port.sampler])
+                _set(program.program, port.each, int(each))
+        for table in program.shader.tables:
+            self._bind_table(program, table, call.tables[table.name])
+        for name, (uniform, type) in program.shader.params.items():
+            if uniform in program.program:
+                program.program[uniform].write(uniform_bytes(call.params[name], type))
 
-    def _bind_table(self, made: Program, table: TableTexture, data: TableData | TableMemory) -> None:
+    def _bind_table(self, program: Program, table: TableTexture, data: TableData | TableMemory) -> None:
         """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
         if isinstance(data, TableMemory):
             shape, texture = data.shape, own(data.memory).texture
         else:
             shape = data.array.shape if table.type.size == 1 else data.array.shape[:-1]
-            texture = self.store.table(data, table.type) if table.sampler in made.units else None
-        if table.sampler in made.units:
-            texture.use(made.units[table.sampler])
-        _set(made.program, table.shape, shape if len(shape) > 1 else shape[0])
+            texture = self.store.table(data, table.type) if table.sampler in program.units else None
+        if table.sampler in program.units:
+            texture.use(program.units[table.sampler])
+        _set(program.program, table.shape, shape if len(shape) > 1 else shape[0])
 
 
 class DeviceRun:
@@ -215,13 +217,13 @@ class DeviceRun:
         outputs = [own(m) for m in (*call.outputs, call.status) if m is not None]
         self._count = math.prod(call.shape)
         self._width = min(self._count, FOLD, context.limits.width)
-        wanted = list(zip(programs, groups, strict=True))
+        draws = list(zip(programs, groups, strict=True))
         depth = None
         if rejection is not None and call.status is not None:
             depth = runtime.space.depth(outputs[-1].texture.size)
-            wanted.insert(0, (rejection, (len(outputs) - 1,)))
+            draws.insert(0, (rejection, (len(outputs) - 1,)))
         self._draws = [
-            (made, context.gl.framebuffer([outputs[k].texture for k in group], depth)) for made, group in wanted
+            (program, context.gl.framebuffer([outputs[k].texture for k in group], depth)) for program, group in draws
         ]
         for _, framebuffer in self._draws[1:]:
             framebuffer.depth_mask = False
@@ -248,17 +250,17 @@ class DeviceRun:
     def __call__(self) -> None:
         """Start it."""
         call, runtime = self._call, self._runtime
-        for given, folded in self._refolded:
-            runtime.space.copy(given, folded)
+        for source, folded in self._refolded:
+            runtime.space.copy(source, folded)
         gl = runtime.context.gl
         if self._rejects:
             gl.enable(runtime.context.moderngl.DEPTH_TEST)
-        for number, (made, framebuffer) in enumerate(self._draws):
+        for number, (program, framebuffer) in enumerate(self._draws):
             if self._rejects:
                 gl.depth_func = "<" if number else "1"
-            runtime.bind(made, call, self._inputs)
+            runtime.bind(program, call, self._inputs)
             framebuffer.use()
-            runtime.render(made, call.shape, 0, self._count, self._width, reads=False)
+            runtime.render(program, call.shape, 0, self._count, self._width, reads=False)
         if self._rejects:
             gl.disable(runtime.context.moderngl.DEPTH_TEST)
 
@@ -304,9 +306,9 @@ def _collect(
         if written is None and view.dtype == dtype:
             read(target, attachment, type, view, width)
             continue
-        found = np.empty(out.shape, dtype)
-        read(target, attachment, type, found, width)
-        np.copyto(view, found, casting="same_kind", where=True if written is None else written[:, None])
+        values = np.empty(out.shape, dtype)
+        read(target, attachment, type, values, width)
+        np.copyto(view, values, casting="same_kind", where=True if written is None else written[:, None])
 
 
 def _too_many(textures: int, limit: int, loc: Loc | None) -> CompileError:
@@ -315,15 +317,15 @@ def _too_many(textures: int, limit: int, loc: Loc | None) -> CompileError:
 
 def refused(source: str, log: str, loc: Loc | None) -> CompileError:
     """Return the driver's log as an error, at the user's line where the text's comments give it."""
-    found = _ERROR.search(log)
-    if found is None:
+    match = _ERROR.search(log)
+    if match is None:
         return CompileError(f"the driver refused the shader:\n{log.strip()}", loc=loc)
     lines = source.splitlines()
-    at = int(found[1])
+    at = int(match[1])
     for line in reversed(lines[:at]):
         user = _USER_LINE.search(line)
         if user is not None:
             loc = Loc(user[1], int(user[2]))
             break
     text = lines[at - 1].strip() if 0 < at <= len(lines) else ""
-    return CompileError(f"the driver refused this line of the shader: {found[2].strip()}\n  {at}: {text}", loc=loc)
+    return CompileError(f"the driver refused this line of the shader: {match[2].strip()}\n  {at}: {text}", loc=loc)

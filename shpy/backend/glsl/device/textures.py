@@ -48,11 +48,11 @@ class Target:
 
 def shown_texture(texture: Any, check_thread: Callable[[], None]) -> Any:
     """Return a moderngl.Texture of the same memory for users, which calls `check_thread` whenever it uses GL."""
-    given: Any = type(texture)
-    cls = _shown_class(given)
-    made = cls.__new__(cls)
-    made.__dict__.update(texture.__dict__, check_thread=check_thread)
-    return made
+    base: Any = type(texture)
+    cls = _shown_class(base)
+    view = cls.__new__(cls)
+    view.__dict__.update(texture.__dict__, check_thread=check_thread)
+    return view
 
 
 @cache
@@ -93,12 +93,12 @@ class Store:
 
     def table(self, data: TableData, type: Type) -> Any:
         """Return the texture that holds the table's elements in C order, folded."""
-        known = self.tables.get(data)
-        if known is not None and known[1] == data.version:
-            return known[0]
-        if known is not None:
-            texture = known[0]
-            changed = data.changed_since(known[1])
+        entry = self.tables.get(data)
+        if entry is not None and entry[1] == data.version:
+            return entry[0]
+        if entry is not None:
+            texture = entry[0]
+            changed = data.changed_since(entry[1])
             for start, stop in [(0, len(data.array))] if changed is None else changed:
                 _write_part(texture, data.array, type.size, start, stop)
         else:
@@ -122,7 +122,7 @@ class Store:
         texture.filter = (nearest, nearest)
         return texture
 
-    def _taken(self, width: int, height: int, each: int, make: Callable[..., Any], *form: Hashable) -> tuple[Kind, Any]:
+    def _take(self, width: int, height: int, each: int, make: Callable[..., Any], *form: Hashable) -> tuple[Kind, Any]:
         """Take what `make(size, *form)` makes, of one of few sizes with room for so many rows of `width` texels.
 
         `each`: the bytes of a texel.
@@ -137,7 +137,7 @@ class Store:
         texels = as_texels(array).reshape(len(array), -1)
         (rows, components), dtype = texels.shape, texels.dtype
         each, height = components * dtype.itemsize, -(-rows // width)
-        kind, texture = self._taken(width, height, each, self._texture, components, dtype)
+        kind, texture = self._take(width, height, each, self._texture, components, dtype)
         write(texture, texels, width)
         check(self.context.gl, "send an input")
         return kind, texture
@@ -147,9 +147,9 @@ class Store:
         # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
         formats = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
         cells = sum(components * int(dtype[1]) for components, dtype in formats)
-        return self._taken(width, height, cells, self._made, formats)
+        return self._take(width, height, cells, self._new_target, formats)
 
-    def _made(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Target:
+    def _new_target(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Target:
         """Return a new framebuffer of this size with a texture for each of (components, format)."""
         gl = self.context.gl
         textures = []

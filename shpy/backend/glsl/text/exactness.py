@@ -42,13 +42,13 @@ def precise_conditions(function: Function, callees: Mapping[str, Function]) -> s
 
 def choices_and_arguments(function: Function) -> set[int]:
     """Return the conditions of choices and the arguments of calls, for drivers that take choices for maxima."""
-    found: set[int] = set()
+    values: set[int] = set()
     for s in walk(function.body):
         if isinstance(s, Call) or (isinstance(s, Let) and s.op == "call"):
-            found.update(s.args)
+            values.update(s.args)
         elif isinstance(s, Let) and s.op == "cond":
-            found.add(s.args[0])
-    return found
+            values.add(s.args[0])
+    return values
 
 
 def _compares(let: Let, types: dict[int, Type], comparing: set[int]) -> bool:
@@ -86,11 +86,11 @@ def precise_operands(
     kept: set[int] = set()
     for s in walk(function.body):
         if isinstance(s, Let):
-            made = sum(roundings.get(a, 0) for a in s.args if a in inlined and a not in kept)
+            count = sum(roundings.get(a, 0) for a in s.args if a in inlined and a not in kept)
             if s.op not in _PLAIN or s.op in hidden:
                 kept.update(a for a in s.args if roundings.get(a, 0) >= least)
-                made = 0
-            roundings[s.value.id] = made + (s.op in _ROUNDED and s.value.type.is_float)
+                count = 0
+            roundings[s.value.id] = count + (s.op in _ROUNDED and s.value.type.is_float)
         elif isinstance(s, Call):
             kept.update(a for a in uses(s, callees) if roundings.get(a, 0) >= least)
     return kept

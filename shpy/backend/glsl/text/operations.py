@@ -198,11 +198,11 @@ class GlslBody(Body):
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
-        made, type, unit = super().operation(let), let.value.type, self.unit
+        expression, type, unit = super().operation(let), let.value.type, self.unit
         kept = _KEPT if unit.kept_apart else unit.hidden
         if let.op in kept and self.types[let.args[0]].is_float:
-            return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, made)
-        return made
+            return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, expression)
+        return expression
 
     def args(self, let: Let) -> list[Expr]:
         """Return the operands; where nothing is `precise`, hide what is subtracted, and what divides itself.
@@ -210,12 +210,12 @@ class GlslBody(Body):
         The driver finds equal numbers that the IR does not show, as components of vectors and where it inlines calls,
         and takes `x - x` for 0, although NaN and infinity give NaN.
         """
-        found = super().args(let)
+        operands = super().args(let)
         if self.unit.kept_apart and let.op in ("sub", "div") and self.types[let.args[0]].is_float:
-            if let.args[0] == let.args[1] or (let.op == "sub" and self._reads(found[1])):
+            if let.args[0] == let.args[1] or (let.op == "sub" and self._reads(operands[1])):
                 type = self.types[let.args[1]]
-                found[1] = tree.call(self.unit.prologue.use("sh_apart", (type,)), type, found[1])
-        return found
+                operands[1] = tree.call(self.unit.prologue.use("sh_apart", (type,)), type, operands[1])
+        return operands
 
     def _reads(self, e: Expr) -> bool:
         """Return whether an expression depends on anything but literals."""
@@ -234,11 +234,15 @@ class GlslBody(Body):
         type = let.value.type
         if type.is_bool and type.size > 1:
             return self.plain_call(let)
-        made = super().infix(let)
-        if let.op in ("shl", "shr") and isinstance(made, tree.Operator) and not self.known.within(let.args[1], 0, 31):
-            a, b = made.args
-            return replace(made, args=(a, tree.infix("&", b, number(31, b.type.scalar))))
-        return made
+        expression = super().infix(let)
+        if (
+            let.op in ("shl", "shr")
+            and isinstance(expression, tree.Operator)
+            and not self.ranges.within(let.args[1], 0, 31)
+        ):
+            a, b = expression.args
+            return replace(expression, args=(a, tree.infix("&", b, number(31, b.type.scalar))))
+        return expression
 
     def comparison(self, let: Let) -> Expr:
         """Return `a < b`, `lessThan(a, b)` of vectors."""
@@ -250,14 +254,14 @@ class GlslBody(Body):
     def op_abs(self, let: Let) -> Expr:
         """Return `abs(a)`; `sh_abs(a)` of an int that may be the least, and a uint is its own."""
         type, arg = let.value.type, let.args[0]
-        if type.base is Base.I and self.known.span(arg)[0] == _LEAST:
+        if type.base is Base.I and self.ranges.span(arg)[0] == _LEAST:
             return tree.call(self.unit.prologue.use("sh_abs", (type,)), type, self.arg(arg))
         return self.arg(arg) if type.base is Base.U else self.plain_call(let)
 
     def op_clamp(self, let: Let) -> Expr:
         """Return `clamp(i, 0, 7)`; `min(max(i, low), high)` of ints whose bounds may cross, where it is undefined."""
         type, (_, low, high) = let.value.type, let.args
-        if type.is_float or self.known.span(low)[1] <= self.known.span(high)[0]:
+        if type.is_float or self.ranges.span(low)[1] <= self.ranges.span(high)[0]:
             return self.plain_call(let)
         n, low_of, high_of = self.args(let)
         return tree.call("min", type, tree.call("max", type, n, low_of), high_of)
@@ -339,15 +343,15 @@ class GlslBody(Body):
         if self.gives_value:
             self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
 
-    def _shelter(self, made: tree.Loop) -> tree.Loop:
+    def _shelter(self, loop: tree.Loop) -> tree.Loop:
         """Return a loop of one iteration with an end that the compiler cannot derive.
 
         Mesa 22 takes a loop apart that ends in an exit, and Mesa 26 also where its test tells that it does.
         """
-        running, (*body, last) = self.unit.runtime_name(RUNNING, BOOL), made.body
+        running, (*body, last) = self.unit.runtime_name(RUNNING, BOOL), loop.body
         nothing = tree.infix("==", self.unit.runtime_name(NOTHING, _UINT), Literal(_UINT, 0), BOOL)
-        test = running if made.test is None else tree.infix("&&", made.test, running)
-        return replace(made, body=(*body, tree.If(nothing, (last,))), test=test, note=_ONE_ITERATION)
+        test = running if loop.test is None else tree.infix("&&", loop.test, running)
+        return replace(loop, body=(*body, tree.If(nothing, (last,))), test=test, note=_ONE_ITERATION)
 
     def unknown_zero(self, type: Type) -> Expr | None:
         """Return the global; None for floats that are hidden already, as all are but in fast mode (passes/hide.py)."""
@@ -355,7 +359,7 @@ class GlslBody(Body):
             return Cast(type.scalar, self.unit.zero_name())
         return self.unit.zero_name() if type.is_float and not self.unit.exact else None
 
-    def looped(self, s: Loop, made: tree.Loop) -> tree.Loop:
+    def looped(self, s: Loop, loop: tree.Loop) -> tree.Loop:
         """Return a loop with an end that the compiler cannot rule out, if the device may stop it.
 
         Without one the compiler concludes that what follows the loop is reached through `ended = true` alone. A limit
@@ -363,10 +367,10 @@ class GlslBody(Body):
         """
         unit = self.unit
         if is_shelter(s):
-            return self._shelter(made)
+            return self._shelter(loop)
         if not unit.flagged or s.turns == 1 or (unit.limited and s.turns is None):
-            return made
+            return loop
         running = unit.runtime_name(RUNNING, BOOL)
-        if made.again is not None:
-            return replace(made, again=tree.infix("&&", made.again, running))
-        return replace(made, test=running if made.test is None else tree.infix("&&", made.test, running))
+        if loop.again is not None:
+            return replace(loop, again=tree.infix("&&", loop.again, running))
+        return replace(loop, test=running if loop.test is None else tree.infix("&&", loop.test, running))

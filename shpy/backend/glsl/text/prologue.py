@@ -89,25 +89,25 @@ def helpers(precise: bool = True, signs: bool = True) -> tuple[Helper, ...]:
     Those of kept.glsl take the place of their namesakes where a device has no `precise`, and those of signs.glsl where
     its choices lose the signs of zeros.
     """
-    found = _read("edges.glsl")
+    edges = _read("edges.glsl")
     files = [*([] if precise else ["kept.glsl"]), *([] if signs else ["signs.glsl"])]
     others = {(h.name, h.types): h for file in files for h in _read(file)}
-    return tuple(others.get((h.name, h.types), h) for h in found)
+    return tuple(others.get((h.name, h.types), h) for h in edges)
 
 
 def _read(file: str) -> tuple[Helper, ...]:
     text = (resources.files(__package__) / file).read_text()
-    found = []
+    functions = []
     for paragraph in text.split("\n\n"):
         head = _HEAD.search(paragraph)
         if head is None:
             continue
         result, name, inside = head.groups()
         pairs = [p.removeprefix(_PRECISE).rsplit(" ", 1) for p in inside.split(", ")]
-        found.append(
+        functions.append(
             Helper(name, result, tuple(t for t, _ in pairs), tuple(p for _, p in pairs), paragraph.strip("\n"))
         )
-    return tuple(found)
+    return tuple(functions)
 
 
 class Prologue:
@@ -133,25 +133,25 @@ class Prologue:
             self._sized.add((helper, size))
         return name
 
-    def _wanted(self) -> set[Helper]:
+    def _with_callees(self) -> set[Helper]:
         """Return the functions asked for and those that they call."""
-        wanted: set[Helper] = set()
+        functions: set[Helper] = set()
         pending = set(self._used)
         while pending:
-            wanted |= pending
+            functions |= pending
             called = frozenset().union(*(h.calls for h in pending))
-            pending = {h for h in self._helpers if h.name in called} - wanted
-        return wanted
+            pending = {h for h in self._helpers if h.name in called} - functions
+        return functions
 
     def words(self) -> frozenset[str]:
         """Return the names in the text that are ours."""
-        return frozenset().union(*(h.words for h in self._wanted()))
+        return frozenset().union(*(h.words for h in self._with_callees()))
 
     def text(self) -> str:
         """Return the functions asked for and those that they call, one empty line between them."""
-        wanted, parts = self._wanted(), []
+        functions, parts = self._with_callees(), []
         for helper in self._helpers:
-            if helper in wanted:
+            if helper in functions:
                 parts.append(helper.source)
                 parts += [helper.sized(size) for size in (2, 3, 4) if (helper, size) in self._sized]
         text = "\n\n".join(parts)
@@ -206,10 +206,10 @@ def uniforms(params: Iterable[Name], tables: Iterable[TableTexture], used: Colle
     return lines + [line for name, line in ours.items() if name in used]
 
 
-def input_uniforms(made: InputTexture) -> list[str]:
+def input_uniforms(texture: InputTexture) -> list[str]:
     """Return the declarations of an input's uniforms."""
-    each = f"uniform int {made.each};  // 0 where one value serves all elements"
-    return [f"uniform {KINDS[made.type.base]}sampler2D {made.sampler};", each]
+    each = f"uniform int {texture.each};  // 0 where one value serves all elements"
+    return [f"uniform {KINDS[texture.type.base]}sampler2D {texture.sampler};", each]
 
 
 def output(location: int, type: Type, name: str) -> str:

@@ -111,9 +111,9 @@ class _ShaderMaker(GlslUnit):
         at = Name(_PIXEL, names.take("at"))
         inputs, args = [], []
         for index, (port, value) in enumerate(zip(self.module.inputs, entry.inputs, strict=True)):
-            made = InputTexture(index, value.type, names.take(f"in_{port.name}"), names.take(f"each_{port.name}"))
-            inputs.append(made)
-            args.append(_fetched(made, at))
+            texture = InputTexture(index, value.type, names.take(f"in_{port.name}"), names.take(f"each_{port.name}"))
+            inputs.append(texture)
+            args.append(_fetched(texture, at))
         body: list[tree.Stmt] = []
         if args:
             corner = tree.picked(Name(_FLOAT.sized(4), "gl_FragCoord"), (0, 1), _FLOAT.sized(2))
@@ -146,18 +146,20 @@ class _ShaderMaker(GlslUnit):
         return [*(Declare(r.type, r.text) for r in results), Do(tree.call(called, BOOL, *args, *results)), *stores]
 
 
-def _fetched(made: InputTexture, at: Name) -> Expr:
+def _fetched(texture: InputTexture, at: Name) -> Expr:
     """Return this element of an input: at the first texel where `each` is 0."""
-    type = made.type
-    place = tree.infix("*", at, Name(INT, made.each))
-    texel = tree.call("texelFetch", _texel(type).sized(4), Name(INT, made.sampler), place, number(0))
-    held = _texel(type)
-    e: Expr = texel if type.size == 4 and not type.is_bool else tree.picked(texel, range(type.size), held)
+    type = texture.type
+    place = tree.infix("*", at, Name(INT, texture.each))
+    texel = tree.call("texelFetch", _texel(type).sized(4), Name(INT, texture.sampler), place, number(0))
+    texel_type = _texel(type)
+    e: Expr = texel if type.size == 4 and not type.is_bool else tree.picked(texel, range(type.size), texel_type)
     if not type.is_bool:
         return e
-    zero = Literal(held.scalar, 0)
+    zero = Literal(texel_type.scalar, 0)
     return (
-        tree.infix("!=", e, zero, type) if type.size == 1 else tree.call("notEqual", type, e, Construct(held, (zero,)))
+        tree.infix("!=", e, zero, type)
+        if type.size == 1
+        else tree.call("notEqual", type, e, Construct(texel_type, (zero,)))
     )
 
 

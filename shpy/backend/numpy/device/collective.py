@@ -35,8 +35,8 @@ def _put(values: Any, index: Any, target: Any) -> None:
     kept = (index.array >= 0) & (index.array < target.count)
     winners = np.full(target.count, -1, np.int64)
     np.maximum.at(winners, index.array[kept], np.flatnonzero(kept))
-    found = winners >= 0
-    target.array[found] = values.array[winners[found]]
+    is_target = winners >= 0
+    target.array[is_target] = values.array[winners[is_target]]
 
 
 def words_in_order(array: Array, descending: bool) -> Array:
@@ -44,26 +44,26 @@ def words_in_order(array: Array, descending: bool) -> Array:
     word = np.dtype(_WORDS[array.itemsize])
     if array.dtype.kind == "f":
         top = word.type(1 << (8 * array.itemsize - 1))
-        found = np.where(array == 0, word.type(0), array.view(word))
-        found ^= np.where(found >= top, ~word.type(0), top)
-        found[np.isnan(array)] = ~word.type(0)
+        words = np.where(array == 0, word.type(0), array.view(word))
+        words ^= np.where(words >= top, ~word.type(0), top)
+        words[np.isnan(array)] = ~word.type(0)
     elif array.dtype.kind == "i":
-        found = array.view(word) ^ word.type(1 << (8 * array.itemsize - 1))
+        words = array.view(word) ^ word.type(1 << (8 * array.itemsize - 1))
     elif array.dtype.kind == "b":
-        found = (array.view(word) != 0).view(word)  # a bool of numpy may have any byte for True
+        words = (array.view(word) != 0).view(word)  # a bool of numpy may have any byte for True
     else:
-        found = array.view(word)
-    return ~found if descending else found
+        words = array.view(word)
+    return ~words if descending else words
 
 
 def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
     if below is not None:
         keys = NumpyMemory(keys.array.clip(0, below - 1), keys.type)
-    found = words_in_order(keys.array, descending)
-    if found.itemsize != 4:
-        return _indices(np.argsort(found, kind="stable"))
+    words = words_in_order(keys.array, descending)
+    if words.itemsize != 4:
+        return _indices(np.argsort(words, kind="stable"))
     # Pairs are sorted many times as fast as indices are.
-    pairs = found.astype(np.uint64) << np.uint64(32) | np.arange(len(found), dtype=np.uint64)
+    pairs = words.astype(np.uint64) << np.uint64(32) | np.arange(len(words), dtype=np.uint64)
     pairs.sort()
     return _indices(pairs & np.uint64(0xFFFFFFFF))
 
@@ -71,13 +71,13 @@ def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
 def _sort(keys: Any, descending: bool) -> NumpyMemory:
     """Sort stably: +0 and -0, and NaNs of different bits, keep the order that they had."""
     array = keys.array
-    found = np.sort(array)[::-1].copy() if descending else np.sort(array)
+    result = np.sort(array)[::-1].copy() if descending else np.sort(array)
     if array.dtype.kind == "f":
         for alike in (array == 0, np.isnan(array)):
             some = array[alike]
             if len(some):
-                found[found == 0 if some[0] == 0 else np.isnan(found)] = some
-    return NumpyMemory(found, keys.type)
+                result[result == 0 if some[0] == 0 else np.isnan(result)] = some
+    return NumpyMemory(result, keys.type)
 
 
 def _tally(numbers: Any, bins: int) -> NumpyMemory:

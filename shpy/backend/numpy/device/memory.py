@@ -133,9 +133,9 @@ def over_arrays(run: Callable[[Call], Array | None], call: DeviceCall) -> Callab
     def start() -> None:
         for data in changing.values():
             data.version += 1
-        found = run(whole)
+        statuses = run(whole)
         if status is not None:
-            status[...] = Status.WRITTEN if found is None else found
+            status[...] = Status.WRITTEN if statuses is None else statuses
 
     return start
 

@@ -213,10 +213,10 @@ class NumpyExecutable:
         inputs = [_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True)]
         if place.block:
             inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
-        given = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
+        arguments = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
         outputs = self._outputs(call, part)
         told = {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
-        results = self.entry(*inputs, *given, *told.values())
+        results = self.entry(*inputs, *arguments, *told.values())
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
@@ -239,21 +239,21 @@ class NumpyExecutable:
     def _uniforms(self, call: Call) -> dict[tuple[str, str], Any]:
         """Params, tables and the grid's shape, by the argument that they are for."""
         module = self.prepared.module
-        given: dict[tuple[str, str], Any] = {}
+        arguments: dict[tuple[str, str], Any] = {}
         for param in module.params:
-            given["param", param.name] = _uniform(call.params[param.name], param.type)
+            arguments["param", param.name] = _uniform(call.params[param.name], param.type)
         for table in module.tables:
-            given["table", table.name] = self._view(call.tables[table.name], table.rank, table.type)
+            arguments["table", table.name] = self._view(call.tables[table.name], table.rank, table.type)
         if ("grid_shape", "") in self.printed.arguments:
-            given["grid_shape", ""] = _column(np.array(call.shape, np.int32))
-        return given
+            arguments["grid_shape", ""] = _column(np.array(call.shape, np.int32))
+        return arguments
 
     def _view(self, data: TableData, rank: int, type: Type) -> TableView:
-        known = self.views.get(data)
-        if known is not None and known[0] == data.version:
-            return known[1]
-        if known is not None and known[1].looks_into(data.array):
-            view = known[1]
+        entry = self.views.get(data)
+        if entry is not None and entry[0] == data.version:
+            return entry[1]
+        if entry is not None and entry[1].looks_into(data.array):
+            view = entry[1]
             view.renew()
         else:
             view = TableView(np.asarray(data.array, DTYPES[type.base]), rank)
@@ -271,10 +271,10 @@ def _uniform(value: Array, type: Type) -> Any:
     return typed.reshape(())[()] if type.size == 1 else typed.reshape(type.size, 1)
 
 
-def _tile(given: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
+def _tile(array: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
     """Return the tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
     lanes = part.stop - part.start
-    rows = given[part] if given.shape[0] != 1 else np.broadcast_to(given, (lanes, *given.shape[1:]))
+    rows = array[part] if array.shape[0] != 1 else np.broadcast_to(array, (lanes, *array.shape[1:]))
     tile = (
         np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
     )

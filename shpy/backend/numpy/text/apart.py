@@ -49,12 +49,12 @@ def lay_out(module: Module) -> Layout:
     def grid(vector: VectorModule) -> bool:
         return placed and not any(facts.live for facts in vector.facts.values())
 
-    made, used = _vectors([f.body for f in module.functions])
-    if not made + used:
+    constructs, used = _vectors([f.body for f in module.functions])
+    if not constructs + used:
         return Layout(whole(), apart=False, grid=grid(whole()) and not _holds(module, lambda slot: slot.type.size > 1))
     in_loops, used_in_loops = _vectors(_iterated(module))
     pays = used_in_loops < _WORTH_MAKING * in_loops
-    pays = pays or (placed and (made > 0 or _only_places(module)) and grid(whole()))
+    pays = pays or (placed and (constructs > 0 or _only_places(module)) and grid(whole()))
     if not pays and not any(with_counters(f) for f in whole().module.functions if not f.pure):
         return Layout(whole(), apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
@@ -88,8 +88,8 @@ def _iterated(module: Module) -> list[Region]:
 
 def _vectors(regions: list[Region]) -> tuple[int, int]:
     """Return the number of vectors made of numbers there, and the number of other operations on vectors."""
-    found = [s.op == "construct" for r in regions for s in walk(r) if isinstance(s, Let) and _on_vectors(s)]
-    return found.count(True), found.count(False)
+    flags = [s.op == "construct" for r in regions for s in walk(r) if isinstance(s, Let) and _on_vectors(s)]
+    return flags.count(True), flags.count(False)
 
 
 def _on_vectors(s: Let) -> bool:

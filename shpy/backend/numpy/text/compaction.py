@@ -57,27 +57,27 @@ def compacted(block: Block, varying: Iterable[Expr], names: Names) -> Block:
     """
     reader = _Reader()
     reader.before(block, _NONE, _NONE, _NONE)
-    if not reader.found:
+    if not reader.loops:
         return block
-    around = {key: _Around(found, frozenset(varying), names) for key, found in reader.found.items()}
+    around = {key: _Around(entry, frozenset(varying), names) for key, entry in reader.loops.items()}
     return _rebuilt(block, around)
 
 
 class _Around:
     """The statements that compaction adds before and after a loop, and at the start of each iteration."""
 
-    def __init__(self, found: _Found, varying: frozenset[Expr], names: Names) -> None:
-        loop = found.loop
+    def __init__(self, entry: _Found, varying: frozenset[Expr], names: Names) -> None:
+        loop = entry.loop
         inner = _names(*[e for s in tree.statements_of((loop,)) for e in tree.expressions_of(s)])
-        carried = (found.head & inner & varying - loop.exits) | {loop.lane, loop.live}
+        carried = (entry.head & inner & varying - loop.exits) | {loop.lane, loop.live}
         inside = sorted(carried, key=_text)
-        saved = [e for e in inside if e in found.after and e != loop.lane]
+        saved = [e for e in inside if e in entry.after and e != loop.lane]
         kept = {e: Name(e.type, names.take(f"all_{_text(e)}")) for e in saved}
         numbers = Assign(loop.lane, tree.call("np.arange", INT, loop.lanes))
         self.before: Block = (numbers,)
         self.head: Block = ()
         self.behind: Block = ()
-        if not found.stored & found.after & varying - loop.exits:  # else what an iteration changes has no way out yet
+        if not entry.stored & entry.after & varying - loop.exits:  # else what an iteration changes has no way out yet
             shorter = Assign(Tuple(BOOL, tuple(inside)), tree.call("compact", BOOL, loop.live, *inside))
             self.head = (If(tree.call("few", BOOL, loop.live), (shorter,)),)
             self.before = (*[Assign(kept[e], e) for e in saved], numbers)
@@ -90,20 +90,20 @@ def _text(e: Expr) -> str:
 
 
 def _rebuilt(block: Block, around: dict[int, _Around]) -> Block:
-    made: list[Stmt] = []
+    statements: list[Stmt] = []
     for s in block:
         match s:
             case If():
-                made.append(replace(s, then=_rebuilt(s.then, around), orelse=_rebuilt(s.orelse, around)))
+                statements.append(replace(s, then=_rebuilt(s.then, around), orelse=_rebuilt(s.orelse, around)))
             case LaneLoop():
                 a = around[id(s)]
                 loop = Loop((*a.head, *_rebuilt(s.body, around)), test=s.test, loc=s.loc)
-                made += [*a.before, loop, *a.behind]
+                statements += [*a.before, loop, *a.behind]
             case Loop():
-                made.append(replace(s, body=_rebuilt(s.body, around)))
+                statements.append(replace(s, body=_rebuilt(s.body, around)))
             case _:
-                made.append(s)
-    return tuple(made)
+                statements.append(s)
+    return tuple(statements)
 
 
 def _names(*expressions: Expr | None) -> frozenset[Expr]:
@@ -118,32 +118,32 @@ def _targets(s: Assign) -> frozenset[Expr]:
 
 def _stored(block: Block) -> frozenset[Expr]:
     """Return the names that statements give a new value."""
-    found: set[Expr] = set()
+    names: set[Expr] = set()
     for s in tree.statements_of(block):
         match s:
             case Assign():
-                found |= _targets(s)
+                names |= _targets(s)
             case Update(name) | Each(name):
-                found.add(name)
-    return frozenset(found)
+                names.add(name)
+    return frozenset(names)
 
 
 class _Reader:
     """Follows the statements of a function backwards: the names that are needed before them."""
 
     def __init__(self) -> None:
-        self.found: dict[int, _Found] = {}
-        self.known: dict[int, frozenset[Expr]] = {}
+        self.loops: dict[int, _Found] = {}
+        self.names_by_id: dict[int, frozenset[Expr]] = {}
         """The names in an expression, by its `id`: a loop's statements are followed once for each loop around them."""
 
     def names(self, *expressions: Expr | None) -> frozenset[Expr]:
         """Return the names in expressions."""
-        found = _NONE
+        names = _NONE
         for e in expressions:
-            if id(e) not in self.known:
-                self.known[id(e)] = _names(e)
-            found |= self.known[id(e)]
-        return found
+            if id(e) not in self.names_by_id:
+                self.names_by_id[id(e)] = _names(e)
+            names |= self.names_by_id[id(e)]
+        return names
 
     def before(
         self, block: Block, after: frozenset[Expr], leave: frozenset[Expr], again: frozenset[Expr]
@@ -174,14 +174,14 @@ class _Reader:
 
     def loop(self, s: Loop | Each, after: frozenset[Expr]) -> frozenset[Expr]:
         """Find the names needed before a loop, or a loop over a sequence, which gives its name a value."""
-        made, tested = (frozenset({s.name}), True) if isinstance(s, Each) else (_NONE, s.test is not None)
+        own, tested = (frozenset({s.name}), True) if isinstance(s, Each) else (_NONE, s.test is not None)
         out = after if tested else _NONE
         if isinstance(s, Loop):
             out |= self.names(s.test)
         head = out
-        while (again := out | (self.before(s.body, head, after, head) - made)) != head:
+        while (again := out | (self.before(s.body, head, after, head) - own)) != head:
             head = again
         if isinstance(s, LaneLoop):
-            self.found[id(s)] = _Found(s, _stored(s.body), head | {s.live}, after)
+            self.loops[id(s)] = _Found(s, _stored(s.body), head | {s.live}, after)
             head = (head | {s.live}) - {s.lane}  # it is stored in front
         return head | self.names(s.over) if isinstance(s, Each) else head

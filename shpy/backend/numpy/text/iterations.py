@@ -63,20 +63,20 @@ def lanes_alone(functions: Iterable[Function]) -> frozenset[str]:
 
     An array has one element a lane, and any_lane asks the lanes of one iteration.
     """
-    found: set[str] = set()
+    names: set[str] = set()
     for f in functions:
         lets = [s for s in walk(f.body) if isinstance(s, Let)]
-        plain = not any(s.op in _NOT_IN_FUNCTIONS or (s.op == "call" and s.attr not in found) for s in lets)
+        plain = not any(s.op in _NOT_IN_FUNCTIONS or (s.op == "call" and s.attr not in names) for s in lets)
         if f.pure and plain and not any(v.length for v in f.variables):
-            found.add(f.name)
-    return frozenset(found)
+            names.add(f.name)
+    return frozenset(names)
 
 
 def with_counters(function: Function) -> dict[int, tuple[Iterations, Region]]:
     """Find the loops of a function that test a counter and step it, with their statements, by `id` of the loop."""
     every = [s for s in walk(function.body) if isinstance(s, Loop)]
-    made = _lets(function) if every else {}
-    return {id(loop): iterations for loop in every if (iterations := _iterations(loop, made))}
+    lets = _lets(function) if every else {}
+    return {id(loop): iterations for loop in every if (iterations := _iterations(loop, lets))}
 
 
 def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict[int, Iterations]:
@@ -84,29 +84,29 @@ def counted(function: Function, facts: LaneFacts, alone: frozenset[str]) -> dict
     candidates = with_counters(function)
     if not candidates:
         return {}
-    made = _lets(function)
+    lets = _lets(function)
     used = Counter(v for s in walk(function.body) for v in uses(s))
     sizes = {v.id: v.type.size for v in defined(function)}
-    summed = {k: _summed(*iterations, facts, made, used, sizes, alone) for k, iterations in candidates.items()}
-    found = {k: iterations for k, iterations in summed.items() if iterations}
-    if not found:  # most often: liveness takes longer than all before
+    summed = {k: _summed(*iterations, facts, lets, used, sizes, alone) for k, iterations in candidates.items()}
+    iterations_by_loop = {k: iterations for k, iterations in summed.items() if iterations}
+    if not iterations_by_loop:  # most often: liveness takes longer than all before
         return {}
     after = {id(loop): note.after for loop, note in loops(function.body, annotate(function))}
-    return {k: iterations for k, iterations in found.items() if iterations.counter not in after[k]}
+    return {k: iterations for k, iterations in iterations_by_loop.items() if iterations.counter not in after[k]}
 
 
-def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Function, dict[int, Iterations]]:
-    """Return the function in which each loop of `found` adds its terms by a `fold` at the end of an iteration.
+def rewritten(function: Function, iterations_by_loop: dict[int, Iterations]) -> tuple[Function, dict[int, Iterations]]:
+    """Return the function in which each loop of `iterations_by_loop` adds its terms by a `fold` at an iteration's end.
 
     Also returns the rewritten loops with their Iterations, by `id`.
     """
-    made: dict[int, Iterations] = {}
+    new_iterations: dict[int, Iterations] = {}
 
     def region(r: Region) -> Region:
         return tuple([statement(s) for s in r])
 
     def statement(s: Stmt) -> Stmt:
-        iterations = found.get(id(s))
+        iterations = iterations_by_loop.get(id(s))
         if not isinstance(s, Loop) or iterations is None:
             return map_regions(s, region)
         at = next(k for k, t in enumerate(s.body) if isinstance(t, If))
@@ -116,17 +116,21 @@ def rewritten(function: Function, found: dict[int, Iterations]) -> tuple[Functio
             sums += [total.load, Let(total.value, "fold", (total.load.value.id, total.term), total.fold)]
             sums.append(Store(total.slot, total.value.id, loc=total.value.loc))
         loop = replace(s, body=(*test, *(t for t in iterations.body if t not in test), *sums))
-        made[id(loop)] = iterations
+        new_iterations[id(loop)] = iterations
         return loop
 
-    return (replace(function, body=region(function.body)), made) if found else (function, made)
+    return (
+        (replace(function, body=region(function.body)), new_iterations)
+        if iterations_by_loop
+        else (function, new_iterations)
+    )
 
 
 def _lets(function: Function) -> dict[int, Let]:
     return {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
 
 
-def _iterations(loop: Loop, made: dict[int, Let]) -> tuple[Iterations, Region] | None:
+def _iterations(loop: Loop, lets: dict[int, Let]) -> tuple[Iterations, Region] | None:
     """Return the loop with its statements if it begins with a test of a counter that it steps at its end."""
     at = next((k for k, s in enumerate(loop.body) if isinstance(s, If)), len(loop.body))
     match loop.body[:at], loop.body[at:], loop.continuing:
@@ -140,7 +144,7 @@ def _iterations(loop: Loop, made: dict[int, Let]) -> tuple[Iterations, Region] |
             return None
     loads = [s for s in first if isinstance(s, Let) and s.op == "load" and s.attr == counter]
     consts = tuple(s for s in (*first, *steps) if isinstance(s, Let) and s.op == "const")
-    step = _constant(made, by)
+    step = _constant(lets, by)
     straight = len(loads) + len(consts) == len(first) + len(steps) and all(isinstance(s, (Let, Store)) for s in body)
     one = {now, before} <= {s.value.id for s in loads}
     if not (straight and one and _ends(test, step, loop.turns)):
@@ -148,8 +152,8 @@ def _iterations(loop: Loop, made: dict[int, Let]) -> tuple[Iterations, Region] |
     return Iterations(counter, stop, step, consts, (), (), frozenset()), (*loads, *body)
 
 
-def _constant(made: dict[int, Let], value: int) -> int:
-    let = made.get(value)
+def _constant(lets: dict[int, Let], value: int) -> int:
+    let = lets.get(value)
     return int(to_array(let.value.type, let.attr).item()) if let and isinstance(let.attr, tuple) else 0
 
 
@@ -162,20 +166,20 @@ def _summed(
     iterations: Iterations,
     region: Region,
     facts: LaneFacts,
-    made: dict[int, Let],
+    lets: dict[int, Let],
     used: Counter[int],
     sizes: dict[int, int],
     alone: frozenset[str],
 ) -> Iterations | None:
     """Return the loop with its sums if all else depends on the counter and on values from before the loop."""
     stores = [s for s in region if isinstance(s, Store)]
-    sums = [_sum(s, made, used) for s in stores]
-    found = tuple(total for total in sums if total)
-    slots = [total.slot for total in found]
+    sums = [_sum(s, lets, used) for s in stores]
+    totals = tuple(total for total in sums if total)
+    slots = [total.slot for total in totals]
     if not slots or len(set(slots)) < len(stores) or not facts.slots.issuperset(slots):
         return None
-    summing = {v for s, total in zip(stores, found, strict=True) for v in (s.value, *made[s.value].args)}
-    summing -= {total.term for total in found}
+    summing = {v for s, total in zip(stores, totals, strict=True) for v in (s.value, *lets[s.value].args)}
+    summing -= {total.term for total in totals}
     body = [s for s in region if isinstance(s, Let) and s.value.id not in summing]
     rows: set[int] = set()
     for s in body:
@@ -190,19 +194,19 @@ def _summed(
             if s.op in _NOT_IN_ROWS or (wide and s.op != "swizzle" and s.op not in _VECTORS):
                 return None
             rows.add(s.value.id)
-    if not all(total.term in rows for total in found):
+    if not all(total.term in rows for total in totals):
         return None
-    return replace(iterations, body=tuple(body), sums=found, rows=frozenset(rows))
+    return replace(iterations, body=tuple(body), sums=totals, rows=frozenset(rows))
 
 
-def _sum(s: Store, made: dict[int, Let], used: Counter[int]) -> Sum | None:
+def _sum(s: Store, lets: dict[int, Let], used: Counter[int]) -> Sum | None:
     """Return the sum that a store makes in its slot; None if the store does something else."""
-    let = made.get(s.value)
+    let = lets.get(s.value)
     if s.components is not None or s.index is not None or let is None or let.op not in _FOLDS or used[s.value] > 1:
         return None
     for load, term in (let.args, let.args[::-1]):
-        loaded = made.get(load)
+        loaded = lets.get(load)
         if loaded and loaded.op == "load" and loaded.attr == s.variable and used[load] == 1 and not loaded.args:
-            stored = replace(let.value, loc=made[term].value.loc) if term in made else let.value
+            stored = replace(let.value, loc=lets[term].value.loc) if term in lets else let.value
             return Sum(s.variable, term, _FOLDS[let.op], loaded, stored)
     return None

@@ -40,9 +40,9 @@ class Plan:
 
 def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> dict[int, Plan]:
     """Return the plans of a function's loops, by `id` of the loop; `live` are the loops' masks, `varying` slots."""
-    made: dict[int, Plan] = {}
+    plans_by_loop: dict[int, Plan] = {}
     if not live:
-        return made
+        return plans_by_loop
     used = Counter(v for s in walk(function.body) for v in uses(s))
     for loop, note in loops(function.body, annotate(function)):
         masks = live & note.inner[0] & {s.variable for s in _direct(loop) if isinstance(s, Store)}
@@ -52,8 +52,8 @@ def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> 
         copies = _copies(loop, changed, used)
         touched = Counter(slot for s in walk((loop,)) if (slot := _touched(s)) in changed)
         if all(touched[slot] == 2 * sum(c[0] == slot for c in copies.values()) for slot in changed):
-            made[id(loop)] = Plan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
-    return made
+            plans_by_loop[id(loop)] = Plan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
+    return plans_by_loop
 
 
 def _direct(loop: Loop) -> Iterator[Stmt]:
@@ -80,12 +80,12 @@ def _touched(s: Stmt) -> int | None:
 def _copies(loop: Loop, changed: frozenset[int], used: Counter[int]) -> dict[int, tuple[int, ExitCopy]]:
     """Return the exit copies of a loop to the slots `changed`, with their slots, by the value that they store."""
     loads = {s.value.id: s.attr for s in _direct(loop) if isinstance(s, Let) and s.op == "load" and not s.args}
-    found = {}
+    copies = {}
     for region in _regions(loop):
         for s, following in pairwise(region):
             match s, following:
                 case Let(value, "cond", (mask, new, old)), Store(slot, stored, None, None):
                     once = used[value.id] == 1 and used[old] == 1
                     if stored == value.id and once and slot in changed and loads.get(old) == slot:
-                        found[stored] = slot, ExitCopy(mask, new, old)
-    return found
+                        copies[stored] = slot, ExitCopy(mask, new, old)
+    return copies

@@ -139,7 +139,7 @@ class _PythonModule(Unit):
             facts = _all_of(function) if function.pure else self.vector.facts[function.name]
             updates = Updates(function, facts) if function is entry else None
             body = _PythonBody(self, function, facts, updates)
-            parameters, block = body.parameters(), body.made()
+            parameters, block = body.parameters(), body.function_block()
             if function is entry and in_place and ("place", "") in self.handed[entry.name]:
                 block, memory = written(block, function.outputs, body.varying_slots, body.scope)
                 parameters, outs = [*parameters, *memory.values()], tuple(memory)
@@ -149,8 +149,8 @@ class _PythonModule(Unit):
         called = {name.partition(".")[0] for name in self.speller.called}
         lane_names = frozenset(lane_functions.__all__)
         sources = {"shpy.backend.numpy.lanes": lane_names, "shpy.ir": _EXACT, "shpy.ir.meaning": MEANINGS - lane_names}
-        imports = [f"from {source} import {', '.join(sorted(known & called))}"
-                   for source, known in sources.items() if known & called]  # fmt: skip
+        imports = [f"from {source} import {', '.join(sorted(exports & called))}"
+                   for source, exports in sources.items() if exports & called]  # fmt: skip
         head = ["import numpy as np", *[""] * bool(imports), *imports]
         text = "\n".join([*head, *self.speller.lines]) + "\n"
         large = len(self.module.functions) == 1 or self.compacts
@@ -195,7 +195,7 @@ class _PythonBody(NumpyOperations):
                 self.lane_names.add(name)
         self.arguments = tuple(arguments)
         params = {p.name: p.type for p in self.module.module.params}
-        self.given = {
+        self.extra_arguments = {
             (kind, what): Name(params[what] if kind == "param" else INT, self.scope.take(what) if what else kind)
             for kind, what in self.module.handed[self.function.name]
         }
@@ -204,9 +204,9 @@ class _PythonBody(NumpyOperations):
             if slot.id not in self.slots:
                 self.slots[slot.id] = Name(slot.type, self.scope.take(slot.name))
         self.lane_names |= {self.slots[slot] for slot in self.varying_slots if slot in self.slots}
-        return [*arguments, *self.given.values()]
+        return [*arguments, *self.extra_arguments.values()]
 
-    def made(self) -> Block:
+    def function_block(self) -> Block:
         """Return the statements of the function."""
         splats = _splats(self.made_by.values())
 
@@ -228,7 +228,7 @@ class _PythonBody(NumpyOperations):
     def continued(self) -> dict[int, int]:
         """Find the variables that begin as an input of their name that nothing else reads: they are that argument."""
         inputs = {port.id: port for port in self.function.inputs if isinstance(port, Value)}
-        found: dict[int, int] = {}
+        variables: dict[int, int] = {}
         for s in self.function.body:
             if not isinstance(s, Store) or s.value not in inputs or not is_whole(s):
                 break
@@ -237,8 +237,8 @@ class _PythonBody(NumpyOperations):
             if named and alike and s.variable not in self.slots:
                 if sum(v == s.value for t in walk(self.function.body) for v in uses(t)) == 1:
                     self.slots[s.variable] = self.exprs[s.value]
-                    found[s.value] = s.variable
-        return found
+                    variables[s.value] = s.variable
+        return variables
 
     def blank(self) -> list[Variable]:
         """Return the variables that may be read, or changed in part, before they are stored as a whole."""
@@ -256,21 +256,21 @@ class _PythonBody(NumpyOperations):
 
     def glimpses(self) -> tuple[set[int], set[int]]:
         """Return the values that are a name or a number, and those that are views into an operand."""
-        found, views = {port.id for port in self.function.inputs}, set[int]()
+        atoms, views = {port.id for port in self.function.inputs}, set[int]()
         for v, s in self.made_by.items():
             match s.op, s.attr:
                 case "const", tuple(bits):
-                    found |= {v} if s.value.type.size == 1 or len(set(bits)) == 1 else set()
+                    atoms |= {v} if s.value.type.size == 1 or len(set(bits)) == 1 else set()
                 case "load", _:
                     fixed = not s.args or (s.args[0] in self.made_by and self.made_by[s.args[0]].op == "const")
-                    found |= {v} if fixed else set()
+                    atoms |= {v} if fixed else set()
                 case "swizzle", tuple(components):
                     views |= {v} if is_row(components) else set()
                 case "splat", _:
                     views.add(v)
                 case _ if s.op in _NAMED:
-                    found.add(v)
-        return found, views
+                    atoms.add(v)
+        return atoms, views
 
     def updatable(self, s: Let) -> bool:
         """Return whether an operation may change the array of its first operand."""
@@ -278,7 +278,9 @@ class _PythonBody(NumpyOperations):
 
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return the names that a call passes on besides the arguments."""
-        return tuple([self.lanes if key == LANES else self.given[key] for key in self.module.handed[function]])
+        return tuple(
+            [self.lanes if key == LANES else self.extra_arguments[key] for key in self.module.handed[function]]
+        )
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
@@ -297,14 +299,14 @@ class _PythonBody(NumpyOperations):
 
     def bind(self, value: int, e: Expr | None = None, loc: Loc | None = None) -> None:
         """Assign a value to a name; one that is repeated keeps only the scalar."""
-        made, e = self.values[value], self.exprs[value] if e is None else e
+        definition, e = self.values[value], self.exprs[value] if e is None else e
         scalar = e.splat
-        type = made.type if scalar is None else made.type.scalar
-        name = Name(type, self.scope.take(made.name))
-        self.out.append(Assign(name, own(self.unshared(e if scalar is None else scalar)), loc or made.loc))
+        type = definition.type if scalar is None else definition.type.scalar
+        name = Name(type, self.scope.take(definition.name))
+        self.out.append(Assign(name, own(self.unshared(e if scalar is None else scalar)), loc or definition.loc))
         if value in self.varying:
             self.lane_names.add(name)
-        self.exprs[value] = name if scalar is None else Construct(made.type, (name,))
+        self.exprs[value] = name if scalar is None else Construct(definition.type, (name,))
 
     def settle(self, place: Place) -> None:
         """Name the values that the plan names before a statement, once."""
@@ -320,11 +322,11 @@ class _PythonBody(NumpyOperations):
         elif value in self.planned.updated:
             self.settle(place)
             first, *rest = s.args
-            held = self.exprs[first]
-            assert isinstance(held, Name)
+            target = self.exprs[first]
+            assert isinstance(target, Name)
             for symbol, operand in zip(UPDATES[s.op], rest, strict=True):
-                self.out.append(Update(held, symbol, self.exprs[operand], s.value.loc))
-            self.exprs[value] = held
+                self.out.append(Update(target, symbol, self.exprs[operand], s.value.loc))
+            self.exprs[value] = target
         else:
             super().let(s, place)
 
@@ -382,7 +384,7 @@ class _PythonBody(NumpyOperations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.settle(place)
-        made = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
+        call = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
         slots, names = self.planned.results[place], []
         for result in s.results:
             slot = slots.get(result.id)
@@ -391,7 +393,7 @@ class _PythonBody(NumpyOperations):
             if result.id in self.varying:
                 self.lane_names.add(name)
             names.append(name)
-        self.out.append(Assign(several(names), made, s.loc) if names else Do(made, s.loc))
+        self.out.append(Assign(several(names), call, s.loc) if names else Do(call, s.loc))
 
     def branch(self, s: If, place: Place) -> bool:
         """Append a choice, unless both sides are empty."""
@@ -411,11 +413,11 @@ class _PythonBody(NumpyOperations):
             start -= 1
             copied = isinstance(last.value, Method) and last.value.name == "copy"
             stored[last.target] = last.value.parts[0] if copied else last.value
-        found = several([stored.get(o, o) for o in outputs])
-        if stored and self.module.speller.width(found) < MAX_WIDTH + 2 * len(outputs) - 2:
+        results = several([stored.get(o, o) for o in outputs])
+        if stored and self.module.speller.width(results) < MAX_WIDTH + 2 * len(outputs) - 2:
             line = self.out[start].loc if len(stored) == 1 else None
             del self.out[start:]
-            return Exit("return", found, line)
+            return Exit("return", results, line)
         return Exit("return", several(outputs), loc)
 
     # Loops
@@ -434,7 +436,7 @@ class _PythonBody(NumpyOperations):
         if plan is not None:
             self.lanes = tree.Member(INT, self.slots[plan.live], "size")
         self.within = lane
-        with self.block() as made:
+        with self.block() as statements:
             ended = self.region(s.body, body, start)
             step: list[tree.Stmt] = []
             if not ended or continues(s):
@@ -442,7 +444,7 @@ class _PythonBody(NumpyOperations):
                     self.region(s.continuing, continuing)
                     if s.until is not None:
                         step.append(tree.If(self.exprs[s.until], (Exit("break"),), (), s.loc))
-        block = _with_step(tuple(made), tuple(step))
+        block = _with_step(tuple(statements), tuple(step))
         block = block if ended else (*block, *step)
         self.within = within
         if plan is None or lane is None:
@@ -462,28 +464,28 @@ class _PythonBody(NumpyOperations):
         stop, counter = self.exprs[iterations.stop], self.slots[iterations.counter]
         assert isinstance(counter, Name)
         over = tree.call("iterations_of", INT, counter, stop, tree.number(iterations.step), self.lanes)
-        with self.block() as made:
+        with self.block() as statements:
             self.region(s.body, body, start)
-        self.out.append(tree.Each(counter, over, tuple(made), s.loc))
+        self.out.append(tree.Each(counter, over, tuple(statements), s.loc))
 
 
 def _with_step(block: Block, step: Block) -> Block:
     """Return the body of a loop with its step before each `continue`, which in Python would skip it."""
-    made: list[tree.Stmt] = []
+    statements: list[tree.Stmt] = []
     for s in block:
         if isinstance(s, tree.If):
             s = replace(s, then=_with_step(s.then, step), orelse=_with_step(s.orelse, step))
-        made += [*step, s] if isinstance(s, Exit) and s.word == "continue" else [s]
-    return tuple(made)
+        statements += [*step, s] if isinstance(s, Exit) and s.word == "continue" else [s]
+    return tuple(statements)
 
 
 def _splats(lets: Iterable[Let]) -> set[int]:
     """Return the values that repeat a scalar."""
-    found: set[int] = set()
+    values: set[int] = set()
     for s in lets:
         bits = s.attr if s.op == "const" and s.value.type.size > 1 else None
         repeats = s.op == "splat" or (isinstance(bits, tuple) and len(set(bits)) == 1)
         works = s.op not in _NO_SPLATS and (s.op not in OPS or OPS[s.op].componentwise)
-        if repeats or (s.value.type.size > 1 and works and s.args and found.issuperset(s.args)):
-            found.add(s.value.id)
-    return found
+        if repeats or (s.value.type.size > 1 and works and s.args and values.issuperset(s.args)):
+            values.add(s.value.id)
+    return values

@@ -103,7 +103,7 @@ class NumpyOperations(Body):
 
     varying: frozenset[int]
     """The values that differ from lane to lane."""
-    given: Mapping[tuple[str, str], Name]
+    extra_arguments: Mapping[tuple[str, str], Name]
     """The values that the function is handed besides its arguments."""
     lanes: Expr
     """The number of lanes."""
@@ -156,13 +156,18 @@ class NumpyOperations(Body):
                 assert isinstance(what, tuple)
                 return Index(type, args[0], components_of(what, from_start=True))
             case "table_size":
-                return Member(type, self.given["table", str(what)], "size")
+                return Member(type, self.extra_arguments["table", str(what)], "size")
             case "table":
                 way = "gather" if let.args[0] in self.varying else "at"
-                return Method(type, self.given["table", str(what)], way, (own(args[0]),))
+                return Method(type, self.extra_arguments["table", str(what)], way, (own(args[0]),))
             case "neighbour":
-                return Method(type, self.given["table", str(what)], "neighbour", (self.given["place", ""], *args))
-        return self.given[let.op, str(what or "")]
+                return Method(
+                    type,
+                    self.extra_arguments["table", str(what)],
+                    "neighbour",
+                    (self.extra_arguments["place", ""], *args),
+                )
+        return self.extra_arguments[let.op, str(what or "")]
 
     def loaded(self, let: Let, args: list[Expr]) -> Expr:
         """Return a variable, or an element of an array."""
@@ -222,7 +227,7 @@ class NumpyOperations(Body):
     def is_operator(self, let: Let, right: Expr) -> bool:
         """Return whether Python's operator has no edge that the right operand can reach."""
         shifts = let.op in ("shl", "shr")
-        if shifts and self.types[let.args[0]] is self.types[let.args[1]] and self.known.within(let.args[1], 0, 31):
+        if shifts and self.types[let.args[0]] is self.types[let.args[1]] and self.ranges.within(let.args[1], 0, 31):
             return True
         return isinstance(right, Literal) and (0 <= right.value < 32 if shifts else right.value not in (0, -1))
 

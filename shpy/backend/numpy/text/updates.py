@@ -26,13 +26,13 @@ class Updates:
 
     def __init__(self, entry: Function, facts: LaneFacts) -> None:
         readers: dict[int, set[str]] = defaultdict(set)
-        self.made: dict[int, Let] = {}
+        self.lets: dict[int, Let] = {}
         for s in walk(entry.body):
             if isinstance(s, Let):
-                self.made[s.value.id] = s
+                self.lets[s.value.id] = s
             for value in uses(s):
                 readers[value].add(s.op if isinstance(s, Let) else "")
-        own = {v for v, s in self.made.items() if s.op in UPDATES.keys() | {"div"}}
+        own = {v for v, s in self.lets.items() if s.op in UPDATES.keys() | {"div"}}
         large = _large(entry, facts)
         self.changing = {v for v in own & large if readers[v] <= _READERS}
         self.large = large
@@ -41,7 +41,7 @@ class Updates:
         """Return whether the operation may write its result into the array of its first operand."""
         if s.op not in UPDATES:
             return False
-        before = self.made.get(s.args[0])
+        before = self.lets.get(s.args[0])
         return s.args[0] in self.changing and before is not None and _alike(before.value, s.value)
 
 
@@ -54,8 +54,8 @@ def _large(entry: Function, facts: LaneFacts) -> set[int]:
     lets = [s for s in walk(entry.body) if isinstance(s, Let)]
     if not any(s.op == "grid_index" for s in lets):
         return {v.id for v in defined(entry)} & facts.varying
-    found = {i.id for i in entry.inputs}
+    values = {i.id for i in entry.inputs}
     for s in lets:
-        if s.op == "neighbour" or (s.op in _READERS and any(a in found for a in s.args)):
-            found.add(s.value.id)
-    return found
+        if s.op == "neighbour" or (s.op in _READERS and any(a in values for a in s.args)):
+            values.add(s.value.id)
+    return values

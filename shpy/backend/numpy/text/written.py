@@ -28,7 +28,7 @@ def written(
 
     Only an output of one number a lane is written in place: `varying` are the variables that differ between lanes.
     """
-    last, made = block[-1], list(block)
+    last, statements = block[-1], list(block)
     memory: dict[int, Name] = {}
     if not isinstance(last, Exit) or last.value is None:
         return block, memory
@@ -47,9 +47,9 @@ def written(
         else:
             assigned = block[index]
             assert isinstance(assigned, Assign)
-            made[index] = replace(assigned, value=operation)
-    made[-1] = replace(last, value=several(results))
-    return tuple(made), memory
+            statements[index] = replace(assigned, value=operation)
+    statements[-1] = replace(last, value=several(results))
+    return tuple(statements), memory
 
 
 def _computed(block: Block, result: Expr) -> tuple[int | None, Expr]:

@@ -5,7 +5,7 @@ process, which starts with the first task, ends when it has had no task for a wh
 thread waits for its answers. Neither is waited for at the end of the process.
 
     answer = background().submit(task)      # a picklable function without arguments
-    answer.given                            # False until the process has answered
+    answer.ended                            # False until the process has answered
     answer.result()                         # Refused with the reason where the task raised or the process ended
 """
 
@@ -69,15 +69,15 @@ class Background:
     def _serve(self) -> None:
         while True:
             try:
-                task, wanted = self._tasks.get(timeout=None if self._process is None else _LINGER)
+                task, reference = self._tasks.get(timeout=None if self._process is None else _LINGER)
             except Empty:
                 self._stop()
                 continue
             self._working = True
-            if wanted() is not None:
-                _answer(wanted, partial(self._ask, task))
+            if reference() is not None:
+                _answer(reference, partial(self._ask, task))
             self._working = False
-            del task, wanted
+            del task, reference
 
     def _ask(self, task: Callable[[], Any]) -> Any:
         """Send a task to the process and return its answer."""
@@ -111,20 +111,20 @@ class Background:
             self._process.kill()
 
 
-def _answer(wanted: weakref.ref[Answer[Any]], ask: Callable[[], Any]) -> None:
+def _answer(reference: weakref.ref[Answer[Any]], ask: Callable[[], Any]) -> None:
     """Give the answer or its error; do nothing if its owner has dropped it."""
-    found, refusal = None, None
+    value, refusal = None, None
     try:
-        found = ask()
+        value = ask()
     except Exception as error:
         refusal = error if isinstance(error, Refused) else Refused(f"{type(error).__name__}: {error}")
-    answer = wanted()
+    answer = reference()
     if answer is None:
         return
     if refusal is not None:
         answer.refuse(refusal)
     else:
-        answer.give(found)
+        answer.give(value)
 
 
 @once

@@ -62,8 +62,8 @@ class Beside:
 
     def begin(self, lanes: int) -> Waiting:
         """Begin to compile for a width."""
-        known = vars(self.machine)
-        facts: Facts = {name: known[name] for name in _FACTS if name in known}
+        properties = vars(self.machine)
+        facts: Facts = {name: properties[name] for name in _FACTS if name in properties}
         return Waiting(self, background().submit(partial(self.task, facts, lanes)))
 
 
@@ -76,7 +76,7 @@ class Waiting:
 
     def done(self) -> bool:
         """Return whether the process has answered."""
-        return self.answer.given
+        return self.answer.ended
 
     def result(self) -> tuple[Sized, float]:
         """Return the kernel and the seconds of its compilation; CompileError where there is none that can be loaded."""

@@ -52,9 +52,9 @@ def abilities_in_binary64(probe: Callable[..., Any], *, lanes: int, flushed: boo
     """
     results, narrow, quick = np.empty((7, COUNT)), np.empty(COUNT, np.float32), np.empty(1, np.int32)
     probe(PROBE.replace("WIDE", str(lanes) if lanes > 1 else ""), hard_inputs(), (results, narrow, quick))
-    found = dict(zip(_NAMES, results, strict=True)) | {"narrow": narrow}
-    fused = found.pop("fma")
-    if not is_exact_in_binary64(found, flushed=flushed):
+    answers = dict(zip(_NAMES, results, strict=True)) | {"narrow": narrow}
+    fused = answers.pop("fma")
+    if not is_exact_in_binary64(answers, flushed=flushed):
         return frozenset()
     quickly = bool(quick[0]) and is_exact_in_binary64({"fma": fused}, flushed=flushed)
     return ABILITIES if quickly else frozenset({"exact"})

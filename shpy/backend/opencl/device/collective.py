@@ -16,7 +16,7 @@ import numpy as np
 
 from shpy.backend.base import Collectives, NodeTypes
 from shpy.backend.opencl.device.dispatch import LOCAL_SIZE
-from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, held
+from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, buffer_dtype
 from shpy.backend.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module, Status
 from shpy.ir.types import Base, vec
@@ -76,19 +76,19 @@ class _OpenCLCollectives:
         counts = self._allocate(chunks, Base.U)
         text = _SELECT.replace("BLOCK", "256")
         self._run(text, "count_marks", chunks, mask, n, chunk, counts)
-        found = counts.read()
-        counts.write(np.cumsum(found, dtype=np.uint32) - found)
-        listed = self._allocate(int(found.sum()), Base.I)
+        sizes = counts.read()
+        counts.write(np.cumsum(sizes, dtype=np.uint32) - sizes)
+        listed = self._allocate(int(sizes.sum()), Base.I)
         if listed.count:
             self._run(text, "list_marks", chunks, mask, n, chunk, counts, listed)
         return listed
 
     def take(self, source: Any, index: Any) -> OpenCLMemory:
         """Gather elements; an index out of range is clamped."""
-        taken = self._space.allocate(index.count, source.type, source.dtype)
+        elements = self._space.allocate(index.count, source.type, source.dtype)
         n, last = index.count, index.dtype.type(source.count - 1)
-        self._run(self._moving(source, index), "take", n, source, index, n, last, taken, group=LOCAL_SIZE)
-        return taken
+        self._run(self._moving(source, index), "take", n, source, index, n, last, elements, group=LOCAL_SIZE)
+        return elements
 
     def put(self, values: Any, index: Any, target: Any) -> None:
         """Scatter elements; of several at one place the last one stays."""
@@ -110,13 +110,13 @@ class _OpenCLCollectives:
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
-        found: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)[0]
-        return found
+        result: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)[0]
+        return result
 
     def order(self, keys: Any, descending: bool, below: int | None) -> OpenCLMemory:
         """Return the indices that sort scalars."""
-        found: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)[1]
-        return found
+        indices: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)[1]
+        return indices
 
     def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
         """Count how often each number below `bins` occurs."""
@@ -137,26 +137,26 @@ class _OpenCLCollectives:
         last = 0 if below is None else below - 1  # an argument, so that each bound takes the same kernel
         chunks, chunk = self._chunks(keys.count)
         counts = self._allocate(chunks << self._digit, Base.U)
-        given, indices = keys, None
+        source, indices = keys, None
         for shift in range(0, bits, self._digit):
             moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I) if indexed else None
-            self._digits(text, given, chunks, chunk, shift, last, counts)
-            args = (given, keys.count, chunk, shift, last, counts, moved)
+            self._digits(text, source, chunks, chunk, shift, last, counts)
+            args = (source, keys.count, chunk, shift, last, counts, moved)
             if indexed:
                 self._run(text, "move_pairs", chunks, *args, indices, moved_indices)
             else:
                 self._run(text, "move_words", chunks, *args)
-            given, indices = moved, moved_indices
-        return given, indices
+            source, indices = moved, moved_indices
+        return source, indices
 
-    def _digits(self, text: str, given: Any, chunks: int, chunk: int, shift: int, last: int, counts: Any) -> None:
+    def _digits(self, text: str, keys: Any, chunks: int, chunk: int, shift: int, last: int, counts: Any) -> None:
         """Compute the first place in the sorted order of each digit of each chunk."""
-        self._run(text, "count_digits", chunks, given, given.count, chunk, shift, last, counts)
+        self._run(text, "count_digits", chunks, keys, keys.count, chunk, shift, last, counts)
         self._run(text, "sum_before", 1, counts, chunks << self._digit)
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
         """Return the kernel text that sorts keys of this type, and the bits of a key."""
-        kept = held(keys.type, keys.dtype)
+        kept = buffer_dtype(keys.type, keys.dtype)
         word = WORDS[kept.itemsize]
         key = _KEYS[kept.str[1:]]
         if below is not None:
@@ -167,7 +167,7 @@ class _OpenCLCollectives:
         return text, 8 * kept.itemsize if below is None else max(1, (below - 1).bit_length())
 
     def _moving(self, moved: Any, index: Any) -> str:
-        text = _MOVE.replace("WORD", WORDS[held(moved.type, moved.dtype).itemsize])
+        text = _MOVE.replace("WORD", WORDS[buffer_dtype(moved.type, moved.dtype).itemsize])
         return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
@@ -184,5 +184,5 @@ class _OpenCLCollectives:
 
     def _run(self, text: str, name: str, items: int, *args: Any, group: int = 1) -> None:
         """Start a kernel over this number of work items, rounded up to whole groups by idle items."""
-        given = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
-        self._space.enqueue(text, name, items, given, group=group)
+        arguments = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
+        self._space.enqueue(text, name, items, arguments, group=group)

@@ -88,22 +88,22 @@ def _declarations(name: str) -> tuple[str, ...]:
         kinds = [(space, base) for space in _SPACES[:2] for base in ("int", "uint")]
         return tuple(f"{t} {_PLAIN} {name}(volatile {space} {t} *{value.format(t)});" for space, t in kinds)
     for pattern, declare in _PATTERNS.items():
-        found = pattern.fullmatch(name)
-        if found is not None:
-            return tuple(declare(name, *found.groups()))
+        match = pattern.fullmatch(name)
+        if match is not None:
+            return tuple(declare(name, *match.groups()))
     return tuple(_pure_functions().get(name, ()))
 
 
 @cache
 def _pure_functions() -> dict[str, list[str]]:
     """Return the declarations of the functions of `_FORMS` by name."""
-    found: dict[str, list[str]] = {}
+    declarations: dict[str, list[str]] = {}
     for names, bases, forms in _FORMS:
         for name in names.split():
-            found[name] = [
+            declarations[name] = [
                 line for base in bases for n in _SIZES for form in forms for line in _declared(name, base, n, form)
             ]
-    return found
+    return declarations
 
 
 def _declared(name: str, base: str, n: str, form: str) -> Iterator[str]:

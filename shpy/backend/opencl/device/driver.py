@@ -63,7 +63,7 @@ _FEW: Final = 16
 _DRIVER = Driver("opencl")
 
 
-def _found() -> tuple[Any, ...]:
+def _driver_devices() -> tuple[Any, ...]:
     """Return every device, GPUs first; BackendUnavailable without one, and in a process that was forked too late."""
     _DRIVER.use()  # before a lock that another thread of the parent may have held
     return _listed()
@@ -85,13 +85,13 @@ def _devices() -> tuple[Any, ...]:
     try:
         with ieee_arithmetic():  # a processor's driver starts threads, which compute as this one does
             platforms = cl.get_platforms()
-            found = [d for platform in platforms for d in platform.get_devices()]
-        found.sort(key=lambda d: not d.type & cl.device_type.GPU)
+            all_devices = [d for platform in platforms for d in platform.get_devices()]
+        all_devices.sort(key=lambda d: not d.type & cl.device_type.GPU)
     except cl.Error:
-        found = []
-    if not found:
+        all_devices = []
+    if not all_devices:
         raise explain_absence([platform.name.strip() for platform in platforms])
-    return tuple(found)
+    return tuple(all_devices)
 
 
 def devices() -> list[Device]:
@@ -103,7 +103,7 @@ def devices() -> list[Device]:
             tuple(name for name, extension in _FEATURES.items() if extension in d.extensions.split()),
             machine_of(at).notes,
         )
-        for at, d in enumerate(_found())
+        for at, d in enumerate(_driver_devices())
     ]
 
 
@@ -123,10 +123,10 @@ def _rounds_correctly(device: Any) -> bool:
 
 def machine_of(index: int | None) -> Machine:
     """Return the device of this index in `devices()`, the first for None; a process opens each device once."""
-    found = _found()
+    all_devices = _driver_devices()
     index = index or 0
-    if not 0 <= index < len(found):
-        raise ShpyTypeError(f"there is no OpenCL device {index}", cure=f"device=0 to {len(found) - 1}")
+    if not 0 <= index < len(all_devices):
+        raise ShpyTypeError(f"there is no OpenCL device {index}", cure=f"device=0 to {len(all_devices) - 1}")
     return _opened(index)
 
 
@@ -383,32 +383,32 @@ class Machine:
     @in_ieee_arithmetic
     def _asked(self) -> frozenset[str]:
         try:
-            found = self._found(self._options)
+            faults = self._faults_with(self._options)
         except self.cl.Error:
-            found = frozenset({"optimiser"})
-        return found if "optimiser" not in found else self._found([*self._options, _PLAIN]) | found
+            faults = frozenset({"optimiser"})
+        return faults if "optimiser" not in faults else self._faults_with([*self._options, _PLAIN]) | faults
 
-    def _found(self, options: list[str]) -> frozenset[str]:
+    def _faults_with(self, options: list[str]) -> frozenset[str]:
         """Probe programs that are built with these options: return the names of the device's faults."""
         lanes = self.lanes
         text = EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
         flags = np.tile(np.array([0, 1], np.uint8), COUNT)
         results, ints = np.empty((7, COUNT), np.float32), np.empty((5, COUNT), np.int32)
-        given = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
-        self.probe(text, given, (results, ints), options)
+        inputs = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
+        self.probe(text, inputs, (results, ints), options)
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
         others = zip(("convert_nan", "zeros", "optimiser", "exits"), ints[1:], strict=True)
-        return wrong | {name for name, found in others if found.any()}
+        return wrong | {name for name, differences in others if differences.any()}
 
     @in_ieee_arithmetic
     def probe(
-        self, text: str, given: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
+        self, text: str, arrays: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
     ) -> None:
         """Run the kernel `probe` of a text over COUNT elements in packets; return the output arrays."""
         with self.lock:
             program = self._compiled(text, options or self.options("strict"))
             kernel = self.cl.Kernel(program, "probe")
-            inputs, outputs = [self.upload(array) for array in given], [self.take(array.nbytes) for array in results]
+            inputs, outputs = [self.upload(array) for array in arrays], [self.take(array.nbytes) for array in results]
             kernel.set_args(*inputs, *outputs)
             self.cl.enqueue_nd_range_kernel(self.queue, kernel, (COUNT // self.lanes,), None)
             for array, buffer in zip(results, outputs, strict=True):
@@ -443,15 +443,15 @@ class Machine:
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
                 f"not found out ({error})"
             )
-            return error.found
+            return error.successes
 
     @cached_property
     def abilities(self) -> Abilities:
         """The functions that the compiler has besides OpenCL C."""
-        known = self._succeeded
-        signs = frozenset(n for n in SIGNS if f"signs{n}" in known)
-        wider = frozenset(n for n in WIDER if f"wide{n}" in known)
-        return Abilities("reduce" in known, "elementwise" in known, "shuffle" in known, signs, wider)
+        names = self._succeeded
+        signs = frozenset(n for n in SIGNS if f"signs{n}" in names)
+        wider = frozenset(n for n in WIDER if f"wide{n}" in names)
+        return Abilities("reduce" in names, "elementwise" in names, "shuffle" in names, signs, wider)
 
     @once_of_each
     def most_private(self) -> int:
@@ -481,11 +481,11 @@ class Machine:
 
         All widths are allowed where no trial could be run.
         """
-        known = self._succeeded
-        if not known:
+        names = self._succeeded
+        if not names:
             return WIDTHS
-        halves = sorted(self.abilities.wider) if "floats16" in known else ()
-        return (*(n for n in WIDTHS if f"floats{n}" in known), *halves)
+        halves = sorted(self.abilities.wider) if "floats16" in names else ()
+        return (*(n for n in WIDTHS if f"floats{n}" in names), *halves)
 
     def _place(self) -> tuple[int, int]:
         """Return the indices of the platform and of its device, as the driver lists them."""

@@ -90,8 +90,8 @@ class OpenCLMemory:
     """The finalizer that returns the buffer to the pool; None for a buffer that the caller made."""
 
     @property
-    def _held(self) -> np.dtype[Any]:
-        return held(self.type, self.dtype)
+    def _buffer_dtype(self) -> np.dtype[Any]:
+        return buffer_dtype(self.type, self.dtype)
 
     @property
     def native(self) -> Any:
@@ -99,12 +99,12 @@ class OpenCLMemory:
         from pyopencl.array import Array as DeviceArray  # here: it takes long to import
 
         self._give_up()
-        return DeviceArray(self.space.machine.queue, self._shape, self._held, data=self.buffer)
+        return DeviceArray(self.space.machine.queue, self._shape, self._buffer_dtype, data=self.buffer)
 
     @property
     def each(self) -> int:
         """The bytes of an element."""
-        return self.type.size * self._held.itemsize
+        return self.type.size * self._buffer_dtype.itemsize
 
     def _give_up(self) -> None:
         """Keep the buffer out of the pool: it is freed with the last array that holds it."""
@@ -131,19 +131,19 @@ class OpenCLMemory:
         if self.count:
             machine = self.space.machine
             with machine.lock:
-                given = np.ascontiguousarray(array, self._held)
-                machine.cl.enqueue_copy(machine.queue, self.buffer, given)
+                source = np.ascontiguousarray(array, self._buffer_dtype)
+                machine.cl.enqueue_copy(machine.queue, self.buffer, source)
 
     def read(self, begin: int = 0, end: int | None = None) -> Array:
         """Copy the elements to the host."""
         count = (self.count if end is None else end) - begin
-        found = np.empty((count, *self._shape[1:]), self._held)
+        elements = np.empty((count, *self._shape[1:]), self._buffer_dtype)
         if count:
             machine = self.space.machine
             with machine.lock:
                 self.space.finish(copies=True)
-                machine.download(found, self.buffer, begin * self.each)
-        return found.astype(self.dtype, copy=False)
+                machine.download(elements, self.buffer, begin * self.each)
+        return elements.astype(self.dtype, copy=False)
 
 
 @cache
@@ -156,7 +156,7 @@ def _status_text(word: str) -> str:
     return text
 
 
-def held(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
+def buffer_dtype(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
     """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits takes 32."""
     return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
 
@@ -182,7 +182,7 @@ class OpenCLSpace:
         """Return a buffer for `count` elements, not initialised; ShpyError if the device has not that much memory."""
         machine = self.machine
         # A kernel may read a vector of three as four, and whole packets.
-        size = count * type.size * held(type, dtype).itemsize
+        size = count * type.size * buffer_dtype(type, dtype).itemsize
         if size > sys.maxsize // 2:  # whose next power of two is no size
             raise too_large(count, type, dtype)
         with machine.lock:
@@ -200,17 +200,17 @@ class OpenCLSpace:
 
     def wrap(self, native: Any, type: Type, dtype: np.dtype[Any]) -> OpenCLMemory:
         """Return the memory of a contiguous pyopencl.array.Array of this device's context."""
-        wanted = held(type, dtype)
+        expected = buffer_dtype(type, dtype)
         if not self.owns(native):
             raise ShpyTypeError(
                 "this pyopencl array lies in another context",
                 cure="an array made with the queue of a stream's native()",
             )
         bytes_of_bools = type.is_bool and native.dtype == dtype
-        if native.offset or not native.flags.c_contiguous or not (native.dtype == wanted or bytes_of_bools):
+        if native.offset or not native.flags.c_contiguous or not (native.dtype == expected or bytes_of_bools):
             raise ShpyTypeError(
-                f"a stream of {type!r} shares a contiguous pyopencl array of {wanted}, not {native.dtype}",
-                cure=f"array.astype(np.{wanted})",
+                f"a stream of {type!r} shares a contiguous pyopencl array of {expected}, not {native.dtype}",
+                cure=f"array.astype(np.{expected})",
             )
         return OpenCLMemory(self, native.base_data, native.size // type.size, type, dtype)
 
@@ -228,9 +228,9 @@ class OpenCLSpace:
 
     def part(self, source: Any, begin: int, count: int) -> OpenCLMemory:
         """Return a copy of `count` elements from `begin` on."""
-        made = self.allocate(count, source.type, source.dtype)
-        self.copy(source, made, begin)
-        return made
+        part = self.allocate(count, source.type, source.dtype)
+        self.copy(source, part, begin)
+        return part
 
     def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
         """Replace elements whose status is not WRITTEN by those of `old`, or by zeros."""
@@ -241,16 +241,16 @@ class OpenCLSpace:
 
     def count(self, status: OpenCLMemory) -> Counts:
         """Count the statuses."""
-        found = np.array([0, 0, -1], np.int32).view(np.uint32)
+        totals = np.array([0, 0, -1], np.int32).view(np.uint32)
         machine = self.machine
         with machine.lock:
-            counts = machine.upload(found)
+            counts = machine.upload(totals)
             if status.count:
                 items = -(-status.count // _STRIDE)
                 self._enqueue("count_statuses", status, status.buffer, np.uint32(status.count), counts, items=items)
-            machine.download(found, counts)
+            machine.download(totals, counts)
             machine.give_back([counts])
-        written, stopped, first = map(int, found)
+        written, stopped, first = map(int, totals)
         return Counts(written, stopped, first if first < 2**31 else 0)
 
     def _enqueue(self, name: str, memory: OpenCLMemory, *args: Any, items: int | None = None) -> None:
@@ -270,15 +270,15 @@ class OpenCLSpace:
         """
         machine = self.machine
         with machine.lock:
-            made = False
+            is_new = False
 
             def make() -> Any:  # takes PoCL far longer than to run it
-                nonlocal made
-                made = True
+                nonlocal is_new
+                is_new = True
                 return machine.cl.Kernel(machine.build(text), name)
 
             kernel = self._kernels.get((name, text), make)
-            if made and group > 1:
+            if is_new and group > 1:
                 items = max(items, ANY_SIZE)
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (-(-items // group) * group,), (group,))

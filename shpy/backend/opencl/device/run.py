@@ -190,14 +190,14 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
 
 def _refusal(log: str, kernel: Kernel) -> CompileError:
     """Return the driver's complaints, each at the user's line that the text's line comes from."""
-    found: list[tuple[Loc | None, str]] = []
+    complaints: list[tuple[Loc | None, str]] = []
     for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
         upto = kernel.lines[: int(line)]
-        found.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
-    if not found:
+        complaints.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
+    if not complaints:
         return CompileError(f"the OpenCL driver refused the kernel:\n{log.strip()}")
-    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in found)
-    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=found[0][0])
+    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in complaints)
+    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=complaints[0][0])
 
 
 @dataclass(slots=True)
@@ -247,7 +247,7 @@ class OpenCLExecutable:
         empty = machine.take(LOCAL_SIZE)
         inputs = [(empty, 0) for _ in self.kernel.inputs]
         tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
-        params = {p.name: np.zeros(p.type.size, _held(p.type)) for p in module.params}
+        params = {p.name: np.zeros(p.type.size, _argument_dtype(p.type)) for p in module.params}
         args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
         self.compiled.set_args(np.uint64(0), *args[1:])
         enqueue = machine.cl.enqueue_nd_range_kernel
@@ -303,8 +303,8 @@ class OpenCLExecutable:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         inputs = [staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
-        found = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
-        buffers = [buffer for _, buffer in found]
+        outputs = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
+        buffers = [buffer for _, buffer in outputs]
         args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
         first = len(args) - len(buffers) - len(kernel.params)
         compiled = machine.cl.Kernel(self.program, kernel.name)
@@ -316,7 +316,7 @@ class OpenCLExecutable:
                 compiled.set_arg(at, value)
 
         arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
-        return Staged(arrays, [array for array, _ in found], buffers, set_params, start)
+        return Staged(arrays, [array for array, _ in outputs], buffers, set_params, start)
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
@@ -390,14 +390,17 @@ class OpenCLExecutable:
 
     def _params(self, params: dict[str, Array]) -> list[Any]:
         types = {p.name: p.type for p in self.prepared.module.params}
-        return [_argument(np.asarray(params[name], _held(types[name])), types[name]) for name in self.kernel.params]
+        return [
+            _argument(np.asarray(params[name], _argument_dtype(types[name])), types[name])
+            for name in self.kernel.params
+        ]
 
     def _outputs(self, call: Call, used: list[Any]) -> list[tuple[Any, bool, Array | None]]:
         """Return for each output, the status last, a buffer, whether it is the caller's array, and that array.
 
         The array is None if the output is not of its form, or if some elements may not be written.
         """
-        found = []
+        outputs = []
         for k, output in enumerate(self.prepared.module.entry.outputs):
             dtype, size = np.dtype(MEMORY[output.type.base]), output.type.size
             out = None if self.prepared.status else call.outputs[k]
@@ -407,8 +410,8 @@ class OpenCLExecutable:
             if not is_lent:
                 buffer = self.machine.take(call.count * size * dtype.itemsize)
                 used.append(buffer)
-            found.append((buffer, is_lent, out))
-        return found
+            outputs.append((buffer, is_lent, out))
+        return outputs
 
     def _row_length(self, shape: tuple[int, ...]) -> int:
         """Return the number of elements side by side: a packet of an image is a block, that of a list a row."""
@@ -437,33 +440,33 @@ class OpenCLExecutable:
 
     def _collect(self, call: Call, outputs: list[tuple[Any, bool, Array | None]]) -> Array | None:
         """Copy outputs to the host that are not in its memory."""
-        found: list[Array | None] = []
+        arrays: list[Array | None] = []
         for slot, (buffer, is_lent, out) in zip(self.prepared.module.entry.outputs, outputs, strict=True):
             shape = (call.count, slot.type.size) if slot.type.size > 1 else (call.count,)
             array = np.empty(shape, MEMORY[slot.type.base]) if out is None else out
             if not is_lent:
                 self.machine.download(array, buffer)
-            found.append(array if out is None else None)
-        return self._hand_over(call, found)
+            arrays.append(array if out is None else None)
+        return self._hand_over(call, arrays)
 
-    def _hand_over(self, call: Call, found: Sequence[Array | None]) -> Array | None:
+    def _hand_over(self, call: Call, arrays: Sequence[Array | None]) -> Array | None:
         """Copy written elements to the caller's outputs; return the statuses if some elements were not written."""
         status: Array | None = None
         written: Any = True
         if self.prepared.status:
-            last = found[-1]
+            last = arrays[-1]
             assert last is not None
             if not (last == Status.WRITTEN).all():
                 status = last.copy()
                 written = status == Status.WRITTEN
-        for out, array in zip(call.outputs, found, strict=False):
+        for out, array in zip(call.outputs, arrays, strict=False):
             if array is not None:
                 where = written if status is None else written.reshape(-1, *[1] * (out.ndim - 1))
                 np.copyto(out, array, casting="unsafe", where=where)
         return status
 
 
-def _held(type: Type) -> Any:
+def _argument_dtype(type: Type) -> Any:
     """Return the dtype of a param's component as an argument: no argument may be a bool."""
     return np.int32 if type.is_bool else DTYPES[type.base]
 

@@ -31,10 +31,10 @@ def trial_of(size: int) -> Trial:
     stored, loaded = (f"big[i + (a[{k}] & {_STRIDE - 1})]" for k in (1, 2))
     loops = f"for ({up}) {{ {stored} = i + n; }} for ({down}) {{ s ^= {loaded}; }}"
     statements = f"int big[{length}], n = a[0], s = 0; {loops} a[0] = s;"
-    found = 0
+    expected = 0
     for i in range(0, length, _STRIDE):
-        found ^= i + 5
-    return Trial("int", statements, (5, 3, 3), (found, 3, 3))
+        expected ^= i + 5
+    return Trial("int", statements, (5, 3, 3), (expected, 3, 3))
 
 
 def name_of(size: int) -> str:
@@ -61,5 +61,5 @@ def most_private(tried: int, stack: int | None) -> int:
 
     The rest of the stack is for all else that a kernel holds there, whose size only its compiler knows.
     """
-    known = [n for n in (tried // 2, None if stack is None else stack * 3 // 8) if n]
-    return max(min(known, default=0), _LEAST)
+    sizes = [n for n in (tried // 2, None if stack is None else stack * 3 // 8) if n]
+    return max(min(sizes, default=0), _LEAST)

@@ -49,19 +49,19 @@ class Stages:
     """The staged runs of one kernel, by the shape of the run and the lengths of its inputs."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[tuple[Any, ...], Staged] = OrderedDict()
+        self._runs: OrderedDict[tuple[Any, ...], Staged] = OrderedDict()
 
     def get(self, call: Call, make: Callable[[Call], Staged]) -> Staged:
         """Return the staged run for a call of this shape, made if there is none."""
         key = (call.shape, *map(len, call.inputs))
-        found = self._known.get(key)
-        if found is None:
-            found = self._known[key] = make(call)
-            if len(self._known) > _KEPT:
-                self._known.popitem(last=False)
+        run = self._runs.get(key)
+        if run is None:
+            run = self._runs[key] = make(call)
+            if len(self._runs) > _KEPT:
+                self._runs.popitem(last=False)
         else:
-            self._known.move_to_end(key)
-        return found
+            self._runs.move_to_end(key)
+        return run
 
 
 def staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]:

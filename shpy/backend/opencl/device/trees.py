@@ -69,40 +69,42 @@ class OpenCLTree:
             return max(self.block, 1 << (count - 1).bit_length())
         return max(self.block, 1 << (count // (_PARTS * self.cores)).bit_length())
 
-    def fold(self, given: Sequence[Any], made: Sequence[Any]) -> None:
+    def fold(self, elements: Sequence[Any], totals: Sequence[Any]) -> None:
         """Reduce each part to one element."""
-        self._fold(given, made, None, made)
+        self._fold(elements, totals, None, totals)
 
-    def reduce(self, given: Sequence[Any]) -> list[Array]:
+    def reduce(self, elements: Sequence[Any]) -> list[Array]:
         """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7.
 
         Where a work group may not see what another has stored, there are two.
         """
-        count = given[0].count
+        count = elements[0].count
         with self.space.machine.lock:
             if count <= self.each(count):
-                self.fold(given, self.results)
+                self.fold(elements, self.results)
             elif self.space.machine.orders_stores:
-                self._fold(given, self.parts, self.done.buffer, self.results)
+                self._fold(elements, self.parts, self.done.buffer, self.results)
             else:
-                self.fold(given, self.parts)
+                self.fold(elements, self.parts)
                 parts = np.uint32(-(-count // self.each(count)))
                 self._run(JOIN, 1, int(parts), [*_buffers(self.parts), parts, *_buffers(self.results)])
             return [memory.read() for memory in self.results]
 
-    def _fold(self, given: Sequence[Any], parts: Sequence[Any], done: Any, made: Sequence[Any]) -> None:
-        count = given[0].count
+    def _fold(self, elements: Sequence[Any], parts: Sequence[Any], done: Any, totals: Sequence[Any]) -> None:
+        count = elements[0].count
         each = self.each(count)
         sizes = [np.uint64(count), np.uint64(each)]
-        args = [*_buffers(given), *sizes, *_buffers(parts), done, *_buffers(made)]
+        args = [*_buffers(elements), *sizes, *_buffers(parts), done, *_buffers(totals)]
         self._run(FOLD, -(-count // each), count, args)
 
-    def scan(self, given: Sequence[Any], above: Sequence[Any] | None, made: Sequence[Any], exclusive: bool) -> None:
+    def scan(
+        self, elements: Sequence[Any], above: Sequence[Any] | None, prefixes: Sequence[Any], exclusive: bool
+    ) -> None:
         """Compute all prefixes; `above` holds the prefixes that end with each part."""
-        count = given[0].count
+        count = elements[0].count
         each, parts = self.each(count), 1 if above is None else above[0].count
         sizes = [np.uint64(count), np.uint64(each), np.int32(parts), np.int32(exclusive)]
-        args = [*_buffers(given), *sizes, *_buffers(given if above is None else above), *_buffers(made)]
+        args = [*_buffers(elements), *sizes, *_buffers(elements if above is None else above), *_buffers(prefixes)]
         self._run(SCAN, parts, count, args)
 
     def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
@@ -120,8 +122,8 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     options = Options(precision=precision)
     if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
-        element, made = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.made))
-        types = replace(types, element=element, made=made)
+        element, part = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.made))
+        types = replace(types, element=element, made=part)
     prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:

@@ -42,11 +42,11 @@ class Trial:
 
 
 class Unfinished(Exception):
-    """The trials could not be run, through no fault of the driver; `found` names those that succeeded before."""
+    """The trials could not be run, through no fault of the driver; `successes` names those that succeeded before."""
 
-    def __init__(self, reason: str, found: frozenset[str]) -> None:
+    def __init__(self, reason: str, successes: frozenset[str]) -> None:
         super().__init__(reason)
-        self.found = found
+        self.successes = successes
 
 
 def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
@@ -62,7 +62,7 @@ def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial
 def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial], folder: str) -> frozenset[str]:
     """Run the trials. pyopencl may leave the text of a failing build among the temporary files: in `folder`."""
     left = dict(trials)
-    found: set[str] = set()
+    successes: set[str] = set()
     environment = {**os.environ, "TMPDIR": folder, "TEMP": folder, "TMP": folder}
     while left:
         asked = {name: {**asdict(trial), "text": trial.text(name)} for name, trial in left.items()}
@@ -84,14 +84,14 @@ def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Tria
         except subprocess.TimeoutExpired as late:
             done, why = _text(late.stdout), f"no answer after {_SECONDS} s"
         except OSError as error:
-            raise Unfinished(str(error), frozenset(found)) from error
+            raise Unfinished(str(error), frozenset(successes)) from error
         told = [line.split() for line in done.splitlines() if line.startswith("trial ")]
-        found |= {name for _, name, outcome in told if outcome == "works"}
+        successes |= {name for _, name, outcome in told if outcome == "works"}
         begun = {name for _, name, _ in told}
         if not begun:
-            raise Unfinished(why, frozenset(found))
+            raise Unfinished(why, frozenset(successes))
         left = {name: trial for name, trial in left.items() if name not in begun}
-    return frozenset(found)
+    return frozenset(successes)
 
 
 def _text(output: bytes | str | None) -> str:
@@ -132,8 +132,8 @@ def _succeeds(cl: Any, context: Any, name: str, trial: Mapping[str, Any], option
         queue.finish()
     except cl.Error:
         return False
-    wanted = np.array(trial["wanted"], dtype)
-    return bool(np.array_equal(array[: len(wanted)], wanted))
+    expected = np.array(trial["wanted"], dtype)
+    return bool(np.array_equal(array[: len(expected)], expected))
 
 
 if __name__ == "__main__":

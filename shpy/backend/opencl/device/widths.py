@@ -71,8 +71,8 @@ def measured_widths(key: str, widths: tuple[int, ...]) -> tuple[int, ...]:
     """Return the widths that earlier trials measured, the one that they chose first; () where there were none."""
     kept = store.load(key)
     words = [] if kept is None else kept.decode(errors="replace").split()
-    found = tuple(int(word) for word in words if word.isdecimal())
-    return found if found and set(found) <= set(widths) and len(found) == len(words) else ()
+    choices = tuple(int(word) for word in words if word.isdecimal())
+    return choices if choices and set(choices) <= set(widths) and len(choices) == len(words) else ()
 
 
 def next_width(
@@ -194,8 +194,8 @@ class Choosing:
             if self._other is None:
                 run()
             else:
-                taken = self._start(run, count)
-                self._go_on(count, taken, lambda share: sample_on_device(call, share, self._space))
+                seconds = self._start(run, count)
+                self._go_on(count, seconds, lambda share: sample_on_device(call, share, self._space))
 
         return start
 
@@ -204,47 +204,47 @@ class Choosing:
 
         Wait for its end only before a trial, or where no earlier run allows an estimate of the seconds.
         """
-        timed, taken = self._timed
+        timed, seconds = self._timed
         if count <= _SIMILAR * timed and self._trial is None:
             run()
-            return taken * count / timed
+            return seconds * count / timed
         self._space.finish()
         start = time.perf_counter()
         self._space.start([run])  # which counts it: the space waits for nothing that it did not start
         self._space.finish()
-        taken = time.perf_counter() - start
-        self._timed = count, taken
-        return taken
+        seconds = time.perf_counter() - start
+        self._timed = count, seconds
+        return seconds
 
-    def _go_on(self, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
+    def _go_on(self, count: int, seconds: float, sample: Callable[[float], Sample]) -> None:
         """Go on with the choice after a run of so many elements and seconds; `sample` gives a share of its data."""
         if not self._step.acquire(blocking=False):
             return
         try:
-            if self._other is None or self._says_nothing(count, taken):
+            if self._other is None or self._says_nothing(count, seconds):
                 return
             if self._trial is None and self._pending is None:
-                self._spent += taken
+                self._spent += seconds
                 if self._spent >= self._worth:
                     self._pending = self._builder.begin(self._other)
             if self._pending is not None and self._pending.done():
                 self._receive(self._pending, self._other)
             elif self._trial is not None and not self._builder.busy:
-                self._compare(self._trial, count, taken, sample)
+                self._compare(self._trial, count, seconds, sample)
         except MemoryError:  # there is enough for the run itself
             self._other = self._trial = self._pending = None
             self._refusal = f"{self._refusal}, since there is no memory for trials"
         finally:
             self._step.release()
 
-    def _says_nothing(self, count: int, taken: float) -> bool:
+    def _says_nothing(self, count: int, seconds: float) -> bool:
         """Return whether a run is too short to measure a width."""
         if count >= _ENOUGH:
             return False
         if len(self._least) >= _COUNTS:
             self._least.clear()
         # One that other programs delayed is not long.
-        least = self._least[count] = min(taken, self._least.get(count, taken))
+        least = self._least[count] = min(seconds, self._least.get(count, seconds))
         return least < _LONG_ENOUGH
 
     def _receive(self, pending: Waiting, width: int) -> None:
@@ -266,12 +266,12 @@ class Choosing:
             return time.process_time
         return time.perf_counter
 
-    def _compare(self, trial: _Trial, count: int, taken: float, sample: Callable[[float], Sample]) -> None:
+    def _compare(self, trial: _Trial, count: int, seconds: float, sample: Callable[[float], Sample]) -> None:
         """Run both widths on samples of a run, once or for as long as the run took; decide after enough rounds."""
         began, sized = time.perf_counter(), {s.lanes: s for s in (self._current, trial.other)}
-        share = min(max(_SHARE, _ENOUGH / count), _TRIED / _LEAST_ROUNDS / taken, 1.0) if taken else 1.0
+        share = min(max(_SHARE, _ENOUGH / count), _TRIED / _LEAST_ROUNDS / seconds, 1.0) if seconds else 1.0
         part = sample(share)
-        rounds = min(max(int(_TRIED / (taken * share)), _LEAST_ROUNDS), _MOST_ROUNDS) if taken else _MOST_ROUNDS
+        rounds = min(max(int(_TRIED / (seconds * share)), _LEAST_ROUNDS), _MOST_ROUNDS) if seconds else _MOST_ROUNDS
         clock = self._clock(part.count, max(sized))
         runs = {lanes: part.prepare(executable) for lanes, executable in sized.items()}
         if not trial.rounds:
@@ -281,7 +281,7 @@ class Choosing:
             for lanes in sorted(runs, reverse=trial.rounds % 2 == 1):
                 trial.times[lanes].append(_seconds(runs[lanes], clock) / part.count)
             trial.rounds += 1
-            if time.perf_counter() - began + 2 * share * taken > taken:
+            if time.perf_counter() - began + 2 * share * seconds > seconds:
                 break
         if trial.rounds >= rounds:
             self._decide(trial)

@@ -71,25 +71,25 @@ class LaneCalls:
 
     def two_by_two(self, two: str) -> Block:
         """Return the statements that call `two` for two active lanes at a time; the last may be without another."""
-        found, count, n = (Name(INT, self.take(name)) for name in ("lanes", "lane_count", "n"))
+        lanes, count, n = (Name(INT, self.take(name)) for name in ("lanes", "lane_count", "n"))
         there, other = Name(BOOL, self.take("there")), Name(INT, self.take(f"{OTHER}{self.lane.text}"))
         following = tree.infix("+", n, number(1))
         pairs = [self._results(""), self._results(OTHER)]
         results = [r for pair in pairs for r in pair]
         args = [*self._arguments(self.lane), there, *self._arguments(other)]
         call: Block = (
-            Declare(INT, self.lane.text, Index(INT, found, n)),
+            Declare(INT, self.lane.text, Index(INT, lanes, n)),
             Declare(BOOL, there.text, tree.infix("<", following, count, BOOL)),
-            Declare(INT, other.text, tree.choice(there, Index(INT, found, following), self.lane)),
+            Declare(INT, other.text, tree.choice(there, Index(INT, lanes, following), self.lane)),
             *(Declare(r.type, r.text) for r in results),
             Do(tree.call(two, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context)),
             *self._keep(pairs[1], other),  # first: without another lane it is the lane itself
             *self._keep(pairs[0], self.lane),
         )
         return self._through_arrays(
-            Declare(INT, found.text, length=self.lanes),
+            Declare(INT, lanes.text, length=self.lanes),
             Declare(INT, count.text, number(0)),
-            self._each_active((Assign(Index(INT, found, count), self.lane), _increased(count))),
+            self._each_active((Assign(Index(INT, lanes, count), self.lane), _increased(count))),
             tree.Loop(call, (Declare(INT, n.text, number(0)),), tree.infix("<", n, count, BOOL), _increased(n, by=2)),
         )
 
@@ -98,13 +98,13 @@ class LaneCalls:
         lanes = self.lanes
         begin: list[tree.Stmt] = []
         for e in (*self.inputs, self.active):
-            begin.append(Declare(_held(e.type), self.arrays[e].text, length=lanes))
+            begin.append(Declare(_element_type(e.type), self.arrays[e].text, length=lanes))
             begin.append(Do(_memory("vstore", lanes, e.type, e, number(0), self.arrays[e])))
-        begin += [Declare(_held(e.type), self.arrays[e].text, number(0), lanes) for e in self.outputs]
+        begin += [Declare(_element_type(e.type), self.arrays[e].text, number(0), lanes) for e in self.outputs]
         loaded = [_loaded(self.arrays[e], lanes) for e in self.outputs]
         if len(loaded) == 1:
             return (*begin, *work, Exit("return", loaded[0]))
-        stores = [Assign(tree.prefix("*", e), found) for e, found in zip(self.outputs, loaded, strict=True)]
+        stores = [Assign(tree.prefix("*", e), value) for e, value in zip(self.outputs, loaded, strict=True)]
         return (*begin, *work, *stores)
 
     def _each_active(self, block: Block) -> tree.Loop:
@@ -127,8 +127,8 @@ class LaneCalls:
         """Return the stores of a lane's results."""
         kept: list[tree.Stmt] = []
         for e, r in zip(self.outputs, results, strict=True):
-            made = tree.prefix("-", Cast(INT, r)) if e.type is BOOL else r
-            kept.append(Assign(Index(e.type, self.arrays[e], lane), made))
+            value = tree.prefix("-", Cast(INT, r)) if e.type is BOOL else r
+            kept.append(Assign(Index(e.type, self.arrays[e], lane), value))
         return tuple(kept)
 
 
@@ -136,7 +136,7 @@ def _increased(e: Name, by: int = 1) -> Assign:
     return Assign(e, tree.infix("+", e, number(by)))
 
 
-def _held(type: Type) -> Type:
+def _element_type(type: Type) -> Type:
     """Return the type of a lane's number in an array: bools are stored as masks, which are ints."""
     return type.based(Base.I) if type.is_bool else type
 

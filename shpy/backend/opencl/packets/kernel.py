@@ -204,10 +204,10 @@ class PacketMaker(KernelMaker):
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function; the entry's own function computes its index in the grid itself."""
-        found = super().handed(function)
+        names = super().handed(function)
         if function != self.module.entry.name or not self.place:
-            return found
-        return (*self.place, *(e for e in found if e != self.grid[INDEX]))
+            return names
+        return (*self.place, *(e for e in names if e != self.grid[INDEX]))
 
     def declares(self, e: Name) -> Parameter:
         """Return the parameter for an extra argument."""
@@ -223,11 +223,11 @@ class PacketMaker(KernelMaker):
         """Return whether the compiler must not inline the function."""
         return super().stands_apart(function) or _is_large(function)
 
-    def spelled(self, made: tree.Function) -> None:
+    def spelled(self, function: tree.Function) -> None:
         """Add a function to the text."""
         if self.lanes > LONGEST:
-            self.words.add_function(made, self.speller)
-        super().spelled(made)
+            self.words.add_function(function, self.speller)
+        super().spelled(function)
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
@@ -321,8 +321,8 @@ class PacketMaker(KernelMaker):
             start = tree.call("sh_corner", self.corner.type, self.first, self.row)
             empty = Member(BOOL, self.packet, "empty")
         corner = Declare(self.place[self.corner], self.corner.text, start)
-        found: Block = (corner, self._make_packet(), tree.If(empty, (Exit("return"),)))
-        return found if apart else (*found, *self._find_place())
+        block: Block = (corner, self._make_packet(), tree.If(empty, (Exit("return"),)))
+        return block if apart else (*block, *self._find_place())
 
     def _make_packet(self) -> tree.Stmt:
         return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))

@@ -228,11 +228,11 @@ def _each_lane(name: str, op: str, wide: str, lanes: int) -> str:
 
 
 def _flat(name: str, index: str, rank: int, lanes: int) -> str:
-    made = row_major([f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]], "size")
+    expression = row_major([f"clamp(at.{c}, 0, size.{c} - 1)" for c in "xyz"[:rank]], "size")
     return f"""\
 // The places of elements, the nearest ones for indices that are out of range.
 int{lanes} {name}({index} at, int{rank} size) {{
-    return {made};
+    return {expression};
 }}"""
 
 
@@ -261,13 +261,13 @@ def _choice(parts: Iterable[str]) -> str:
 
 def _pick(name: str, scalar: str, length: int, lanes: int, *, varies: bool) -> str:
     """Return the function that picks an element for each lane: packets if the array `varies`, else numbers."""
-    held, minus = ("int", "-") if scalar == "bool" else (scalar, "")
-    wide = f"{held}{lanes}"
+    element, minus = ("int", "-") if scalar == "bool" else (scalar, "")
+    wide = f"{element}{lanes}"
     told = "Each lane's element at its own index" if varies else "The element at each lane's index"
     head = f"// {told}, clamped.\n{INLINE} {wide} {name}(const {wide if varies else scalar} *a, int{lanes} i) {{\n"
     if length <= IN_REGISTERS:
         choice = _choice(f"a[{k}]" if varies else f"({wide})({minus}a[{k}])" for k in range(length))
-        return f"{head}{_tests(held, lanes)}    return {choice};\n}}"
+        return f"{head}{_tests(element, lanes)}    return {choice};\n}}"
     flat = f"    const {scalar} *flat = (const {scalar} *)a;\n" if varies else ""
     place = f" * {lanes} + {_numbers(lanes)}" if varies else ""
     loads = ", ".join(f"{minus}{'flat' if varies else 'a'}[i{h}]" for h in _each(lanes))

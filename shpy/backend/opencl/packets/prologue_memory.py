@@ -403,8 +403,8 @@ typedef struct {{
         lines = []
         for component, c in enumerate(_XYZW[:size]):
             places = [divmod(component + size * k, 4) for k in range(4)]
-            steps, made = self._sorted(element, c, [(_PARTS[part], at) for part, at in places])
-            lines += [*steps, f"v.{c} = {self._loaded(made, base)};"]
+            steps, vector = self._sorted(element, c, [(_PARTS[part], at) for part, at in places])
+            lines += [*steps, f"v.{c} = {self._loaded(vector, base)};"]
         return lines
 
     def _block_stores(self, element: str, numbers: list[str]) -> list[str]:
@@ -416,8 +416,8 @@ typedef struct {{
         parts = _PARTS[:size] if size > 1 else ("x",)
         for n, part in enumerate(parts if size > 1 else ()):
             picks = [(_XYZW[at % size], at // size) for at in range(4 * n, 4 * n + 4)]
-            steps, made = self._sorted(element, part, picks)
-            lines += [*steps, f"{wide} {part} = {made};"]
+            steps, vector = self._sorted(element, part, picks)
+            lines += [*steps, f"{wide} {part} = {vector};"]
         for q in range(self.lanes // QUAD):
             picked = lane_of(QUAD * q, self.lanes, QUAD)
             lines += [f"vstore4({part}{picked}, {k}, {self._start(size, q)});" for k, part in enumerate(parts)]
@@ -436,8 +436,8 @@ typedef struct {{
             loads = ", ".join(f"a[{place}]" for place in places[first : first + half])
             lines.append(f"{element}{self.lanes} {part} = ({element}{self.lanes})({loads});")
         for c, which in (("x", "even"), ("y", "odd")):
-            made = f"({element}{self.lanes})(lo.{which}, hi.{which})"
-            lines.append(f"v.{c} = {self._loaded(made, base)};")
+            vector = f"({element}{self.lanes})(lo.{which}, hi.{which})"
+            lines.append(f"v.{c} = {self._loaded(vector, base)};")
         return lines
 
     def _quads(self, element: str, base: Base, size: int, places: list[str]) -> list[str]:
@@ -454,8 +454,8 @@ typedef struct {{
         for first, second in ("ab", "cd"):
             for part, (one, two) in (("lo", (0, 1)), ("hi", (2, 3))):
                 picks = [(f"r{first}", one), (f"r{second}", one), (f"r{first}", two), (f"r{second}", two)]
-                made = self._shuffled(element, picks)
-                lines.append(f"{element}{self.lanes} {part}_{first}{second} = {made};")
+                vector = self._shuffled(element, picks)
+                lines.append(f"{element}{self.lanes} {part}_{first}{second} = {vector};")
         for component, c in enumerate(_XYZW[:size]):
             part, at = ("lo", "hi")[component // 2], 2 * (component % 2)
             picks = [(f"{part}_{pair}", at + k) for pair in ("ab", "cd") for k in (0, 1)]

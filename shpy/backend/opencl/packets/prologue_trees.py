@@ -139,8 +139,8 @@ class TreePrologue:
         """Return `sh_combine`, and `sh_neighbours`, which combines neighbouring lanes of two packets."""
         parts = [f"{name}.part{k}" for name in "ab" for k in range(len(self.parts))]
         lifted = self.node_types.lifted
-        given = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
-        arguments = [*given, *self._rows(parts, self.node_types.made * 2)]
+        element_arguments = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
+        arguments = [*element_arguments, *self._rows(parts, self.node_types.made * 2)]
         return "\n".join([
             "INLINE sh_node sh_combine(sh_node a, sh_node b) {",
             *self._called(inner, arguments, last=True),
@@ -155,14 +155,14 @@ class TreePrologue:
 
     def _called(self, inner: str, arguments: Sequence[str], *, last: bool) -> list[str]:
         """Return lines that call the program and return the last node of its results, or the first one."""
-        made = [f"&made.part{k}" for k in range(len(self.parts))]
+        targets = [f"&made.part{k}" for k in range(len(self.parts))]
         if self.node_types.lifted:
             unused = [f"&unused.part{k}" for k in range(len(self.parts))]
-            outputs = [*unused, *made] if last else [*made, *unused]
+            outputs = [*unused, *targets] if last else [*targets, *unused]
             call = f"    {inner}({', '.join([*arguments, *outputs])});"
             return ["    sh_node made, unused;", call, "    return made;"]
-        if len(made) > 1:
-            return ["    sh_node made;", f"    {inner}({', '.join([*arguments, *made])});", "    return made;"]
+        if len(targets) > 1:
+            return ["    sh_node made;", f"    {inner}({', '.join([*arguments, *targets])});", "    return made;"]
         return ["    sh_node made;", f"    made.part0 = {inner}({', '.join(arguments)});", "    return made;"]
 
     def _reads(self, inner: str) -> str:
@@ -172,12 +172,12 @@ class TreePrologue:
         if types.lifted:
             leaves = [f"element{k}" for k in range(len(types.element))]
             arguments = [*leaves, "(int)first + sh_lanes()", *self._zeros(types.made * 2)]
-            made = self._called(inner, arguments, last=False)
+            statements = self._called(inner, arguments, last=False)
         else:
-            made = _filled(numbers)
-        given = self._reading("elements", "given", [*lines, *made])
+            statements = _filled(numbers)
+        text = self._reading("elements", "given", [*lines, *statements])
         lines, numbers = self._leaves("made", types.made)
-        return given + self._reading("parts", "made", [*lines, *_filled(numbers)])
+        return text + self._reading("parts", "made", [*lines, *_filled(numbers)])
 
     def _reading(self, of: str, name: str, lines: Sequence[str]) -> str:
         return "\n".join([
@@ -233,11 +233,11 @@ class TreePrologue:
 
     def _rows(self, parts: Sequence[str], types: Sequence[Type]) -> list[str]:
         """Return the parts as leaves; the parts of a vector form one struct."""
-        found, rest = [], iter(parts)
+        rows, rest = [], iter(parts)
         for t in types:
             of = [next(rest) for _ in range(t.size)]
-            found.append(of[0] if t.size == 1 else f"({self._wide_name(t)}){{{', '.join(of)}}}")
-        return found
+            rows.append(of[0] if t.size == 1 else f"({self._wide_name(t)}){{{', '.join(of)}}}")
+        return rows
 
     def _wide_name(self, type: Type) -> str:
         rows = rows_of(type.base, type.size, self.lanes)

@@ -66,13 +66,13 @@ class Words:
         """Names of types, and names of functions, which may contain the name of a type."""
         self.functions: set[str] = set()
 
-    def add_function(self, made: tree.Function, speller: Speller) -> None:
+    def add_function(self, function: tree.Function, speller: Speller) -> None:
         """Add the names that a function of the output tree uses.
 
         Spelling a type may declare it, so types keep their order: a set's is another one in each process.
         """
-        types = dict.fromkeys([*(p.type for p in made.parameters), *([made.result] if made.result else [])])
-        for s in tree.statements_of(made.body):
+        types = dict.fromkeys([*(p.type for p in function.parameters), *([function.result] if function.result else [])])
+        for s in tree.statements_of(function.body):
             if isinstance(s, tree.Declare):
                 types[s.type] = None
             for whole in tree.expressions_of(s):
@@ -108,9 +108,9 @@ def declare_wide(words: Words, lanes: int) -> str:
     functions: list[str] = []
     width = lanes
     while width > LONGEST:
-        made = _functions(words, width, scalars)
-        functions = [*made, *functions]
-        words.add_text("\n".join(made))
+        definitions = _functions(words, width, scalars)
+        functions = [*definitions, *functions]
+        words.add_text("\n".join(definitions))
         macros = list(_macros(words, width))
         declared = [*macros, *declared]
         words.add_text("\n".join(macros))
@@ -139,25 +139,27 @@ def _functions(words: Words, n: int, scalars: list[str]) -> list[str]:
     """Return the functions of n numbers that a kernel uses, each for the types of these scalars."""
     floats, ints = ([t for t in types if t in scalars] for types in (_FLOATS, _INTS))
     used = words.functions
-    made = [_by_halves(name, t, [t] * k, n) for name, k in _FLOAT_ARGUMENTS.items() if name in used for t in floats]
-    made += [_by_halves(name, t, [t] * k, n) for name, k in _INT_ARGUMENTS.items() if name in used for t in ints]
-    made += [_by_halves(name, _FLOATS[t], [t], n) for name in _TESTS if name in used for t in floats]
-    made += [_by_halves("ldexp", t, [t, "int"], n) for t in floats if "ldexp" in used]
+    definitions = [
+        _by_halves(name, t, [t] * k, n) for name, k in _FLOAT_ARGUMENTS.items() if name in used for t in floats
+    ]
+    definitions += [_by_halves(name, t, [t] * k, n) for name, k in _INT_ARGUMENTS.items() if name in used for t in ints]
+    definitions += [_by_halves(name, _FLOATS[t], [t], n) for name in _TESTS if name in used for t in floats]
+    definitions += [_by_halves("ldexp", t, [t, "int"], n) for t in floats if "ldexp" in used]
     for t in ints:
         if f"convert_{t}{n}_sat" in used:
-            made += [_by_halves(f"convert_{t}{n}_sat", t, [f], n, f"convert_{t}{n // 2}_sat") for f in floats]
+            definitions += [_by_halves(f"convert_{t}{n}_sat", t, [f], n, f"convert_{t}{n // 2}_sat") for f in floats]
     if f"vload_half{n}" in used:
-        made += [_half_load(n), _half_store(n)]
-    return made
+        definitions += [_half_load(n), _half_store(n)]
+    return definitions
 
 
 def _by_halves(name: str, result: str, takes: list[str], n: int, half: str = "") -> str:
     names = "abc"[: len(takes)]
-    given = ", ".join(f"{t}{n} {a}" for t, a in zip(takes, names, strict=True))
+    parameters = ", ".join(f"{t}{n} {a}" for t, a in zip(takes, names, strict=True))
     low, high = (", ".join(f"{a}.{part}" for a in names) for part in ("lo", "hi"))
     half = half or name
     return f"""\
-{_OVER} {result}{n} {name}({given}) {{
+{_OVER} {result}{n} {name}({parameters}) {{
     return ({result}{n})({half}({low}), {half}({high}));
 }}"""
 

@@ -70,9 +70,9 @@ def rows_of(base: Base, size: int, lanes: int) -> Type:
     """Return the type of a vector of `size` (1 to 4) for each of `lanes` lanes; equal types are one object."""
     if size == 1:
         return lanes_of(base, lanes)
-    made = Rows(base, size)
-    made.lanes = lanes
-    return made
+    rows = Rows(base, size)
+    rows.lanes = lanes
+    return rows
 
 
 def widen(vector: VectorModule, lanes: int) -> Module:
@@ -82,13 +82,13 @@ def widen(vector: VectorModule, lanes: int) -> Module:
     names = set(by_name)
     uniform = {f.name: fresh(f"{f.name}_uniform", names) for f in functions if f.pure}
     alone = {f.name for f in functions if f.alone}
-    made: list[Function] = []
+    wide_functions: list[Function] = []
     for f in functions:
         if f.pure:
-            made.append(_Uniform(f, {}, uniform).run())
+            wide_functions.append(_Uniform(f, {}, uniform).run())
         facts = _everything_varies(f) if f.pure else vector.facts[f.name]
-        made.append(_Widener(f, by_name, facts, lanes, uniform, alone).run())
-    return remove_unused_functions(replace(vector.module, functions=tuple(made)))
+        wide_functions.append(_Widener(f, by_name, facts, lanes, uniform, alone).run())
+    return remove_unused_functions(replace(vector.module, functions=tuple(wide_functions)))
 
 
 class _Uniform(Rewriter):
@@ -132,13 +132,13 @@ class _Widener(Rewriter):
 
     def run(self) -> Function:
         """Return the function with the types of packets."""
-        made, varying = super().run(), self.facts.slots
-        inputs = tuple(self.typed(i) for i in made.inputs if isinstance(i, Value))
+        function, varying = super().run(), self.facts.slots
+        inputs = tuple(self.typed(i) for i in function.inputs if isinstance(i, Value))
         outputs, variables = (
             tuple(replace(v, type=self.wide(v.type)) if v.id in varying else v for v in slots)
-            for slots in (made.outputs, made.variables)
+            for slots in (function.outputs, function.variables)
         )
-        return replace(made, inputs=inputs, outputs=outputs, variables=variables)
+        return replace(function, inputs=inputs, outputs=outputs, variables=variables)
 
     def typed(self, value: Value) -> Value:
         return replace(value, type=self.wide(value.type)) if value.id in self.facts.varying else value
@@ -150,9 +150,9 @@ class _Widener(Rewriter):
         """Broadcast a uniform value to all lanes; return the id of the result, or of a value that varies already."""
         if value in self.facts.varying:
             return value
-        made = self.value(self.wide(self.types[value]))
-        self.emit(Let(made, "splat", (value,)))
-        return made.id
+        result = self.value(self.wide(self.types[value]))
+        self.emit(Let(result, "splat", (value,)))
+        return result.id
 
     def let(self, let: Let) -> None:
         varies = let.value.id in self.facts.varying

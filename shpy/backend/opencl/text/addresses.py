@@ -15,15 +15,15 @@ from shpy.backend.emit.survey import Survey
 from shpy.passes.known import Known
 
 
-def steady_parts(survey: Survey, known: Known) -> dict[int, tuple[int, int]]:
+def steady_parts(survey: Survey, ranges: Known) -> dict[int, tuple[int, int]]:
     """Return the changing and the steady part of the index of each read that has both, by the value that is read."""
-    found: dict[int, tuple[int, int]] = {}
+    parts_by_value: dict[int, tuple[int, int]] = {}
     for value, read in survey.lets.items():
         loop = survey.loop_of(value)
         if read.op != "table" or loop is None or read.value.type.size == 3:  # three lie packed, behind scalars
             continue
         total = survey.lets.get(read.args[0])
-        if total is None or total.op != "add" or total.value.type.size > 1 or known.may_wrap(total):
+        if total is None or total.op != "add" or total.value.type.size > 1 or ranges.may_wrap(total):
             continue
         # A value that is seen here is made in this loop or in one around it.
         inside = [survey.loop_of(a) == loop for a in total.args]
@@ -31,5 +31,5 @@ def steady_parts(survey: Survey, known: Known) -> dict[int, tuple[int, int]]:
             changing, steady = total.args if inside[0] else total.args[::-1]
             parts = [survey.lets.get(part) for part in (changing, steady)]
             if parts[0] is not None and all(part is None or part.op != "const" for part in parts):
-                found[value] = changing, steady
-    return found
+                parts_by_value[value] = changing, steady
+    return parts_by_value

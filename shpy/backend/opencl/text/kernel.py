@@ -182,9 +182,9 @@ class KernelMaker(ClUnit):
         """Return the first statements of a function."""
         return ()
 
-    def spelled(self, made: tree.Function) -> None:
+    def spelled(self, function: tree.Function) -> None:
         """Add a function that has been made."""
-        self.speller.function(made)
+        self.speller.function(function)
 
     def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
         """Name the parameters of a function and return them; variables are passed by pointer."""
@@ -217,8 +217,8 @@ class KernelMaker(ClUnit):
         for (at, _), array, step in zip(read, arrays, steps, strict=True):
             parameters.append(Parameter(self.array(self.stored(outer.inputs[at].type), "const "), array.text))
             parameters.append(Parameter(INT, step.text))
-        found = {*self.place, *self.grid.values()}
-        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in found]
+        place_names = {*self.place, *self.grid.values()}
+        parameters += [self.declares(e) for e in self.handed(entry.name) if e not in place_names]
         parameters += [Parameter(self.array(self.stored(o.type)), self.arrays[o.id].text) for o in outer.outputs]
         body.out += self.find_element(apart=bool(inner))
         for (at, i), array, step in zip(read, arrays, steps, strict=True):
@@ -281,9 +281,9 @@ class KernelMaker(ClUnit):
         element, index = self.element, self.grid[INDEX]
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
         outside = tree.If(tree.infix(">=", element, self.count, BOOL), (Exit("return"),))
-        found: Block = (Declare(SIZE, element.text, start), outside)
+        block: Block = (Declare(SIZE, element.text, start), outside)
         if (INDEX, "") not in self.needs[self.module.entry.name]:
-            return found
+            return block
         axes = tuple(self.split(element, self.grid_rank))
-        made: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, axes)
-        return (*found, Declare(index.type, index.text, made))
+        indices: Expr = Cast(INT, element) if self.grid_rank == 1 else tree.Construct(index.type, axes)
+        return (*block, Declare(index.type, index.text, indices))

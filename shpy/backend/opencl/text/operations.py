@@ -143,11 +143,11 @@ class ClUnit(Unit):
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
         needs = self.needs[function]
-        found = self.grid_of(function)
+        names = self.grid_of(function)
         for table in self.module.tables:
             if ("table", table.name) in needs:
-                found += [self.table_names[table.name], self.size_names[table.name]]
-        return (*found, *(e for p, e in self.params.items() if ("param", p) in needs))
+                names += [self.table_names[table.name], self.size_names[table.name]]
+        return (*names, *(e for p, e in self.params.items() if ("param", p) in needs))
 
 
 class ClBody(Body):
@@ -158,7 +158,7 @@ class ClBody(Body):
     @cached_property
     def steady(self) -> Mapping[int, tuple[int, int]]:
         """The reads of tables whose index has a loop-invariant part."""
-        return steady_parts(self.planned.survey, self.known)
+        return steady_parts(self.planned.survey, self.ranges)
 
     # Literals, vectors and names
 
@@ -175,8 +175,8 @@ class ClBody(Body):
 
     def unknown_zero(self, type: Type) -> Expr | None:
         """Return a zero hidden from the compiler; None for bools, and for floats if passes/hide.py hides all zeros."""
-        known = type.is_int or (type.is_float and not self.unit.hides_zeros)
-        return self.ours("zero", type.scalar, type.scalar) if known else None
+        exists = type.is_int or (type.is_float and not self.unit.hides_zeros)
+        return self.ours("zero", type.scalar, type.scalar) if exists else None
 
     def ours(self, op: str, takes: Type, gives: Type, *args: Expr) -> Expr:
         """Return a call of a function of the prologue."""
@@ -188,13 +188,13 @@ class ClBody(Body):
 
     def picked(self, e: Expr, components: tuple[int, ...], type: Type) -> Expr:
         """Return `v.xy`; one component of a vector of bools is converted to a bool."""
-        made = super().picked(e, components, type)
-        return as_bool(made) if type is BOOL else made
+        component = super().picked(e, components, type)
+        return as_bool(component) if type is BOOL else component
 
     def op_component(self, let: Let) -> Expr:
         """Return the component at a run-time index."""
-        made = self.ours("component", self.types[let.args[0]], let.value.type, *self.args(let))
-        return as_bool(made) if let.value.type.is_bool else made
+        component = self.ours("component", self.types[let.args[0]], let.value.type, *self.args(let))
+        return as_bool(component) if let.value.type.is_bool else component
 
     def in_range(self, index: Expr, length: int) -> Expr:
         """Return `sh_at(i, 8)`."""
@@ -239,7 +239,7 @@ class ClBody(Body):
             return super().infix(let)
         if type.size > 1:
             return self._wrapping_vector(let.op, type, *(self.exprs[a] for a in let.args))
-        if not self.known.may_wrap(let):
+        if not self.ranges.may_wrap(let):
             return super().infix(let)
         return self._wrapping(let.op, *(self.exprs[a] for a in let.args))
 
@@ -357,7 +357,7 @@ class ClBody(Body):
         """Return `noise[sh_at(i, noise_size)]`; an index that is known to be in range is not clamped."""
         name, unit = str(let.attr), self.unit
         rank, size = unit.tables[name].rank, unit.tables[name].size
-        if rank == 1 and size is not None and self.known.within(let.args[0], 0, size[0] - 1):
+        if rank == 1 and size is not None and self.ranges.within(let.args[0], 0, size[0] - 1):
             array: Expr = unit.table_names[name]
             index = self.exprs[let.args[0]]
             if let.value.id in self.steady and self.planned.survey.uses[let.args[0]] == 1:
@@ -382,10 +382,10 @@ class ClBody(Body):
 
     def read(self, array: Expr, index: Expr, type: Type) -> Expr:
         """Return an element of an array in memory."""
-        made: Expr = tree.call("vload3", type, index, array) if type.size == 3 else Index(type, array, index)
+        element: Expr = tree.call("vload3", type, index, array) if type.size == 3 else Index(type, array, index)
         if type.is_bool:
-            made = as_bool(made if type.size == 1 else tree.call(_conversion("int", type.size), type, made))
-        return made
+            element = as_bool(element if type.size == 1 else tree.call(_conversion("int", type.size), type, element))
+        return element
 
     def write(self, array: Expr, e: Expr, type: Type, loc: Loc | None = None) -> tree.Stmt:
         """Return the statement that stores this work item's element of an array."""
