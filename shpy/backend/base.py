@@ -195,7 +195,7 @@ class Collectives:
     tree: Callable[[Module, NodeTypes, Precision], Tree | None] | None = None
     """tree(module, types, precision): the tree of a recorded program of two elements; None where programs do better.
 
-    Its inputs are the leaves of two elements of `types.made`, and its outputs those of one. With `types.lifted`, the
+    Its inputs are the leaves of two elements of `types.part`, and its outputs those of one. With `types.lifted`, the
     leaves of an element of the stream and its index come before the inputs, and what these give before the outputs.
     """
 
@@ -205,7 +205,7 @@ class NodeTypes:
     """The types of the leaves of a stream's elements, and of what is combined; elements are lifted if these differ."""
 
     element: tuple[Type, ...]
-    made: tuple[Type, ...]
+    part: tuple[Type, ...]
     lifted: bool
 
 

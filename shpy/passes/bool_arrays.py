@@ -46,9 +46,9 @@ class _Ints(Rewriter):
         if let.op != "load" or let.attr not in self.arrays:
             self.emit(let)
             return
-        held = self.value(let.value.type.based(Base.I))
-        self.emit(Let(held, "load", let.args, let.attr))
-        self.emit(Let(let.value, "convert", (held.id,)))
+        integer = self.value(let.value.type.based(Base.I))
+        self.emit(Let(integer, "load", let.args, let.attr))
+        self.emit(Let(let.value, "convert", (integer.id,)))
 
     def store(self, store: Store) -> None:
         if store.variable in self.arrays:

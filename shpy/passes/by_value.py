@@ -102,15 +102,15 @@ class _Caller:
         b.loc = call.loc
         b.push()
         args: list[int] = []
-        given: dict[int, int] = {}
+        arguments: dict[int, int] = {}
         for port, argument in zip(callee.before.inputs, call.args, strict=True):
             if isinstance(port, Value):
                 args.append(argument)
                 continue
-            given[port.id] = argument
+            arguments[port.id] = argument
             if port.id in callee.goes_in:
                 args.append(b.load(argument).id)
-        variables = [b.slot(given[port]) for port in callee.comes_back]
+        variables = [b.slot(arguments[port]) for port in callee.comes_back]
         results = tuple(b.value(v.type, v.name) for v in variables)
         b.append(Call(call.function, tuple(args), (*call.results, *results), call.loc))
         for variable, result in zip(variables, results, strict=True):

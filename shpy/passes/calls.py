@@ -61,57 +61,57 @@ class Callees:
         self.functions = {f.name: f for f in module.functions}
         self.alone = {f.name: _with_mask(f) for f in module.functions if f.alone and alone}
         self.statuses = _statuses(module)
-        self.taken = set(self.functions)
-        self.made: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}
+        self.names_in_use = set(self.functions)
+        self.copies_by_key: dict[tuple[str, tuple[bool, ...], bool], LaneFunction] = {}
         self.copies: dict[str, Function] = dict(self.alone)
 
     def entry(self) -> LaneFunction:
         """Return the entry, whose inputs all vary."""
         entry = self.module.entry
-        return self._made(entry, entry.name, frozenset(port.id for port in entry.inputs), None)
+        return self._copy(entry, entry.name, frozenset(port.id for port in entry.inputs), None)
 
     def called(self, name: str, varying: tuple[bool, ...], *, masked: bool) -> LaneFunction:
         """Return the copy for these varying arguments; `masked`: it is called where only some lanes are active."""
         key = name, varying, masked
-        if key in self.made:
-            return self.made[key]
+        if key in self.copies_by_key:
+            return self.copies_by_key[key]
         function = self.functions[name]
-        given = frozenset(port.id for port, varies in zip(function.inputs, varying, strict=True) if varies)
+        varying_inputs = frozenset(port.id for port, varies in zip(function.inputs, varying, strict=True) if varies)
         mask = None
         if masked:
             mask = Value(max((v.id for v in defined(function)), default=-1) + 1, BOOL, "active")
             function = replace(function, inputs=(*function.inputs, mask))
-            given |= {mask.id}
-        copy = self._made(function, fresh(name, self.taken), given, mask)
-        self.made[key] = copy
+            varying_inputs |= {mask.id}
+        copy = self._copy(function, fresh(name, self.names_in_use), varying_inputs, mask)
+        self.copies_by_key[key] = copy
         self.copies[copy.function.name] = copy.function
         return copy
 
-    def _made(self, function: Function, name: str, given: frozenset[int], mask: Value | None) -> LaneFunction:
+    def _copy(self, function: Function, name: str, varying_inputs: frozenset[int], mask: Value | None) -> LaneFunction:
         function, of = replace(function, name=name), function.name
-        made, facts = self.make(returns_outside_loops(function, self.statuses.get(of)), given, mask, self)
-        made = without_dead(without_dead_stores(made, self.copies), self.copies)
-        masked = mask is not None and any(mask.id in uses(s) for s in walk(made.body))
+        copy, facts = self.make(returns_outside_loops(function, self.statuses.get(of)), varying_inputs, mask, self)
+        copy = without_dead(without_dead_stores(copy, self.copies), self.copies)
+        masked = mask is not None and any(mask.id in uses(s) for s in walk(copy.body))
         if mask is not None and not masked:
-            made = replace(made, inputs=made.inputs[:-1])
-        slots = {v.id for v in (*made.outputs, *made.variables)}
-        values = {v.id for v in defined(made)}
+            copy = replace(copy, inputs=copy.inputs[:-1])
+        slots = {v.id for v in (*copy.outputs, *copy.variables)}
+        values = {v.id for v in defined(copy)}
         return LaneFunction(
-            made, of, LaneFacts(facts.varying & values, facts.slots & slots, facts.live & slots), masked
+            copy, of, LaneFacts(facts.varying & values, facts.slots & slots, facts.live & slots), masked
         )
 
     def named(self, entry: LaneFunction) -> dict[str, LaneFunction]:
         """Return the entry and the copies it needs, callees first; the first copy of a function keeps its name."""
         needed = {entry.function.name}
-        for copy in (entry, *reversed(self.made.values())):
+        for copy in (entry, *reversed(self.copies_by_key.values())):
             if copy.function.name in needed:
                 needed |= {s.function for s in walk(copy.function.body) if isinstance(s, Call)}
         names: dict[str, str] = {}
         named: set[str] = set()
-        taken = set(self.functions)
-        kept = [copy for copy in (*self.made.values(), entry) if copy.function.name in needed]
+        names_in_use = set(self.functions)
+        kept = [copy for copy in (*self.copies_by_key.values(), entry) if copy.function.name in needed]
         for copy in kept:
-            name = fresh(copy.of, taken) if copy.of in named else copy.of
+            name = fresh(copy.of, names_in_use) if copy.of in named else copy.of
             names[copy.function.name] = name
             named.add(name)
         renamed = [replace(copy, function=_renamed(copy.function, names)) for copy in kept]
@@ -125,14 +125,14 @@ def _statuses(module: Module) -> dict[str, int]:
     of the call into its own status.
     """
     entry = module.entry
-    found = {entry.name: entry.outputs[-1].id} if len(entry.outputs) > len(module.outputs) else {}
+    statuses = {entry.name: entry.outputs[-1].id} if len(entry.outputs) > len(module.outputs) else {}
     outputs = {f.name: f.outputs for f in module.functions}
     for function in reversed(module.functions):
         last = {s.results[-1].id: s.function for s in walk(function.body) if isinstance(s, Call) and s.results}
         for s in walk(function.body):
-            if isinstance(s, Store) and s.variable == found.get(function.name) and s.value in last:
-                found[last[s.value]] = outputs[last[s.value]][-1].id
-    return found
+            if isinstance(s, Store) and s.variable == statuses.get(function.name) and s.value in last:
+                statuses[last[s.value]] = outputs[last[s.value]][-1].id
+    return statuses
 
 
 def _with_mask(function: Function) -> Function:
@@ -155,8 +155,8 @@ def _renamed(function: Function, names: Mapping[str, str]) -> Function:
 class CallBuilder(ExitBuilder):
     """An ExitBuilder that also translates calls."""
 
-    def __init__(self, function: Function, given: frozenset[int], callees: Callees) -> None:
-        super().__init__(function, given)
+    def __init__(self, function: Function, varying_inputs: frozenset[int], callees: Callees) -> None:
+        super().__init__(function, varying_inputs)
         self.callees = callees
 
     def call(self, s: Call, here: Here) -> None:

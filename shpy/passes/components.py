@@ -57,26 +57,26 @@ def take_apart(module: Module, *, throughout: bool = False) -> Module:
 
 def _expressions(functions: Sequence[Function]) -> set[str]:
     """Return the names of the functions that can stay pure: neither they nor their callees return a vector."""
-    found: set[str] = set()
+    names: set[str] = set()
     for f in functions:
         called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
-        if f.pure and f.outputs[0].type.size == 1 and called <= found:
-            found.add(f.name)
-    return found
+        if f.pure and f.outputs[0].type.size == 1 and called <= names:
+            names.add(f.name)
+    return names
 
 
 def _with_scalar_ports(function: Function) -> Function:
     """Return a function that still computes with vectors, but takes and returns their components."""
     b = Builder(function=function)
     b.inputs, b.outputs = [], []
-    given: list[Stmt] = []
+    constructs: list[Stmt] = []
     stored: list[Stmt] = []
     for port in function.inputs:
         assert isinstance(port, Value)
         parts = [b.value(port.type.scalar, _named(port.name, port.type.size, k)) for k in range(port.type.size)]
         b.inputs += parts if len(parts) > 1 else [port]
         if len(parts) > 1:
-            given.append(Let(port, "construct", tuple(v.id for v in parts)))
+            constructs.append(Let(port, "construct", tuple(v.id for v in parts)))
     for output in function.outputs:
         if output.type.size == 1:
             b.outputs.append(output)
@@ -87,7 +87,7 @@ def _with_scalar_ports(function: Function) -> Function:
             part = b.output(output.type.scalar, _named(output.name, output.type.size, k))
             b.store(part, b.swizzle(b.load(output), (k,)))
         stored += b.pop()
-    b.extend(given)
+    b.extend(constructs)
     b.extend(rewrite(function.body, lambda s: (*_fresh(b, stored), s) if isinstance(s, Return) else s))
     b.extend(_fresh(b, stored))
     return b.finish()
@@ -152,13 +152,13 @@ class _Apart:
         size = variable.type.size
         if size == 1:
             return (variable,)
-        made = []
+        parts = []
         for k in range(size):
-            made.append(
+            parts.append(
                 self.b.variable(variable.type.scalar, variable.length, _named(variable.name, size, k), variable.loc)
             )
             self.b.variables.pop()
-        return tuple(made)
+        return tuple(parts)
 
     def gather_outputs(self) -> None:
         """Construct the vector outputs of a pure function from their scalar slots, at its end."""
@@ -224,11 +224,11 @@ class _Apart:
         """Return a new scalar value for each component of a value; the value itself if it is a scalar."""
         size = value.type.size
         if size == 1:
-            made = [value]
+            parts = [value]
         else:
-            made = [self.b.value(value.type.scalar, _named(value.name, size, k), value.loc) for k in range(size)]
-        self.parts[value.id] = tuple(v.id for v in made)
-        return made
+            parts = [self.b.value(value.type.scalar, _named(value.name, size, k), value.loc) for k in range(size)]
+        self.parts[value.id] = tuple(v.id for v in parts)
+        return parts
 
     def constant(self, let: Let) -> None:
         assert isinstance(let.attr, tuple)
@@ -244,17 +244,17 @@ class _Apart:
     def component(self, let: Let) -> None:
         """Select a component by its index, clamped to the vector's size, with a chain of `cond`."""
         vector, index = let.args
-        *parts, found = self.parts[vector]
+        *parts, choice = self.parts[vector]
         at, number = self.parts[index][0], self.b.type_of(index)
         for k, part in reversed(list(enumerate(parts))):
             here = self.b.let("eq" if k else "le", at, self.b.const(number, [k]))
-            found = self.b.let("cond", here, part, found).id
-        self.parts[let.value.id] = (found,)
+            choice = self.b.let("cond", here, part, choice).id
+        self.parts[let.value.id] = (choice,)
 
     def componentwise(self, let: Let) -> None:
         sizes = {len(self.parts[a]) for a in let.args}
-        known = (let.op in OPS and OPS[let.op].componentwise) or let.op in _SCALAR
-        if sizes != {let.value.type.size} or not known:
+        is_componentwise = (let.op in OPS and OPS[let.op].componentwise) or let.op in _SCALAR
+        if sizes != {let.value.type.size} or not is_componentwise:
             raise TypeError(f"{let.op} does not work on components: it comes after lower")
         columns = zip(*(self.parts[a] for a in let.args), strict=True)
         for value, args in zip(self.values(let.value), columns, strict=True):
@@ -285,8 +285,8 @@ class _Apart:
                 self.b.append(Loop(body, continuing, until, turns, loc))
             case Call(name, args, results, loc):
                 parts = tuple(part for a in args for part in self.parts[a])
-                made = tuple(part for result in results for part in self.values(result))
-                self.b.append(Call(name, parts, made, loc))
+                targets = tuple(part for result in results for part in self.values(result))
+                self.b.append(Call(name, parts, targets, loc))
             case _:
                 self.b.append(s)
 

@@ -35,10 +35,10 @@ class _Merge(Rewriter):
     def region(self, region: Region) -> Region:
         """Return the rewritten region; values computed in it are no longer visible after it."""
         self._scopes.append([])
-        made = super().region(region)
+        result = super().region(region)
         for key in self._scopes.pop():
             del self._seen[key]
-        return made
+        return result
 
     def let(self, let: Let) -> None:
         if let.op == "load" or let.op in LANE_OPS:

@@ -32,8 +32,8 @@ class _Decided(Rewriter):
             self.emit(let)
 
     def branch(self, branch: If) -> None:
-        made = self.made.get(branch.condition)
-        self.holding.append(made.args[0] if made is not None and made.op == "any_lane" else branch.condition)
+        let = self.lets.get(branch.condition)
+        self.holding.append(let.args[0] if let is not None and let.op == "any_lane" else branch.condition)
         then = self.region(branch.then)
         self.holding.pop()
         self.emit(If(branch.condition, then, self.region(branch.orelse), branch.loc))

@@ -53,15 +53,15 @@ class _Fold(Rewriter):
 
     def constant(self, value: int) -> tuple[int, ...] | None:
         """Return the components of a constant, or of the splat of one."""
-        made = self.made.get(value)
-        if made is None:
+        let = self.lets.get(value)
+        if let is None:
             return None
-        if made.op == "const":
-            assert isinstance(made.attr, tuple)
-            return made.attr
-        if made.op == "splat":
-            scalar = self.constant(made.args[0])
-            return None if scalar is None else scalar * made.value.type.size
+        if let.op == "const":
+            assert isinstance(let.attr, tuple)
+            return let.attr
+        if let.op == "splat":
+            scalar = self.constant(let.args[0])
+            return None if scalar is None else scalar * let.value.type.size
         return None
 
     def _computed(self, let: Let) -> tuple[int, ...] | None:
@@ -99,13 +99,13 @@ class _Fold(Rewriter):
         if components is not None:
             self.emit(Let(let.value, "const", (), components))
             return
-        found = (
+        replacement = (
             rearrange(self, let) if let.op in ("swizzle", "construct", "component", "splat") else simplify(self, let)
         )
-        if isinstance(found, int):
-            self.replace(let.value, found)
-        elif found is not None and found is not let:
-            self.let(found)
+        if isinstance(replacement, int):
+            self.replace(let.value, replacement)
+        elif replacement is not None and replacement is not let:
+            self.let(replacement)
         else:
             self.emit(let)
 
@@ -131,9 +131,9 @@ class _Fold(Rewriter):
             self.statements(branch.then if condition[0] else branch.orelse)
             return
         then, orelse = self.region(branch.then), self.region(branch.orelse)
-        made = self.made.get(branch.condition)
-        if orelse and made is not None and made.op == "not":
-            self.emit(If(made.args[0], orelse, then, branch.loc))
+        let = self.lets.get(branch.condition)
+        if orelse and let is not None and let.op == "not":
+            self.emit(If(let.args[0], orelse, then, branch.loc))
         elif then or orelse:
             self.emit(If(branch.condition, then, orelse, branch.loc))
 

@@ -28,7 +28,7 @@ def forget_data(module: Module) -> Module:
     sizes = {table.name: table.size for table in module.tables}
     kept: dict[str, tuple[int, ...]] = {}
     for function in module.functions:
-        known = Known(function)
+        ranges = Known(function)
         for let in walk(function.body):
             if not isinstance(let, Let) or let.op not in ("table", "table_size"):
                 continue
@@ -39,7 +39,7 @@ def forget_data(module: Module) -> Module:
             if let.op == "table_size":
                 kept[name] = size
             elif len(size) == 1:
-                low, high = known.span(let.args[0])
+                low, high = ranges.span(let.args[0])
                 if 0 <= low and high < size[0]:
                     kept[name] = (max(high + 1, *kept.get(name, (0,))),)
     params = tuple(replace(p, value=(0,) * len(p.value), about=NOTHING) for p in module.params)

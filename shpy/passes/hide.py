@@ -57,9 +57,9 @@ class _Hide(Rewriter):
             if any(bits & ~_MINUS_ZERO for bits in let.attr):  # printers write zeros as unknown values
                 self.derivable.add(let.value.id)
         elif op == "convert" and not self.types[args[0]].is_float:
-            made = self.value(let.value.type)
-            self.emit(Let(made, op, args))
-            self._emit_sum("add", let.value, made.id)
+            result = self.value(let.value.type)
+            self.emit(Let(result, op, args))
+            self._emit_sum("add", let.value, result.id)
             return
         elif op == "float_from_bits" and args[0] in self.derivable:
             bits = self.types[args[0]]
@@ -81,17 +81,17 @@ class _Hide(Rewriter):
         floats = [a for a in let.args if self.types[a].is_float]
         if not floats or any(a not in self.derivable for a in floats):
             return let
-        constant = next((a for a in floats if a in self.made and self.made[a].op == "const"), floats[0])
+        constant = next((a for a in floats if a in self.lets and self.lets[a].op == "const"), floats[0])
         at = let.args.index(constant)
         return Let(let.value, let.op, (*let.args[:at], self._hide(constant), *let.args[at + 1 :]), let.attr)
 
     def _hide(self, value: int) -> int:
         """Emit a value with the same bits that the driver cannot derive; return its id."""
-        made = self.value(self.types[value])
-        constant = self.made.get(value)
+        result = self.value(self.types[value])
+        constant = self.lets.get(value)
         plus = constant is not None and isinstance(constant.attr, tuple) and _MINUS_ZERO not in constant.attr
-        self._emit_sum("add" if plus else "sub", made, value)
-        return made.id
+        self._emit_sum("add" if plus else "sub", result, value)
+        return result.id
 
     def _emit_sum(self, op: str, value: Value, number: int) -> None:
         """Emit `number + 0.0`, or `number - 0.0`, which keeps -0.0, as `op` says."""

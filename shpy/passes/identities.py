@@ -22,7 +22,7 @@ from shpy.ir.types import Base, Type
 class Known(Protocol):
     """The facts that a rule may use: how a value was made, its constant components, its type."""
 
-    made: dict[int, Let]
+    lets: dict[int, Let]
     types: dict[int, Type]
     fixed: bool
 
@@ -59,28 +59,28 @@ _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
 """The absorbing int or bool of an operation: if one operand is this, so is the result."""
 
 
-def simplify(known: Known, let: Let) -> Found:
+def simplify(context: Known, let: Let) -> Found:
     """Return a simpler equivalent of the operation, or None."""
     match let.op, let.args:
         case "neg" | "not" | "abs" | "half" | "convert", (x,):
-            return _unary(known, let, x)
+            return _unary(context, let, x)
         case "min" | "max", (a, b) if a == b:
             return a
         case "and" | "or", (a, b) if a == b:
             return a
         case "cond", (c, a, b):
-            return _cond(known, let, c, a, b)
-        case "pow", (x, y) if known.fixed and _is(known, y, 2.0) and let.value.type.base is Base.F:
+            return _cond(context, let, c, a, b)
+        case "pow", (x, y) if context.fixed and _is(context, y, 2.0) and let.value.type.base is Base.F:
             return Let(let.value, "mul", (x, x))
-        case "floormod", (_, b) if _is(known, b, 1):
+        case "floormod", (_, b) if _is(context, b, 1):
             return Let(let.value, "const", (), (0,) * let.value.type.size)
         case op, (a, b) if op in _RIGHT_NEUTRAL:
-            return _neutral(known, let, a, b)
+            return _neutral(context, let, a, b)
     return None
 
 
-def _unary(known: Known, let: Let, x: int) -> Found:
-    inner = known.made.get(x)
+def _unary(context: Known, let: Let, x: int) -> Found:
+    inner = context.lets.get(x)
     if inner is None:
         return None
     match let.op, inner.op:
@@ -92,48 +92,48 @@ def _unary(known: Known, let: Let, x: int) -> Found:
             return Let(let.value, "abs", inner.args)
         case "not", "eq" | "ne":
             return Let(let.value, _INVERSE[inner.op], inner.args)
-        case "not", "lt" | "le" | "gt" | "ge" if known.types[inner.args[0]].is_int:
+        case "not", "lt" | "le" | "gt" | "ge" if context.types[inner.args[0]].is_int:
             return Let(let.value, _INVERSE_INT[inner.op], inner.args)
     return None
 
 
-def _cond(known: Known, let: Let, c: int, a: int, b: int) -> Found:
+def _cond(context: Known, let: Let, c: int, a: int, b: int) -> Found:
     if a == b:
         return a
-    chosen = known.constant(c)
+    chosen = context.constant(c)
     if chosen is not None and len(set(chosen)) == 1:
         return a if chosen[0] else b
-    if let.value.type.is_bool and _is(known, a, 1) and _is(known, b, 0):
+    if let.value.type.is_bool and _is(context, a, 1) and _is(context, b, 0):
         return c
-    if let.value.type.is_bool and _is(known, a, 0) and _is(known, b, 1):
+    if let.value.type.is_bool and _is(context, a, 0) and _is(context, b, 1):
         return Let(let.value, "not", (c,))
     return None
 
 
-def _neutral(known: Known, let: Let, a: int, b: int) -> Found:
+def _neutral(context: Known, let: Let, a: int, b: int) -> Found:
     op, type = let.op, let.value.type
-    number = _RIGHT_NEUTRAL[op][known.types[b].is_float is False]
-    if number is not None and _is(known, b, number):
+    number = _RIGHT_NEUTRAL[op][context.types[b].is_float is False]
+    if number is not None and _is(context, b, number):
         return a
-    if number is not None and op in COMMUTATIVE and _is(known, a, number):
+    if number is not None and op in COMMUTATIVE and _is(context, a, number):
         return b
     if not type.is_float and op in _ABSORBING:
         for side in (a, b):
-            if _is(known, side, _ABSORBING[op]):
+            if _is(context, side, _ABSORBING[op]):
                 return side
     return None
 
 
-def _is(known: Known, value: int, number: float) -> bool:
+def _is(context: Known, value: int, number: float) -> bool:
     """Return whether a value is this constant in every component; -1 stands for all bits."""
-    components = known.constant(value)
+    components = context.constant(value)
     if components is None:
         return False
-    type = known.types[value]
+    type = context.types[value]
     if type.is_float:
-        wanted = encode(type.scalar, [number])[0]
+        expected = encode(type.scalar, [number])[0]
     elif number == -1:
-        wanted = {Base.B: 1, Base.U: 0xFFFFFFFF, Base.I: -1}[type.base]
+        expected = {Base.B: 1, Base.U: 0xFFFFFFFF, Base.I: -1}[type.base]
     else:
-        wanted = int(number)
-    return all(c == wanted for c in components)
+        expected = int(number)
+    return all(c == expected for c in components)

@@ -21,14 +21,14 @@ from shpy.ir.traverse import Copy, rewrite, walk
 
 def inline_independent(module: Module) -> Module:
     """Return the module without calls of such functions; the same object if it has no such function."""
-    found: dict[str, tuple[Let, ...]] = {}
+    lets_by_name: dict[str, tuple[Let, ...]] = {}
     functions = []
     for function in module.functions:
-        changed = _inlined(function, found) if found else function
+        changed = _inlined(function, lets_by_name) if lets_by_name else function
         functions.append(changed)
         needed = _independent(changed)
         if needed:
-            found[function.name] = needed
+            lets_by_name[function.name] = needed
     same = all(a is b for a, b in zip(functions, module.functions, strict=True))
     return module if same else replace(module, functions=tuple(functions))
 
@@ -51,16 +51,16 @@ def _independent(function: Function) -> tuple[Let, ...]:
     return tuple(sorted({let.value.id: let for let in needed}.values(), key=lambda let: order[let.value.id]))
 
 
-def _inlined(function: Function, found: dict[str, tuple[Let, ...]]) -> Function:
+def _inlined(function: Function, lets_by_name: dict[str, tuple[Let, ...]]) -> Function:
     b = Builder(function=function)
 
     def change(s: Stmt) -> Stmt | tuple[Stmt, ...]:
-        if not (isinstance(s, Let) and s.op == "call" and s.attr in found):
+        if not (isinstance(s, Let) and s.op == "call" and s.attr in lets_by_name):
             return s
         copy = Copy(lambda type, name, _: b.value(type, name, s.value.loc), {})
-        *before, last = found[str(s.attr)]
-        made = copy.region(tuple(before))
-        return (*made, replace(last, value=s.value, args=tuple(copy.values[a] for a in last.args)))
+        *before, last = lets_by_name[str(s.attr)]
+        lets = copy.region(tuple(before))
+        return (*lets, replace(last, value=s.value, args=tuple(copy.values[a] for a in last.args)))
 
     body = rewrite(function.body, change)
     return function if body is function.body else replace(function, body=body)

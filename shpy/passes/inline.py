@@ -59,12 +59,12 @@ def inline_calls(module: Module, chosen: Callable[[Function], bool] = lambda fun
     stay = {f.name for f in module.functions if f.pure or not chosen(f)}
     check_growth(module, _MOST_STATEMENTS, "functions that take arrays are copied to where they are called", stay)
     for function in module.functions:
-        made = _Inliner(function, inlined, gone).run() if gone else function
-        inlined[function.name] = made
+        result = _Inliner(function, inlined, gone).run() if gone else function
+        inlined[function.name] = result
         if chosen(function) and not function.pure and function is not module.entry:
             gone.add(function.name)
-        elif made is not function:
-            _check_depth(made, made.body, 1, 0)
+        elif result is not function:
+            _check_depth(result, result.body, 1, 0)
     return replace(module, functions=tuple(f for name, f in inlined.items() if name not in gone))
 
 

@@ -68,12 +68,12 @@ def of_all_lanes(function: Function) -> Function:
 class LaneBuilder:
     """Builds lane operations, loads and stores for `vectorize`.
 
-    `given` are the varying inputs; `state` are the variables that vary at the current point.
+    `varying_inputs` are the ids of the varying inputs; `state` are the variables that vary at the current point.
     """
 
-    def __init__(self, function: Function, given: frozenset[int]) -> None:
+    def __init__(self, function: Function, varying_inputs: frozenset[int]) -> None:
         self.function = function
-        self.given = given
+        self.varying_inputs = varying_inputs
         variables = (*function.outputs, *function.variables)
         self.arrays = frozenset(v.id for v in variables if v.length is not None)
         self.slots = Slots(variables)
@@ -86,7 +86,7 @@ class LaneBuilder:
     def begin(self) -> None:
         """Reset the state of a walk over the function."""
         self.b = Builder(function=self.function)
-        self.varying = set(self.given)
+        self.varying = set(self.varying_inputs)
         self.same: dict[int, int] = {}
         self.state = set(self.always)
         running = self.slots.mask("running", -1)
@@ -94,17 +94,17 @@ class LaneBuilder:
 
     def let(self, op: str, *args: int, type: Type | None = None, attr: Attr = None, name: str | None = None) -> int:
         """Append an operation that the source does not have; return its id."""
-        made = self.b.let(op, *args, type=type, attr=attr, name=name).id
+        value = self.b.let(op, *args, type=type, attr=attr, name=name).id
         if varies(op, (a in self.varying for a in args)):
-            self.varying.add(made)
-        return made
+            self.varying.add(value)
+        return value
 
     def load(self, slot: Variable, index: int | None = None) -> int:
         """Append a load of a slot; return its id."""
-        made = self.b.load(slot, index).id
+        value = self.b.load(slot, index).id
         if slot.id in self.slots.varying or index in self.varying:
-            self.varying.add(made)
-        return made
+            self.varying.add(value)
+        return value
 
     def both(self, mask: int | None, condition: int, name: str | None = None) -> int:
         """Return the lanes of `mask` for which `condition` holds."""

@@ -22,8 +22,8 @@ from shpy.passes.liveness import Note
 class ExitBuilder(LaneBuilder):
     """A LaneBuilder that translates exits; the methods return whether the region ends with the exit."""
 
-    def __init__(self, function: Function, given: frozenset[int]) -> None:
-        super().__init__(function, given)
+    def __init__(self, function: Function, varying_inputs: frozenset[int]) -> None:
+        super().__init__(function, varying_inputs)
         self.outputs = tuple(v.id for v in function.outputs)
 
     def remove(self, slot: Variable, mask: int) -> None:

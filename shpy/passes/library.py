@@ -127,7 +127,7 @@ class Library:
     def __init__(self, module: Module, formulas: Formulas = "doubles") -> None:
         self.module = module
         self.formulas = formulas
-        self.taken = {f.name for f in module.functions}
+        self.names_in_use = {f.name for f in module.functions}
         self.functions: dict[Function, Function] = {}
 
     def use(
@@ -137,7 +137,7 @@ class Library:
         original = definition(name, types, self.formulas)
         if original not in self.functions:
             function = prepare(original) if prepare else original
-            self.functions[original] = replace(function, name=fresh(function.name, self.taken))
+            self.functions[original] = replace(function, name=fresh(function.name, self.names_in_use))
         return self.functions[original]
 
     def added(self, module: Module) -> Module:

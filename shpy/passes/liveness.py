@@ -140,13 +140,13 @@ def _loop_heads(loop: Loop, after: Bits, targets: _Targets, head: Bits) -> tuple
 
 
 def _notes(region: Region, after: Bits, targets: _Targets) -> list[Note]:
-    made = []
+    notes = []
     for statement in reversed(region):
         note = _note(statement, after, targets)
-        made.append(note)
+        notes.append(note)
         after = note.live[0]
-    made.reverse()
-    return made
+    notes.reverse()
+    return notes
 
 
 def _note(statement: Stmt, after: Bits, targets: _Targets) -> Note:

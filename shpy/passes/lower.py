@@ -127,9 +127,9 @@ class _Lower(Rewriter):
             self.emit(let)
             return
         number = self.make("eq", x, x, type=self.types[x].based(Base.B))
-        made = self.value(let.value.type)
-        self.emit(Let(made, "convert", let.args))
-        self.emit(Let(let.value, "cond", (number, made.id, self.const(let.value.type, 0))))
+        integer = self.value(let.value.type)
+        self.emit(Let(integer, "convert", let.args))
+        self.emit(Let(let.value, "cond", (number, integer.id, self.const(let.value.type, 0))))
 
     def _unbounded(self, function: Function) -> Function:
         return self._with(function, frozenset())

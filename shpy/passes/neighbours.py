@@ -58,7 +58,7 @@ def find_neighbours(vector: VectorModule) -> VectorModule:
     module = vector.module
     finder = _Finder(module, vector.entry)
     entry = finder.run()
-    if not finder.found:
+    if not finder.has_neighbours:
         return vector
     entry = without_dead(entry, finder.functions)
     return replace(vector, module=replace(module, functions=(*module.functions[:-1], entry)))
@@ -78,7 +78,7 @@ class _Finder(Rewriter):
         self.constants: dict[int, tuple[int, ...]] = {}
         self.axes = 0
         self.together = True
-        self.found = False
+        self.has_neighbours = False
 
     def loop(self, loop: Loop) -> None:
         around = self.together
@@ -106,23 +106,23 @@ class _Finder(Rewriter):
         if value.id not in self.facts.varying:
             self.parts[value.id] = tuple(_Moved(None, ((1, value.id, k),)) for k in range(value.type.size))
             return
-        known = [self.parts[a] for a in args if a in self.parts]
-        if len(known) < len(args):
+        operands = [self.parts[a] for a in args if a in self.parts]
+        if len(operands) < len(args):
             return
         match s.op, s.attr:
             case "grid_index", _:
                 self.axes = value.type.size
                 self.parts[value.id] = tuple(_Moved(k) for k in range(value.type.size))
             case "swizzle", tuple(picked):
-                self.parts[value.id] = tuple(known[0][k] for k in picked)
+                self.parts[value.id] = tuple(operands[0][k] for k in picked)
             case "construct", _:
-                self.parts[value.id] = tuple(part for parts in known for part in parts)
+                self.parts[value.id] = tuple(part for parts in operands for part in parts)
             case ("add" | "sub") as op, _:
-                made = [_sum(a, b, 1 if op == "add" else -1) for a, b in zip(*known, strict=True)]
-                if all(part is not None for part in made):
-                    self.parts[value.id] = tuple(part for part in made if part is not None)
+                sums = [_sum(a, b, 1 if op == "add" else -1) for a, b in zip(*operands, strict=True)]
+                if all(part is not None for part in sums):
+                    self.parts[value.id] = tuple(part for part in sums if part is not None)
             case "floormod", _:
-                wrapped = [_wrapped(a, b) for a, b in zip(*known, strict=True)]
+                wrapped = [_wrapped(a, b) for a, b in zip(*operands, strict=True)]
                 if all(part is not None for part in wrapped):
                     self.parts[value.id] = tuple(part for part in wrapped if part is not None)
 
@@ -134,7 +134,7 @@ class _Finder(Rewriter):
         return self.ranks.get(name) == self.axes == len(parts) and [p.axis for p in parts] == [*range(len(parts))]
 
     def neighbour(self, s: Let, index: int) -> None:
-        self.found = True
+        self.has_neighbours = True
         parts = self.parts[index]
         offsets = tuple(self.offset(part) for part in parts)
         moduli = tuple(self.component(*part.modulus) for part in parts if part.modulus is not None)
@@ -147,8 +147,8 @@ class _Finder(Rewriter):
     def offset(self, part: _Moved) -> int:
         """Return the sum of the terms."""
         if all(value in self.constants for _, value, _ in part.terms):
-            known = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
-            return self.const(_INT, (known + 2**31) % 2**32 - 2**31)
+            distance = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
+            return self.const(_INT, (distance + 2**31) % 2**32 - 2**31)
         total: int | None = None
         for sign, value, component in part.terms:
             term = self.component(value, component)

@@ -119,8 +119,8 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
         lowered = shelter_loops(lowered, target.nesting)
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
-    made = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
-    return Prepared(remove_unused_functions(made), ending.status, ending.loops, ending.flagged)
+    result = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
+    return Prepared(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:

@@ -36,13 +36,13 @@ def place_blocks(module: Module, cut: Collection[str], rank: int, reach: Sequenc
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
     if not any(_asks(let, cut) for let in lets):
         return module
-    made = each_function(module, lambda function, functions: _Placer(function, functions, cut, reach).run())
+    result = each_function(module, lambda function, functions: _Placer(function, functions, cut, reach).run())
     kind = f"Attrib{rank}i"
     uniforms = (
         Param(name, kind, vec(Base.I, rank), (0,) * rank)
         for name in (ORIGIN, WHOLE, PERIOD)[: 2 if reach is None else 3]
     )
-    return replace(made, params=(*made.params, *uniforms))
+    return replace(result, params=(*result.params, *uniforms))
 
 
 def _asks(let: Let, cut: Collection[str]) -> bool:

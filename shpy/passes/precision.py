@@ -100,7 +100,7 @@ class _Working(Rebase):
         value = self.retyped(let.value)
         if let.op == "const" and value.type.is_float:
             assert isinstance(let.attr, tuple)
-            self.emit(Let(value, "const", (), _held(value, let.attr)))
+            self.emit(Let(value, "const", (), _round_constant(value, let.attr)))
         elif let.op == "convert" and rebased(self.old_types[let.args[0]], self.old, self.new) is value.type:
             self.replace(value, let.args[0])
         elif let.op == "float_from_bits" and value.type.base is not Base.F:
@@ -127,10 +127,10 @@ class _Working(Rebase):
         self.emit(Let(value, "mul", (whole.id, unit.id)))
 
 
-def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
+def _round_constant(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
     """Return the constant rounded to its type; raise CompileError if a finite number becomes infinite."""
-    held = rounded(value.type, attr)
-    for number, kept in zip(decode(value.type, attr), decode(value.type, held), strict=True):
+    bits = rounded(value.type, attr)
+    for number, kept in zip(decode(value.type, attr), decode(value.type, bits), strict=True):
         if math.isinf(kept) and math.isfinite(number):
             precision, wider = {Base.H: ("f16", "f32"), Base.F: ("f32", "f64")}[value.type.base]
             raise CompileError(
@@ -138,4 +138,4 @@ def _held(value: Value, attr: tuple[int, ...]) -> tuple[int, ...]:
                 loc=value.loc,
                 cure=f"float('inf') if infinity is meant, or precision=\"{wider}\"",
             )
-    return held
+    return bits

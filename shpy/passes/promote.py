@@ -51,14 +51,14 @@ def _promote(function: Function, functions: Functions) -> Function:
     survey.run()
     kept = frozenset(survey.unresolved)
     own = {v.id: v.name for v in function.variables if v.length is None and v.id not in kept}
-    names = {value: own[variable] for value, variable in reversed(survey.held) if own.get(variable)}
+    names = {value: own[variable] for value, variable in reversed(survey.stores) if own.get(variable)}
     return _Forward(function, functions, kept, names).run()
 
 
 class _Forward(Rewriter):
     """Forwards stores to loads. `kept` are the variables that stay, `names` the new names of values.
 
-    It finds `unresolved`, the variables with a load that must stay, and `held`, pairs (stored value, variable).
+    It finds `unresolved`, the variables with a load that must stay, and `stores`, pairs (stored value, variable).
     """
 
     def __init__(
@@ -68,11 +68,11 @@ class _Forward(Rewriter):
         self.kept = kept
         self.names = names
         self.unresolved: set[int] = set()
-        self.held: list[tuple[int, int]] = []
+        self.stores: list[tuple[int, int]] = []
         slots = tuple(variables_of(function))
         self.arrays = {v.id for v in slots if v.length is not None}
         self._sizes = {v.id: v.type.size for v in slots}
-        self._known: dict[int, State | None] = {v.id: _ZERO for v in (*function.outputs, *function.variables)}
+        self._states: dict[int, State | None] = {v.id: _ZERO for v in (*function.outputs, *function.variables)}
         self._journal: list[tuple[int, State | None]] = []
         self._born: dict[int, int] = {}
         self._stored: dict[int, set[int]] = {}
@@ -81,16 +81,16 @@ class _Forward(Rewriter):
     # Contents of variables
 
     def _set(self, variable: int, state: State | None) -> None:
-        self._journal.append((variable, self._known.get(variable)))
-        self._known[variable] = state
+        self._journal.append((variable, self._states.get(variable)))
+        self._states[variable] = state
 
     def _undo(self, mark: int) -> dict[int, State | None]:
         """Restore the contents of variables at `mark`; return the latest contents of those changed since then."""
         undone: dict[int, State | None] = {}
         while len(self._journal) > mark:
             variable, before = self._journal.pop()
-            undone.setdefault(variable, self._known[variable])
-            self._known[variable] = before
+            undone.setdefault(variable, self._states[variable])
+            self._states[variable] = before
         return undone
 
     def _visible(self, state: State | None, since: int) -> bool:
@@ -122,7 +122,7 @@ class _Forward(Rewriter):
     def _load(self, let: Let) -> None:
         assert isinstance(let.attr, int)
         variable = let.attr
-        state = self._known.get(variable)
+        state = self._states.get(variable)
         if state is None:
             self.unresolved.add(variable)
         if state is None or (variable in self.kept and not self._cheap(state, variable)):
@@ -138,9 +138,9 @@ class _Forward(Rewriter):
         """Return whether to replace a load of a kept variable: its content is a constant or an earlier load of it."""
         if not isinstance(state, int):
             return False
-        made = self.made.get(state)
+        let = self.lets.get(state)
         return state == _ZERO or (
-            made is not None and (made.op == "const" or (made.op == "load" and made.attr == variable))
+            let is not None and (let.op == "const" or (let.op == "load" and let.attr == variable))
         )
 
     def _construct(self, let: Let, state: State) -> None:
@@ -178,10 +178,10 @@ class _Forward(Rewriter):
         if variable in self.arrays:
             return
         if store.components is None:
-            self.held.append((value, variable))
+            self.stores.append((value, variable))
             self._set(variable, value)
             return
-        before = self._known.get(variable)
+        before = self._states.get(variable)
         if before is not None:
             pieces = _pieces(before, self._sizes[variable])
             for k, component in enumerate(store.components):
@@ -208,7 +208,7 @@ class _Forward(Rewriter):
         elif not falls_through(orelse):
             after_orelse = after_then
         for variable in {**after_then, **after_orelse}:
-            before = self._known.get(variable)
+            before = self._states.get(variable)
             state = after_then.get(variable, before)
             agreed = state == after_orelse.get(variable, before) and self._visible(state, since)
             self._set(variable, state if agreed else None)
@@ -230,8 +230,8 @@ def _pieces(state: State, size: int) -> list[Piece]:
     return [(state, k) for k in range(size)] if isinstance(state, int) else list(state)
 
 
-def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]]) -> set[int]:
-    """Return the variables that the region stores into; enter those of each Loop in it into `found`, by identity."""
+def _find_stored(region: Region, functions: Functions, stored_by_loop: dict[int, set[int]]) -> set[int]:
+    """Return the variables that the region stores into; enter those of each Loop in it by `id`."""
     stored: set[int] = set()
     for s in region:
         if isinstance(s, (Store, Call)):
@@ -239,8 +239,8 @@ def _find_stored(region: Region, functions: Functions, found: dict[int, set[int]
         elif isinstance(s, (If, Loop)):
             inside: set[int] = set()
             for inner in regions_of(s):
-                inside |= _find_stored(inner, functions, found)
+                inside |= _find_stored(inner, functions, stored_by_loop)
             if isinstance(s, Loop):
-                found[id(s)] = inside
+                stored_by_loop[id(s)] = inside
             stored |= inside
     return stored

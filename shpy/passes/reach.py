@@ -58,7 +58,7 @@ class _Slots:
     """The contents of variables: the join of all stores, unless `opaque`. `first` is the region of the first store."""
 
     opaque: set[int]
-    held: dict[int, _Parts] = field(default_factory=dict)
+    contents: dict[int, _Parts] = field(default_factory=dict)
     first: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     def load(self, variable: int, path: tuple[int, ...]) -> _Parts | None:
@@ -66,7 +66,7 @@ class _Slots:
         first = self.first.get(variable)
         if first is None or path[: len(first)] != first:
             self.opaque.add(variable)
-        return None if variable in self.opaque else self.held.get(variable)
+        return None if variable in self.opaque else self.contents.get(variable)
 
 
 def reach(module: Module, cut: Collection[str], rank: int) -> Reach:
@@ -76,29 +76,29 @@ def reach(module: Module, cut: Collection[str], rank: int) -> Reach:
     """
     finder = _Finder(module, cut, rank)
     finder.function(module.entry, [_unknown(i.type) for i in module.entry.inputs])
-    return Reach(tuple(finder.found), tuple(finder.wraps), tuple(finder.clamps))
+    return Reach(tuple(finder.distances), tuple(finder.wraps), tuple(finder.clamps))
 
 
 class _Finder:
     def __init__(self, module: Module, cut: Collection[str], rank: int) -> None:
         self.functions = {f.name: f for f in module.functions}
         self.cut = cut
-        self.found = [0] * rank
+        self.distances = [0] * rank
         self.wraps, self.clamps = [False] * rank, [False] * rank
 
-    def function(self, function: Function, given: Sequence[_Parts]) -> list[_Parts]:
+    def function(self, function: Function, input_parts: Sequence[_Parts]) -> list[_Parts]:
         """Return the parts of the outputs of a function, given those of its inputs."""
-        inputs = zip(function.inputs, given, strict=True)
-        known = {i.id: parts for i, parts in inputs if not isinstance(i, Variable)}
+        inputs = zip(function.inputs, input_parts, strict=True)
+        values = {i.id: parts for i, parts in inputs if not isinstance(i, Variable)}
         slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})
         count = 0
         while True:
-            before, opaque = dict(slots.held), set(slots.opaque)
-            self._region(function.body, dict(known), slots, ())
-            changed = {v for v, parts in slots.held.items() if before.get(v) != parts}
+            before, opaque = dict(slots.contents), set(slots.opaque)
+            self._region(function.body, dict(values), slots, ())
+            changed = {v for v, parts in slots.contents.items() if before.get(v) != parts}
             if not changed and slots.opaque == opaque:
-                held = {v: parts for v, parts in slots.held.items() if v not in opaque}
-                return [held.get(o.id, _unknown(o.type)) for o in function.outputs]
+                contents = {v: parts for v, parts in slots.contents.items() if v not in opaque}
+                return [contents.get(o.id, _unknown(o.type)) for o in function.outputs]
             count += 1
             if count >= _ROUNDS:
                 slots.opaque |= changed
@@ -114,13 +114,13 @@ class _Finder:
                     if components is not None or index is not None:
                         slots.opaque.add(variable)
                     else:
-                        slots.held[variable] = _each(_joined, slots.held.get(variable, stored), stored)
+                        slots.contents[variable] = _each(_joined, slots.contents.get(variable, stored), stored)
                 case Call(name, args):
                     inputs = list(zip(args, self.functions[name].inputs, strict=True))
                     slots.opaque.update(changed_variables(s, self.functions))
-                    given = [_unknown(i.type) if isinstance(i, Variable) else values[a] for a, i in inputs]
-                    found_each = self.function(self.functions[name], given)
-                    values.update(zip((r.id for r in results(s)), found_each, strict=True))
+                    input_parts = [_unknown(i.type) if isinstance(i, Variable) else values[a] for a, i in inputs]
+                    output_parts = self.function(self.functions[name], input_parts)
+                    values.update(zip((r.id for r in results(s)), output_parts, strict=True))
             for k, inner in enumerate(regions_of(s)):
                 self._region(inner, values, slots, (*path, place, k))
 
@@ -151,11 +151,11 @@ class _Finder:
                     f"{s.attr} is read at an index whose distance from sh.grid_index has no known bound, so no halo is "
                     "wide enough",
                     loc=s.value.loc,
-                    cure=f"{s.attr}[i + (0, 1)] with i = sh.grid_index({len(self.found)}) and constants, or the whole "
-                    "array as a sh.Table",
+                    cure=f"{s.attr}[i + (0, 1)] with i = sh.grid_index({len(self.distances)}) and constants, or the "
+                    "whole array as a sh.Table",
                 )
             distance = max(-part.low, part.high)
-            self.found[axis] = max(self.found[axis], distance)
+            self.distances[axis] = max(self.distances[axis], distance)
             self.wraps[axis] |= part.of == "wrapped"
             self.clamps[axis] |= part.of == "index" and distance > 0
 

@@ -67,9 +67,9 @@ class _Rewriter:
                     then = self.region(then, in_loop=in_loop)
                     self.b.append(If(condition, then, self.region(orelse, in_loop=in_loop), loc))
                 case Loop(body, continuing, until, turns, loc):
-                    made = Loop(self.region(body, in_loop=True), continuing, until, turns, loc)
-                    self.b.append(made)
-                    self.after(made, returned=_contains(statement, Return), in_loop=in_loop)
+                    loop = Loop(self.region(body, in_loop=True), continuing, until, turns, loc)
+                    self.b.append(loop)
+                    self.after(loop, returned=_contains(statement, Return), in_loop=in_loop)
                 case _:
                     self.b.append(statement)
         return self.b.pop()

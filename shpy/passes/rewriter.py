@@ -4,7 +4,7 @@ Stage: improve. `alias[old] = new` replaces every later use of a value by anothe
 
     class DoubleNegation(Rewriter):
         def let(self, let: Let) -> None:
-            inner = self.made.get(let.args[0]) if let.op == "not" else None
+            inner = self.lets.get(let.args[0]) if let.op == "not" else None
             if inner is not None and inner.op == "not":
                 self.replace(let.value, inner.args[0])
             else:
@@ -37,7 +37,7 @@ class Rewriter:
         self.function = function
         self.functions = functions
         self.alias: dict[int, int] = {}
-        self.made: dict[int, Let] = {}
+        self.lets: dict[int, Let] = {}
         self.types: dict[int, Type] = {i.id: i.type for i in function.inputs if isinstance(i, Value)}
         self.loc: Loc | None = None
         self._open: list[list[Stmt]] = []
@@ -52,7 +52,7 @@ class Rewriter:
     def emit(self, statement: Stmt) -> None:
         """Append a statement to the open region."""
         if isinstance(statement, Let):
-            self.made[statement.value.id] = statement
+            self.lets[statement.value.id] = statement
             self.types[statement.value.id] = statement.value.type
         elif isinstance(statement, Call):
             self.types.update({r.id: r.type for r in statement.results})
@@ -164,11 +164,11 @@ def each_function(module: Module, f: Callable[[Function, Functions], Function]) 
 
 def map_exits(body: Region, f: Callable[[Stmt], Region]) -> Region:
     """Return the body of a loop, or of a function, with each exit outside of inner loops replaced by what `f` gives."""
-    made: list[Stmt] = []
+    statements: list[Stmt] = []
     for s in body:
         inner = map_regions(s, lambda r: map_exits(r, f)) if isinstance(s, If) else s
-        made += f(s) if isinstance(s, EXITS) else (inner,)
-    return tuple(made)
+        statements += f(s) if isinstance(s, EXITS) else (inner,)
+    return tuple(statements)
 
 
 def falls_through(region: Region) -> bool:

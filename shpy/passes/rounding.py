@@ -27,7 +27,7 @@ def with_exceptions(name: str, x: Term, result: Term, exceptions: Iterable[tuple
     Exceptions of an odd or even function are listed for positive inputs only.
     """
     size = abs(x) if name in ODD | EVEN else x
-    for given, value in exceptions:
+    for argument, value in exceptions:
         right = where(x < 0, x.constant(-value), value) if name in ODD else value
-        result = where(size.equals(given), right, result)
+        result = where(size.equals(argument), right, result)
     return result

@@ -23,7 +23,7 @@ class Slots:
 
     def __init__(self, variables: Iterable[Variable]) -> None:
         self._variables = {v.id: v for v in variables}
-        self._made: dict[tuple[str, int, int], Variable] = {}
+        self._slots: dict[tuple[str, int, int], Variable] = {}
         self.varying: set[int] = set()
         """Ids of the slots that hold a separate value for each lane."""
 
@@ -33,39 +33,39 @@ class Slots:
 
     def lanes(self, variable: int, loop: int | None = None) -> Variable:
         """Return the slot of the variable while it varies, in the function or in a loop with a slot of its own."""
-        made = self._slot("lanes", variable, _FUNCTION if loop is None else loop)
-        self.varying.add(made.id)
-        return made
+        slot = self._slot("lanes", variable, _FUNCTION if loop is None else loop)
+        self.varying.add(slot.id)
+        return slot
 
     def array(self, variable: int, varies: bool) -> Variable:
         """Return the slot of an array: the same one in the whole function, whether the array varies or not."""
-        made = self._slot("array", variable)
+        slot = self._slot("array", variable)
         if varies:
-            self.varying.add(made.id)
-        return made
+            self.varying.add(slot.id)
+        return slot
 
     def mask(self, name: str, loop: int) -> Variable:
         """Return the slot of a mask of a loop or of the function."""
         key = (name, loop, _FUNCTION)
-        if key not in self._made:
-            self._made[key] = Variable(len(self._made), vec(Base.B), None, name)
-            self.varying.add(self._made[key].id)
-        return self._made[key]
+        if key not in self._slots:
+            self._slots[key] = Variable(len(self._slots), vec(Base.B), None, name)
+            self.varying.add(self._slots[key].id)
+        return self._slots[key]
 
     def live(self) -> frozenset[int]:
         """Return the slots of the masks of lanes that are still in their loop."""
-        return frozenset(slot.id for (name, _, _), slot in self._made.items() if name == "live")
+        return frozenset(slot.id for (name, _, _), slot in self._slots.items() if name == "live")
 
     def _slot(self, kind: str, variable: int, loop: int = _FUNCTION) -> Variable:
         key = (kind, variable, loop)
-        if key not in self._made:
-            self._made[key] = replace(self._variables[variable], id=len(self._made))
-        return self._made[key]
+        if key not in self._slots:
+            self._slots[key] = replace(self._variables[variable], id=len(self._slots))
+        return self._slots[key]
 
     def named(self, used: Iterable[int]) -> dict[int, Variable]:
         """Return the slots that are used, with their names, by id."""
-        wanted = set(used)
-        kept = {key: slot for key, slot in self._made.items() if slot.id in wanted}
+        ids = set(used)
+        kept = {key: slot for key, slot in self._slots.items() if slot.id in ids}
         of: dict[int, set[tuple[str, bool]]] = {}
         for kind, variable, loop in kept:
             if kind in ("uniform", "lanes"):

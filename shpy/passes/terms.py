@@ -29,8 +29,8 @@ class _Definition(Builder):
         self.names: dict[int, str] = {}
 
     def finish(self) -> Function:
-        made = super().finish()
-        return replace(made, body=rewrite(made.body, self._named))
+        function = super().finish()
+        return replace(function, body=rewrite(function.body, self._named))
 
     def _named(self, s: Stmt) -> Stmt:
         return replace(s, value=replace(s.value, name=self.names.get(s.value.id))) if isinstance(s, Let) else s
@@ -144,8 +144,8 @@ def replaced(c: Term, values: Mapping[str, Term], make: Callable[[], Iterable[Te
         b.store(slot, value.value)
     one = c if c.type.size == 1 else c.op("any")
     with b.when(one.op("any_lane", type=vec(Base.B)).value):
-        for slot, value, made in zip(slots, values.values(), make(), strict=True):
-            b.store(slot, where(c, made, value).value)
+        for slot, value, replacement in zip(slots, values.values(), make(), strict=True):
+            b.store(slot, where(c, replacement, value).value)
     return [Term(b, b.load(slot)) for slot in slots]
 
 

@@ -80,11 +80,11 @@ def vectorize(module: Module, *, padded: bool = False, alone: bool = False) -> V
     """Return the module for many lanes. `padded`: some lanes have no element (`lane_mask`); `alone`: see `Callees`."""
 
     def make(
-        function: Function, given: frozenset[int], mask: Value | None, callees: Callees
+        function: Function, varying_inputs: frozenset[int], mask: Value | None, callees: Callees
     ) -> tuple[Function, LaneFacts]:
-        work = _Vectorizer(function, given, callees, mask, padded and function.name == module.entry.name)
-        made = work.run()
-        return made, LaneFacts(frozenset(work.varying), frozenset(work.slots.varying), work.slots.live())
+        work = _Vectorizer(function, varying_inputs, callees, mask, padded and function.name == module.entry.name)
+        result = work.run()
+        return result, LaneFacts(frozenset(work.varying), frozenset(work.slots.varying), work.slots.live())
 
     callees = Callees(module, make, alone=alone)
     named = callees.named(callees.entry())
@@ -98,9 +98,9 @@ class _Vectorizer(CallBuilder):
     """Translates a function; repeats a loop until its facts hold, and the function until its facts and arrays hold."""
 
     def __init__(
-        self, function: Function, given: frozenset[int], callees: Callees, mask: Value | None, padded: bool
+        self, function: Function, varying_inputs: frozenset[int], callees: Callees, mask: Value | None, padded: bool
     ) -> None:
-        super().__init__(function, given, callees)
+        super().__init__(function, varying_inputs, callees)
         self.active = mask
         self.padded = padded
         self.notes = annotate(function)
@@ -108,12 +108,12 @@ class _Vectorizer(CallBuilder):
     def run(self) -> Function:
         """Return the function for many lanes."""
         while True:
-            found = self.facts.size() + len(self.varying_arrays)
+            size = self.facts.size() + len(self.varying_arrays)
             self.begin()
             self.b.push()
             self.body()
             body = self.b.pop()
-            if self.scope.late or self.facts.size() + len(self.varying_arrays) > found:
+            if self.scope.late or self.facts.size() + len(self.varying_arrays) > size:
                 continue
             spread = self.spread_only(body)
             if not spread:
@@ -359,13 +359,13 @@ class _Vectorizer(CallBuilder):
     def loop(self, s: Loop, note: Note, here: Here) -> None:
         before = set(self.state)
         while True:
-            found = note.facts.size()
+            size = note.facts.size()
             self.state = set(before)
             self.b.push()
             scope = self.attempt(s, note, here)
-            made = self.b.pop()
-            if note.facts.size() == found and not scope.late:
-                self.b.extend(made)
+            region = self.b.pop()
+            if note.facts.size() == size and not scope.late:
+                self.b.extend(region)
                 return
 
     def attempt(self, s: Loop, note: Note, here: Here) -> Scope:
@@ -385,9 +385,9 @@ class _Vectorizer(CallBuilder):
         if facts.varying and start is not None:
             self.b.store(scope.live, start)
         still_kept = (kept | note.after if facts.varying else kept) & self.arrays
-        made = self.iteration(s, note, Here(start, whole=True, kept=still_kept))
+        loop = self.iteration(s, note, Here(start, whole=True, kept=still_kept))
         self.scope = outer
-        self.b.append(made)
+        self.b.append(loop)
         self.state = self.always | inner | (entry if facts.varying else (entry - stored) | facts.exit)
         if not facts.varying:
             self.merge(inner & note.after, facts.exit, here, scope)

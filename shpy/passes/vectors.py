@@ -23,26 +23,26 @@ from shpy.ir.nodes import Let
 from shpy.passes.identities import Found, Known
 
 
-def rearrange(known: Known, let: Let) -> Found:
+def rearrange(context: Known, let: Let) -> Found:
     """Return a simpler equivalent of a swizzle, construct or component, or None."""
     if let.op == "swizzle":
         assert isinstance(let.attr, tuple)
-        return _swizzle(known, let, let.args[0], let.attr)
+        return _swizzle(context, let, let.args[0], let.attr)
     if let.op == "construct":
-        return _construct(known, let)
+        return _construct(context, let)
     if let.op == "component":
         vector, index = let.args
-        at = known.constant(index)
+        at = context.constant(index)
         if at is not None:
-            last = known.types[vector].size - 1
+            last = context.types[vector].size - 1
             return Let(let.value, "swizzle", (vector,), (min(max(at[0], 0), last),))
     return None
 
 
-def _swizzle(known: Known, let: Let, source: int, picked: tuple[int, ...]) -> Found:
-    if picked == tuple(range(known.types[source].size)):
+def _swizzle(context: Known, let: Let, source: int, picked: tuple[int, ...]) -> Found:
+    if picked == tuple(range(context.types[source].size)):
         return source
-    inner = known.made.get(source)
+    inner = context.lets.get(source)
     match inner:
         case Let(_, "const", _, tuple(components)):
             return Let(let.value, "const", (), tuple(components[p] for p in picked))
@@ -51,54 +51,56 @@ def _swizzle(known: Known, let: Let, source: int, picked: tuple[int, ...]) -> Fo
         case Let(_, "splat", (scalar,)):
             return scalar if len(picked) == 1 else Let(let.value, "splat", (scalar,))
         case Let(_, "construct"):
-            return _of_construct(known, let, inner, picked)
+            return _of_construct(context, let, inner, picked)
     return None
 
 
-def _of_construct(known: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
+def _of_construct(context: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
     """Return a swizzle of a construct as a swizzle of one part, or as a construct of swizzles of several parts.
 
     A construct with a name from the user stays if several parts are picked, since `q.zyx` is easier to read.
     """
-    parts = [(arg, k) for arg in construct.args for k in range(known.types[arg].size)]
+    parts = [(arg, k) for arg in construct.args for k in range(context.types[arg].size)]
     chosen = [parts[p] for p in picked]
     values = tuple(arg for arg, _ in chosen)
     if len(set(values)) > 1:
         if construct.value.name is not None:
             return None
         grouped = [(arg, [k for _, k in run]) for arg, run in groupby(chosen, key=lambda part: part[0])]
-        return Let(let.value, "construct", tuple(_part(known, let, arg, k) for arg, k in _one_by_one(known, grouped)))
-    if known.types[values[0]].size > 1:
+        return Let(
+            let.value, "construct", tuple(_part(context, let, arg, k) for arg, k in _one_by_one(context, grouped))
+        )
+    if context.types[values[0]].size > 1:
         return Let(let.value, "swizzle", values[:1], tuple(k for _, k in chosen))
     return values[0] if len(picked) == 1 else Let(let.value, "splat", values[:1])
 
 
-def _one_by_one(known: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
+def _one_by_one(context: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
     """Yield the runs; a run of a scalar, which has no swizzle, is yielded once for each component picked."""
     for arg, picked in runs:
-        if known.types[arg].size == 1:
+        if context.types[arg].size == 1:
             yield from ((arg, [0]) for _ in picked)
         else:
             yield arg, picked
 
 
-def _construct(known: Known, let: Let) -> Found:
-    inner = [known.made.get(a) for a in let.args]
-    if any(_is_nameless_construct(made) for made in inner):
+def _construct(context: Known, let: Let) -> Found:
+    inner = [context.lets.get(a) for a in let.args]
+    if any(_is_nameless_construct(part) for part in inner):
         nested = [
-            made.args if made and _is_nameless_construct(made) else (a,)
-            for made, a in zip(inner, let.args, strict=True)
+            part.args if part and _is_nameless_construct(part) else (a,)
+            for part, a in zip(inner, let.args, strict=True)
         ]
         return Let(let.value, "construct", tuple(a for args in nested for a in args))
-    constants = [known.constant(a) for a in let.args]
+    constants = [context.constant(a) for a in let.args]
     if all(c is not None for c in constants):
         return Let(let.value, "const", (), tuple(k for c in constants if c is not None for k in c))
-    if len(set(let.args)) == 1 and known.types[let.args[0]].size == 1:
+    if len(set(let.args)) == 1 and context.types[let.args[0]].size == 1:
         return Let(let.value, "splat", let.args[:1])
     runs: list[tuple[int, list[int]]] = []
     for arg in let.args:
-        source, picked = _picked(known, arg)
-        if runs and runs[-1][0] == source and known.types[source].size > 1:
+        source, picked = _picked(context, arg)
+        if runs and runs[-1][0] == source and context.types[source].size > 1:
             runs[-1][1].extend(picked)
         else:
             runs.append((source, list(picked)))
@@ -106,24 +108,24 @@ def _construct(known: Known, let: Let) -> Found:
         return Let(let.value, "swizzle", (runs[0][0],), tuple(runs[0][1]))
     if len(runs) == len(let.args):
         return None
-    return Let(let.value, "construct", tuple(_part(known, let, source, picked) for source, picked in runs))
+    return Let(let.value, "construct", tuple(_part(context, let, source, picked) for source, picked in runs))
 
 
-def _is_nameless_construct(made: Let | None) -> bool:
-    return made is not None and made.op == "construct" and made.value.name is None
+def _is_nameless_construct(let: Let | None) -> bool:
+    return let is not None and let.op == "construct" and let.value.name is None
 
 
-def _picked(known: Known, arg: int) -> tuple[int, tuple[int, ...]]:
+def _picked(context: Known, arg: int) -> tuple[int, tuple[int, ...]]:
     """Return the source vector of a part, and the indices of the components picked from it."""
-    made = known.made.get(arg)
-    if made is not None and made.op == "swizzle":
-        assert isinstance(made.attr, tuple)
-        return made.args[0], made.attr
-    return arg, tuple(range(known.types[arg].size))
+    let = context.lets.get(arg)
+    if let is not None and let.op == "swizzle":
+        assert isinstance(let.attr, tuple)
+        return let.args[0], let.attr
+    return arg, tuple(range(context.types[arg].size))
 
 
-def _part(known: Known, let: Let, source: int, picked: list[int]) -> int:
-    size = known.types[source].size
+def _part(context: Known, let: Let, source: int, picked: list[int]) -> int:
+    size = context.types[source].size
     if picked == list(range(size)):
         return source
-    return known.make("swizzle", source, type=let.value.type.sized(len(picked)), attr=tuple(picked))
+    return context.make("swizzle", source, type=let.value.type.sized(len(picked)), attr=tuple(picked))

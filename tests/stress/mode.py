@@ -40,7 +40,7 @@ from shpy.backend.opencl.device import (
     run as opencl_runtime,
     staging as opencl_staging,
 )
-from shpy.backend.opencl.device.driver import _found, machine_of
+from shpy.backend.opencl.device.driver import _driver_devices, machine_of
 from shpy.chains.chain import Chain
 from shpy.run.kernel import Kernel
 
@@ -68,7 +68,7 @@ def poison(array: np.ndarray[Any, Any], pattern: np.uint32 = TAKEN) -> np.ndarra
 def fill(thing: Any, pattern: np.uint32) -> Any:
     """Fill a buffer, a texture or all textures of a framebuffer with a pattern."""
     if hasattr(thing, "int_ptr"):
-        machine = next(m for m in map(machine_of, range(len(_found()))) if m.context == thing.context)
+        machine = next(m for m in map(machine_of, range(len(_driver_devices()))) if m.context == thing.context)
         machine.cl.enqueue_fill_buffer(machine.queue, thing, pattern, 0, thing.size)
         return thing
     for texture in getattr(thing, "textures", (thing,)):

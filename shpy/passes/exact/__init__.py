@@ -57,9 +57,9 @@ def rounded(name: str) -> Callable[..., Term]:
     inputs = np.array([float.fromhex(text) for text in EXCEPTIONS.get(name, ())], np.float32)
     exceptions = list(zip(inputs.tolist(), ELEMENTARY[name](inputs).tolist(), strict=True)) if len(inputs) else []
 
-    def meaning(*given: Term) -> Term:
-        x, found = given[0], formula(*given)
-        result = found if found.type.base is Base.F else found.based(Base.F)
+    def meaning(*terms: Term) -> Term:
+        x, value = terms[0], formula(*terms)
+        result = value if value.type.base is Base.F else value.based(Base.F)
         return with_exceptions(name, x, result, exceptions)
 
     meaning.__signature__ = inspect.signature(formula)  # type: ignore[attr-defined]

@@ -68,8 +68,8 @@ def _reduced(x: Term) -> list[Term]:
     """Return [high, low, last, k]: x is k * pi / 2 + high + low + last plus a multiple of 2 * pi."""
 
     def far() -> list[Term]:
-        found = [x[n].op("far_reduced", type=x.type.sized(4)) for n in range(x.type.size)]
-        return [joined(*(one[n] for one in found)) for n in range(4)]
+        reductions = [x[n].op("far_reduced", type=x.type.sized(4)) for n in range(x.type.size)]
+        return [joined(*(one[n] for one in reductions)) for n in range(4)]
 
     near = dict(zip(("high", "low", "last", "k"), _near_reduced(x), strict=True))
     return replaced((abs(x) > FAR).named("far"), near, far)

@@ -51,8 +51,8 @@ def _reduced(x: Term) -> Triple:
     """Return (high, low, k): x is k * pi / 2 + high + low plus a multiple of 2 * pi; |high| is at most pi / 4."""
 
     def far() -> list[Term]:
-        found = [x[n].op("payne_hanek", type=x.type.sized(3)) for n in range(x.type.size)]
-        return [joined(*(triple[n] for triple in found)) for n in range(3)]
+        reductions = [x[n].op("payne_hanek", type=x.type.sized(3)) for n in range(x.type.size)]
+        return [joined(*(triple[n] for triple in reductions)) for n in range(3)]
 
     near = dict(zip(("high", "low", "k"), _near_reduced(x), strict=True))
     high, low, k = replaced((abs(x) > FAR).named("far"), near, far)

@@ -58,14 +58,14 @@ def quarters(x: Term, digits: Sequence[float], columns: int) -> tuple[list[Term]
     sums = [
         (first * window[n + 2] + second * window[n + 1] + third * window[n]).named("column") for n in range(columns)
     ]
-    found = []
+    place_values = []
     total = sums.pop()
     while sums:
         carry = whole_and_shifted(total * (1 / radix))[0].named("carry")
-        found.append((total - carry * radix).named("place"))
+        place_values.append((total - carry * radix).named("place"))
         total = (sums.pop() + carry).named("total")
     # One float holds two digits.
-    places = enumerate(zip(found[::-2], found[-2::-2], strict=True), 1)
+    places = enumerate(zip(place_values[::-2], place_values[-2::-2], strict=True), 1)
     pairs = [((upper * radix + lower) * radix ** (-2 * n)).named("pair") for n, (upper, lower) in places]
     return pairs, total.named("k")
 

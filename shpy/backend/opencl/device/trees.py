@@ -122,8 +122,8 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     options = Options(precision=precision)
     if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
-        element, part = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.made))
-        types = replace(types, element=element, made=part)
+        element, part = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.part))
+        types = replace(types, element=element, part=part)
     prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
@@ -139,7 +139,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
     cores = machine.device.max_compute_units
     parts, results = (
-        tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.made) for count in (_PARTS * cores, 1)
+        tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.part) for count in (_PARTS * cores, 1)
     )
     done = space.allocate(1, vec(Base.U), np.dtype(np.uint32))
     done.write(np.zeros(1, np.uint32))

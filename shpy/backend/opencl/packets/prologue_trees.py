@@ -43,7 +43,7 @@ _TREE, _SCAN, _JOIN = ((resources.files(__package__) / file).read_text() for fil
 
 def tree_block(types: NodeTypes) -> int:
     """Return the number of elements of a block: a power of two, smaller if an element has many numbers."""
-    numbers = sum(t.size for t in types.made)
+    numbers = sum(t.size for t in types.part)
     return max(64, _BLOCK_NUMBERS >> (numbers - 1).bit_length())
 
 
@@ -53,7 +53,7 @@ class TreePrologue:
     def __init__(self, prologue: PacketPrologue, types: NodeTypes, *, joins: bool = False) -> None:
         """Write kernels for nodes of these types; with `joins` there is one that joins the parts, too."""
         self.prologue, self.node_types, self.lanes, self.joins = prologue, types, prologue.lanes, joins
-        self.parts = [lanes_of(t.base, self.lanes) for t in types.made for _ in range(t.size)]
+        self.parts = [lanes_of(t.base, self.lanes) for t in types.part for _ in range(t.size)]
 
     def text(self, inner: str) -> str:
         """Return the kernels; `inner` names the program."""
@@ -72,9 +72,9 @@ class TreePrologue:
         words = {"WIDTH": str(self.lanes), "BLOCK": str(tree_block(types)), "INLINE": INLINE}
         for word, of, qualifier in (
             ("GIVEN", types.element, "const "),
-            ("ABOVE", types.made, "const "),
-            ("MADE", types.made, ""),
-            ("OUT", types.made, ""),
+            ("ABOVE", types.part, "const "),
+            ("MADE", types.part, ""),
+            ("OUT", types.part, ""),
         ):
             names = [f"{word.lower()}{k}" for k in range(len(of))]
             pairs = zip(of, names, strict=True)
@@ -140,7 +140,7 @@ class TreePrologue:
         parts = [f"{name}.part{k}" for name in "ab" for k in range(len(self.parts))]
         lifted = self.node_types.lifted
         element_arguments = self._zeros(self.node_types.element) + [f"(int{self.lanes})(0)"] if lifted else []
-        arguments = [*element_arguments, *self._rows(parts, self.node_types.made * 2)]
+        arguments = [*element_arguments, *self._rows(parts, self.node_types.part * 2)]
         return "\n".join([
             "INLINE sh_node sh_combine(sh_node a, sh_node b) {",
             *self._called(inner, arguments, last=True),
@@ -171,12 +171,12 @@ class TreePrologue:
         lines, numbers = self._leaves("given", types.element)
         if types.lifted:
             leaves = [f"element{k}" for k in range(len(types.element))]
-            arguments = [*leaves, "(int)first + sh_lanes()", *self._zeros(types.made * 2)]
+            arguments = [*leaves, "(int)first + sh_lanes()", *self._zeros(types.part * 2)]
             statements = self._called(inner, arguments, last=False)
         else:
             statements = _filled(numbers)
         text = self._reading("elements", "given", [*lines, *statements])
-        lines, numbers = self._leaves("made", types.made)
+        lines, numbers = self._leaves("made", types.part)
         return text + self._reading("parts", "made", [*lines, *_filled(numbers)])
 
     def _reading(self, of: str, name: str, lines: Sequence[str]) -> str:
@@ -222,7 +222,7 @@ class TreePrologue:
 
     def _writes(self) -> str:
         """Return `sh_write`, which writes the nodes into the elements from `first` on that stand before `end`."""
-        types = self.node_types.made
+        types = self.node_types.part
         values = self._rows([f"made.part{k}" for k in range(len(self.parts))], types)
         lines = [
             f"    {self.prologue.memory('write', t.base, t.size)}(out{k}, {value}, packet);"

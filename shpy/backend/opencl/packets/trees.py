@@ -34,7 +34,7 @@ def print_trees(
     index precede these inputs, and the node of that element precedes the result. `joins`: see `TreePrologue`;
     `faults`: see `print_packets`.
     """
-    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.made)):
+    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.part)):
         return None
     packets = in_packets(module, lanes, "strict", faults)
     if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
