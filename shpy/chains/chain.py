@@ -65,15 +65,15 @@ class Chain(Unchanging, ABC):
     @property
     def inputs(self) -> dict[str, Any]:
         """The type of each stream, Table or number that `run` takes, by name."""
-        found: dict[str, Any] = {}
+        types: dict[str, Any] = {}
         written: set[str] = set()
         for step in self.steps:
             kernel = step.kernel
             for name, type_ in step.inputs.items():
                 if name not in written and name not in kernel.recorded.defaults:
-                    found.setdefault(name, getattr(type_, "cls", type_))
+                    types.setdefault(name, getattr(type_, "cls", type_))
             written |= {name for name, _ in kernel.outputs} if step.runs and not kernel.rejects else set()
-        return found
+        return types
 
     @property
     def outputs(self) -> dict[str, Any]:
@@ -116,10 +116,10 @@ class Chain(Unchanging, ABC):
 
     def _check_types(self) -> None:
         """Raise ShpyTypeError where two kernels give the stream of one name different types."""
-        known: dict[str, tuple[InputType, Member]] = {}
+        types: dict[str, tuple[InputType, Member]] = {}
         for kernel in self.kernels:
             for name, type_ in [*kernel.inputs.items(), *kernel.outputs]:
-                first, other = known.setdefault(name, (type_, kernel))
+                first, other = types.setdefault(name, (type_, kernel))
                 if not alike(element_layout(first), element_layout(type_)):
                     raise ShpyTypeError(
                         f"the stream {name} is {with_article(first)} in {other.signature} and {with_article(type_)} in "
@@ -238,7 +238,7 @@ class Loop(Chain):
             self._perform(run, advance)
 
     def _perform(self, run: Run, advance: Callable[[], None]) -> None:
-        outside = run.once, run.held, run.open
+        outside = run.once, run.holds_back, run.open
         run.once = run.open = False
         watch = Watch(self._deciding)
         run.watches.append(watch)
@@ -246,11 +246,11 @@ class Loop(Chain):
         while self.loop_limit is None or rounds < self.loop_limit:
             if rounds:
                 advance()
-            watch.wrote = run.held = False
+            watch.wrote = run.holds_back = False
             self._round.perform(run)
             rounds += 1
-            if not watch.wrote and not run.held:
-                run.once, run.held, run.open = outside
+            if not watch.wrote and not run.holds_back:
+                run.once, run.holds_back, run.open = outside
                 run.watches.pop()
                 return
             run.open = not watch.wrote
@@ -332,7 +332,7 @@ def loop(
     """
     if loop_limit is not None and not (is_int(loop_limit) and loop_limit > 0):
         raise ShpyTypeError(f"loop_limit={loop_limit!r}", loc=here(), cure="a number of rounds, or None for no limit")
-    parts = _held(_guarded(_members(members, index), where), {} if when is None else when)
+    parts = _with_shares(_guarded(_members(members, index), where), {} if when is None else when)
     _check_until(until, parts)
     return _numbered(Loop(parts, None if loop_limit is None else int(loop_limit), index, until))
 
@@ -356,15 +356,15 @@ def _check_until(until: str | None, members: tuple[Member | Chain, ...]) -> None
     )
 
 
-def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
+def _with_shares(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tuple[Member | Chain, ...]:
     """Return the members; each that `when` names waits until its share of the elements is ready."""
     names = dict.fromkeys(member.name for member in members if isinstance(member, Member))
     if not isinstance(when, Mapping):
         cure = f'when={{"{next(iter(names), "program")}": sh.share("waiting", 0.2)}}'
         raise ShpyTypeError(f"when={when!r} is no dict of members and their shares", loc=here(), cure=cure)
     kernels = [kernel for member in members for kernel in member.kernels]
-    known = {n: layout for kernel in kernels for n, layout in kernel.outputs}
-    known |= {n: element_layout(t) for kernel in kernels for n, t in kernel.inputs.items() if not is_gathered(t)}
+    layouts = {n: layout for kernel in kernels for n, layout in kernel.outputs}
+    layouts |= {n: element_layout(t) for kernel in kernels for n, t in kernel.inputs.items() if not is_gathered(t)}
     for name, share in when.items():
         if name not in names or not isinstance(share, Share):
             raise ShpyTypeError(
@@ -372,7 +372,7 @@ def _held(members: tuple[Member | Chain, ...], when: Mapping[str, Share]) -> tup
                 loc=here(),
                 cure=f'when={{"{next(iter(names), "program")}": sh.share("waiting", 0.2)}}, by the name of a member',
             )
-        share.check(known, f"the loop of {', '.join(_spoken(member) for member in members)}")
+        share.check(layouts, f"the loop of {', '.join(_spoken(member) for member in members)}")
     return tuple(Held((m,), when[m.name]) if isinstance(m, Member) and m.name in when else m for m in members)
 
 
@@ -411,10 +411,10 @@ def _numbered(node: Chain) -> Chain:
     return node
 
 
-def _members(given: tuple[Any, ...], index: str | None = None) -> tuple[Member | Chain, ...]:
-    if not given:
+def _members(values: tuple[Any, ...], index: str | None = None) -> tuple[Member | Chain, ...]:
+    if not values:
         raise ShpyTypeError("a chain has at least one member", loc=here(), cure="sh.sequence(first, second)")
-    return tuple(_member(value, index) for value in given)
+    return tuple(_member(value, index) for value in values)
 
 
 def _member(value: Any, index: str | None) -> Member | Chain:

@@ -56,5 +56,5 @@ class Counter:
 
 @cache
 def _increment() -> Program:
-    with recording("increment", None) as made:
-        return Program(record_body(made, {"number": Leaf(COUNT)}, None, lambda given: given["number"] + 1))
+    with recording("increment", None) as record:
+        return Program(record_body(record, {"number": Leaf(COUNT)}, None, lambda inputs: inputs["number"] + 1))

@@ -56,8 +56,8 @@ class Step(NamedTuple):
 
 def stream_names(steps: Iterable[Step]) -> tuple[str, ...]:
     """Return the names of the streams, Tables and numbers that kernels read or write, without numbers of passes."""
-    found = (name for step in steps for name in (*step.inputs, *(name for name, _ in step.kernel.outputs)))
-    return tuple(dict.fromkeys(found))
+    names = (name for step in steps for name in (*step.inputs, *(name for name, _ in step.kernel.outputs)))
+    return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +132,17 @@ class Member:
         recorded = self.recorded
         if isinstance(condition, str):
             _check_shared(recorded, condition, Leaf(MASK), f'where="{condition}"')
-            made = guarded(recorded, None, condition)
+            program = guarded(recorded, None, condition)
         else:
             if not is_condition(condition):
                 raise no_condition(condition, "where=", "program", 'where="alive"')
             for name, type_ in condition.recorded.inputs.items():
                 _check_shared(recorded, name, type_, signature(condition.recorded))
-            made = guarded(recorded, condition.recorded, "")
+            program = guarded(recorded, condition.recorded, "")
         if isinstance(self.kernel, Kernel):
-            kernel: Program | Kernel = Kernel(made, backend_named(self.kernel.backend), self.kernel.options)
+            kernel: Program | Kernel = Kernel(program, backend_named(self.kernel.backend), self.kernel.options)
         else:
-            kernel = Program(made)
+            kernel = Program(program)
         return replace(self, kernel=kernel)
 
     def compiled(self, place: Place) -> Kernel:
@@ -203,8 +203,8 @@ def _fitting(recorded: Recorded, layout: Layout, index: str | None) -> list[str]
 
 def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
     """Raise ShpyTypeError for an output of a type that no stream has; several values need a struct."""
-    known = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
-    if not known:
+    is_supported = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
+    if not is_supported:
         raise ShpyTypeError(
             f"the output {name} of {signature(recorded)} is {type_name(layout)}, which is no type of a stream",
             loc=here(),
@@ -218,26 +218,27 @@ def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
         )
 
 
-def is_condition(given: Any) -> bool:
+def is_condition(condition: Any) -> bool:
     """Return whether something is a program that returns one Attrib1b."""
-    return isinstance(given, Program) and given.recorded.output == Leaf(MASK)
+    return isinstance(condition, Program) and condition.recorded.output == Leaf(MASK)
 
 
-def no_condition(given: Any, what: str, wanted: str, cure: str) -> ShpyTypeError:
+def no_condition(condition: Any, what: str, kind: str, cure: str) -> ShpyTypeError:
     """Return the error for a value that is not a condition; the message begins with `what`."""
-    spoken = signature(given.recorded) if isinstance(given, Program) else repr(given)
+    spoken = signature(condition.recorded) if isinstance(condition, Program) else repr(condition)
     return ShpyTypeError(
-        f"{what}{spoken} is neither the name of a stream nor a {wanted} that returns one Attrib1b",
+        f"{what}{spoken} is neither the name of a stream nor a {kind} that returns one Attrib1b",
         loc=here(),
         cure=f"{cure}, or a program of the element: alive(x: sh.Attrib1f) -> sh.Attrib1b",
     )
 
 
 def _check_shared(recorded: Recorded, name: str, type_: InputType, other: str) -> None:
-    known = recorded.inputs.get(name)
-    if known is not None and known != type_:
+    input_type = recorded.inputs.get(name)
+    if input_type is not None and input_type != type_:
         raise ShpyTypeError(
-            f"the stream {name} is {with_article(known)} in {signature(recorded)} and {with_article(type_)} in {other}",
+            f"the stream {name} is {with_article(input_type)} in {signature(recorded)} "
+            f"and {with_article(type_)} in {other}",
             loc=here(),
             cure=f"rename({name}=…) of one of the two",
         )

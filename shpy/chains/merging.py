@@ -42,15 +42,15 @@ def _merge_of(kinds: tuple[tuple[int, Base], ...], stops: bool) -> Program:
     if stops:
         inputs["stop"] = Leaf(COUNT)
 
-    def body(given: Mapping[str, Any]) -> Any:
-        status = given["status"]
+    def body(values: Mapping[str, Any]) -> Any:
+        status = values["status"]
         written = status == Status.WRITTEN
-        kept = [cond(written, given[f"new_{k}"], given[f"old_{k}"]) for k in range(len(leaves))]
-        times = cond(written, given["times"] + 1, given["times"])
+        kept = [cond(written, values[f"new_{k}"], values[f"old_{k}"]) for k in range(len(leaves))]
+        times = cond(written, values["times"] + 1, values["times"])
         if not stops:
             return (*kept, times)
-        stopped = (status != Status.WRITTEN) & (status != Status.DISCARDED) & (given["stop"] == Status.DISCARDED)
-        return (*kept, times, cond(stopped, status, given["stop"]))
+        stopped = (status != Status.WRITTEN) & (status != Status.DISCARDED) & (values["stop"] == Status.DISCARDED)
+        return (*kept, times, cond(stopped, status, values["stop"]))
 
-    with recording("merge", None) as made:
-        return Program(record_body(made, inputs, None, body))
+    with recording("merge", None) as record:
+        return Program(record_body(record, inputs, None, body))

@@ -67,7 +67,7 @@ class ChainResult:
     @cached_property
     def counts(self) -> dict[str, int]:
         """The elements that each kernel wrote in all executions; after SH_DISCARD they are counted on first access."""
-        read = {name: sum(int(s.numpy().sum(dtype=np.int64)) for s in found) for name, found in self._times.items()}
+        read = {name: sum(int(s.numpy().sum(dtype=np.int64)) for s in streams) for name, streams in self._times.items()}
         return {name: self._full[name] + read.get(name, 0) for name in self.executions}
 
 
@@ -79,14 +79,14 @@ class _Plan:
     after: dict[Any, Stream] = field(default_factory=dict)
     statuses: list[tuple[Member, Memory]] = field(default_factory=list)
     sizes: list[tuple[Member, int]] = field(default_factory=list)
-    held: list[Any] = field(default_factory=list)
+    calls: list[Any] = field(default_factory=list)
     times: int = 0
 
 
 class Run:
     """One run of a chain. `perform` of its parts calls `play`; each loop that runs has a Watch in `watches`.
 
-    A loop also tests `held`: a kernel that has ready elements was held back. `open` lets such kernels run.
+    A loop also tests `holds_back`: a kernel that has ready elements was held back. `open` lets such kernels run.
     `once` is true outside repeats and loops, where no bound run is kept for another execution. `numbers` has the
     numbers of passes, which take precedence over other streams of these names.
     """
@@ -94,7 +94,7 @@ class Run:
     def __init__(
         self,
         node: Node,
-        given: Mapping[str, Any],
+        values: Mapping[str, Any],
         shape: Any,
         backend: str | None,
         device: int | None,
@@ -103,14 +103,14 @@ class Run:
         self._node = node
         self._members = tuple(node.kernels)
         self._shape = None if shape is None else given_shape(shape)
-        _check_names(node, given)
-        self.place = _place_of(self._members, given, backend, device, precision)
+        _check_names(node, values)
+        self.place = _place_of(self._members, values, backend, device, precision)
         self._kernels = {member: member.compiled(self.place) for member in self._members}
         self._constants: dict[str, Any] = {}
         self.current: dict[Any, Stream] = {}
         self.numbers: dict[Any, Stream] = {}
         self._counters: dict[Node, Counter] = {}
-        for name, value in given.items():
+        for name, value in values.items():
             self._bring(name, value)
         if self._shape is not None:
             self._check_shape(self._shape)
@@ -118,7 +118,7 @@ class Run:
         self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _Plan]]] = {}
         self._pending: list[Callable[[], None]] = []
         self.watches: list[Watch] = []
-        self.held = False
+        self.holds_back = False
         self.open = False
         self.once = True
 
@@ -151,10 +151,10 @@ class Run:
 
     def _uploaded(self, name: str, layout: Any, value: Any) -> Stream:
         """Return a stream of an array, of a number (one element), or of streams for the fields of a struct."""
-        found = host.inputs({name: layout}, {name: value}, self.place.precision)
-        shape = host.common_shape(found, None)
+        entries = host.inputs({name: layout}, {name: value}, self.place.precision)
+        shape = host.common_shape(entries, None)
         memories: list[Memory] = []
-        for leaf in found:
+        for leaf in entries:
             if isinstance(leaf, host.DeviceLeaf):
                 memories.append(leaf.entry.memory)
                 continue
@@ -164,7 +164,7 @@ class Run:
             memories.append(memory)
         return Stream.over(_class_of(layout), shape, self.place, memories)
 
-    def _check_shape(self, wanted: Shape) -> None:
+    def _check_shape(self, shape: Shape) -> None:
         """Raise ShpyTypeError for a shape that no kernel uses, since all have other shapes from their streams."""
         shapes = {name: stream.shape for name, stream in self.current.items()}
         for step in self._node.steps:
@@ -172,11 +172,11 @@ class Run:
             read = [name for name, type_ in step.inputs.items() if not is_gathered(type_)]
             written = [name for name, _ in member.outputs]
             many = [name for name in (*read, *written) if math.prod(shapes.get(name, ())) != 1]
-            if not many or shapes[many[0]] == wanted:
+            if not many or shapes[many[0]] == shape:
                 return
             shapes.update((name, shapes[many[0]]) for name in written)
         raise ShpyTypeError(
-            f"shape={wanted}, and {member.signature} runs over the stream {many[0]} of the shape {shapes[many[0]]}",
+            f"shape={shape}, and {member.signature} runs over the stream {many[0]} of the shape {shapes[many[0]]}",
             loc=here(),
             cure="no shape=: it is for kernels that read no stream by element",
         )
@@ -185,14 +185,14 @@ class Run:
 
     def play(self, node: Node) -> None:
         """Run each kernel of a part once."""
-        known = self._plans.get(node)
-        if known is None:
+        entry = self._plans.get(node)
+        if entry is None:
             keys: dict[Any, None] = {}
             for member in node.kernels:
                 named = (*member.inputs, *(name for name, _ in member.outputs))
                 keys.update(dict.fromkeys((*named, ("times", member), ("stop", member))))
-            known = self._plans[node] = list(keys), {}
-        names, plans = known
+            entry = self._plans[node] = list(keys), {}
+        names, plans = entry
         current = self.current
         before = current | self.numbers if self.numbers else current
         state = (object(),) if self.once else tuple([before.get(name) for name in names])
@@ -235,12 +235,12 @@ class Run:
             self.numbers = outside
 
     def admits(self, share: Share) -> bool:
-        """Return whether enough elements are ready, or any if `open`; set `held` if a member with some is held back."""
+        """Return whether enough elements are ready, or any if `open`; else `holds_back` is set if some are ready."""
         self.flush()
         count, is_enough = share.count(self.place, self.current | self.numbers)
         if is_enough or (count and self.open):
             return True
-        self.held |= count > 0
+        self.holds_back |= count > 0
         return False
 
     def flush(self) -> None:
@@ -261,18 +261,18 @@ class Run:
         shape = self._shape_of(member)
         size = math.prod(shape)
         executable = kernel._executable
-        given = host.bind(member.recorded, (), {n: self._input(n, member) for n in member.inputs if self._has(n)})
+        values = host.bind(member.recorded, (), {n: self._input(n, member) for n in member.inputs if self._has(n)})
         after: dict[Any, Stream] = {}
         if executable.writes_all or not size:
             after = {name: self._target(name, layout, shape, member) for name, layout in member.outputs}
             if size:
                 whole = len(after) == 1 and member.outputs[0][1] is member.recorded.output
                 out = next(iter(after.values())) if whole else after
-                prepared = kernel.prepare_on_device(given, out, shape)
+                prepared = kernel.prepare_on_device(values, out, shape)
                 self._begin(executable, prepared.call, plan)
             plan.sizes.append((member, size))
         else:
-            prepared = kernel.prepare_on_device(given, None, shape)
+            prepared = kernel.prepare_on_device(values, None, shape)
             self._begin(executable, prepared.call, plan)
             assert prepared.call.status is not None
             plan.statuses.append((member, prepared.call.status))
@@ -303,7 +303,7 @@ class Run:
             self.place.space.start([executable.ready(call, once=True)])
         else:
             plan.starts.append(executable.ready(call))
-            plan.held.append(call)
+            plan.calls.append(call)
 
     def _memories(self, key: Any, layout: Layout) -> list[Memory]:
         """Return the memories of a stream before a kernel runs; a single zero, which broadcasts, if it is new."""
@@ -359,8 +359,8 @@ class Run:
         now = self.current | self.numbers
         read = {n: now[n].shape for n, t in member.inputs.items() if not is_gathered(t) and n in now}
         written = {name: self.current[name].shape for name, _ in member.outputs if name in self.current}
-        for found in (read, written):
-            many = {name: shape for name, shape in found.items() if math.prod(shape) != 1}
+        for shapes in (read, written):
+            many = {name: shape for name, shape in shapes.items() if math.prod(shape) != 1}
             if len(set(many.values())) > 1:
                 listed = ", ".join(f"{name} {shape}" for name, shape in many.items())
                 raise ShpyTypeError(
@@ -372,9 +372,9 @@ class Run:
                 return next(iter(many.values()))
         if self._shape is not None:
             return self._shape
-        for found in (read, written):  # of one element each; a number has no axes
-            if any(found.values()):
-                return max(found.values(), key=len)
+        for shapes in (read, written):  # of one element each; a number has no axes
+            if any(shapes.values()):
+                return max(shapes.values(), key=len)
         if read or written:
             return ()
         raise ShpyTypeError(
@@ -388,14 +388,14 @@ class Run:
     def result(self) -> ChainResult:
         """Run the chain; raises LoopLimitExceeded of the first kernel whose loop was stopped."""
         self._node.perform(self)
-        found = self.so_far()
+        result = self.so_far()
         for member in self._members:
             stop = self.current.get(("stop", member))
             if stop is not None:
                 counts = self.place.space.count(stop.leaf_entries()[0].memory)
                 if counts.stopped:
-                    raise self._kernels[member].limit_error(counts.stopped, counts.first, found)
-        return found
+                    raise self._kernels[member].limit_error(counts.stopped, counts.first, result)
+        return result
 
     def so_far(self) -> ChainResult:
         """Return the current streams and the counts."""
@@ -427,31 +427,31 @@ def _class_of(layout: Layout) -> Any:
 
 def _labels(members: Iterable[Member]) -> dict[Member, str]:
     """Return a label for each kernel: the name of its program, with a number if another program has this name."""
-    taken: dict[str, Any] = {}
-    found = {}
+    programs: dict[str, Any] = {}
+    labels = {}
     for member in members:
         label, count = member.name, 2
-        while taken.setdefault(label, member.original) is not member.original:
+        while programs.setdefault(label, member.original) is not member.original:
             label, count = f"{member.name}_{count}", count + 1
-        found[member] = label
-    return found
+        labels[member] = label
+    return labels
 
 
-def _check_names(node: Node, given: Mapping[str, Any]) -> None:
+def _check_names(node: Node, values: Mapping[str, Any]) -> None:
     """Raise ShpyTypeError for a stream that no kernel has, and for one that is read but neither given nor written."""
     steps = list(node.steps)
-    known = stream_names(steps)
-    for name in given:
-        if name not in known and any(name in step.numbers for step in steps):
+    names = stream_names(steps)
+    for name in values:
+        if name not in names and any(name in step.numbers for step in steps):
             raise ShpyTypeError(
                 f"{name} is given, and {node} counts it: it is the number of the pass", loc=here(), cure=f"no {name}="
             )
-        if name not in known:
+        if name not in names:
             listed = "; ".join(dict.fromkeys(member.signature for member in node.kernels))
             raise ShpyTypeError(
-                f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(known)}"
+                f"{name} is no stream of {node}: {listed}", loc=here(), cure=f"one of {', '.join(names)}"
             )
-    there = set(given)
+    there = set(values)
     for step in steps:
         member = step.kernel
         missing = [n for n in step.inputs if n not in there and n not in member.recorded.defaults]
@@ -459,14 +459,14 @@ def _check_names(node: Node, given: Mapping[str, Any]) -> None:
             raise ShpyTypeError(
                 f"{node} lacks {', '.join(missing)}, which {member.signature} reads",
                 loc=here(),
-                cure=f"chain.run({', '.join(f'{n}=…' for n in (*given, *missing))})",
+                cure=f"chain.run({', '.join(f'{n}=…' for n in (*values, *missing))})",
             )
         there |= {name for name, _ in member.outputs} if step.runs else set()
 
 
 def _place_of(
     members: Iterable[Member],
-    given: Mapping[str, Any],
+    values: Mapping[str, Any],
     backend: str | None,
     device: int | None,
     precision: Precision | None,
@@ -474,7 +474,7 @@ def _place_of(
     """Return the place of the streams; without streams, that of a compiled kernel, else the one given to `run`."""
     members = tuple(members)
     tables = (table for member in members for table in member.recorded.tables.values())
-    stream = next(streams_in(joined(given.values(), tables)), None)
+    stream = next(streams_in(joined(values.values(), tables)), None)
     kernel = next((member.kernel for member in members if isinstance(member.kernel, Kernel)), None)
     if stream is None and kernel is None:
         return _place(default_backend() if backend is None else backend, device, precision or "f32")
@@ -486,5 +486,5 @@ def _place_of(
             raise ShpyTypeError(
                 f"{name}={value!r}, and the chain runs where {what} is", loc=here(), cure=f"no {name}=, or arrays"
             )
-    check_places(given.values(), place, "the chain")
+    check_places(values.values(), place, "the chain")
     return place

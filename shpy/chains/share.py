@@ -47,7 +47,7 @@ class Share:
         total = ready.size if self.of is None else 0 if live is None else int(live.count())
         return count, count >= self.least * total
 
-    def check(self, known: Mapping[str, Layout], spoken: str) -> None:
+    def check(self, layouts: Mapping[str, Layout], spoken: str) -> None:
         """Raise ShpyTypeError for a stream that the kernels of a loop do not have, or have with another type."""
         for condition in (self.condition, self.of):
             if condition is None:
@@ -56,14 +56,14 @@ class Share:
                 {condition: Leaf(MASK)} if isinstance(condition, str) else condition.recorded.inputs
             )
             for name, needs in needed.items():
-                if name not in known:
+                if name not in layouts:
                     raise ShpyTypeError(
-                        f"{name} of {self} is no stream of {spoken}", loc=here(), cure=f"one of {', '.join(known)}"
+                        f"{name} of {self} is no stream of {spoken}", loc=here(), cure=f"one of {', '.join(layouts)}"
                     )
                 type_ = element_layout(needs)
-                if not alike(known[name], type_):
+                if not alike(layouts[name], type_):
                     raise ShpyTypeError(
-                        f"the stream {name} is {with_article(known[name])} in {spoken} and {with_article(type_)} in "
+                        f"the stream {name} is {with_article(layouts[name])} in {spoken} and {with_article(type_)} in "
                         f"{self}",
                         loc=here(),
                         cure="one type in both",
@@ -88,9 +88,9 @@ def share(condition: Condition, least: float, of: Condition | None = None) -> Sh
         raise ShpyTypeError(
             f"a share of {least!r}", loc=here(), cure="a number above 0 and at most 1, such as sh.share(name, 0.2)"
         )
-    for given in (condition, of):
-        if given is not None:
-            _check_condition(given)
+    for entry in (condition, of):
+        if entry is not None:
+            _check_condition(entry)
     return Share(condition, float(least), of)
 
 
@@ -110,8 +110,8 @@ def _marks(condition: Condition, place: Place, streams: Mapping[Any, Stream]) ->
     names: Iterable[str] = condition.recorded.inputs
     if any(name not in streams for name in names):
         return None
-    found: Stream = condition.compile_at(place)(**{name: streams[name] for name in names})
-    return found
+    stream: Stream = condition.compile_at(place)(**{name: streams[name] for name in names})
+    return stream
 
 
 def _spoken(condition: Condition) -> str:

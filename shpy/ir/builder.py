@@ -84,44 +84,44 @@ class Builder:
 
     def value(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
         """Return a fresh value that no statement assigns yet."""
-        made = Value(self._next_value, type, name, loc or self.loc)
+        value = Value(self._next_value, type, name, loc or self.loc)
         self._next_value += 1
-        self._types[made.id] = type
-        return made
+        self._types[value.id] = type
+        return value
 
     def variable(
         self, type: Type, length: int | None = None, name: str | None = None, loc: Loc | None = None
     ) -> Variable:
         """Return a fresh variable, which is zero at the function's start; with `length` it is an array."""
-        made = self._slot(type, length, name, loc)
-        self.variables.append(made)
-        return made
+        variable = self._slot(type, length, name, loc)
+        self.variables.append(variable)
+        return variable
 
     def input(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Value:
         """Add an input by value."""
-        made = self.value(type, name, loc)
-        self.inputs.append(made)
-        return made
+        value = self.value(type, name, loc)
+        self.inputs.append(value)
+        return value
 
     def reference(
         self, type: Type, name: str | None = None, length: int | None = None, loc: Loc | None = None
     ) -> Variable:
         """Add an input by reference."""
-        made = self._slot(type, length, name, loc)
-        self.inputs.append(made)
-        return made
+        variable = self._slot(type, length, name, loc)
+        self.inputs.append(variable)
+        return variable
 
     def output(self, type: Type, name: str | None = None, loc: Loc | None = None) -> Variable:
         """Add an output."""
-        made = self._slot(type, None, name, loc)
-        self.outputs.append(made)
-        return made
+        variable = self._slot(type, None, name, loc)
+        self.outputs.append(variable)
+        return variable
 
     def _slot(self, type: Type, length: int | None, name: str | None, loc: Loc | None) -> Variable:
-        made = Variable(self._next_variable, type, length, name, loc or self.loc)
+        variable = Variable(self._next_variable, type, length, name, loc or self.loc)
         self._next_variable += 1
-        self._slots[made.id] = made
-        return made
+        self._slots[variable.id] = variable
+        return variable
 
     def type_of(self, value: Operand) -> Type:
         """Return the type of a value of this function; KeyError for an unknown value."""
@@ -155,9 +155,9 @@ class Builder:
             if op not in OPS:
                 raise TypeError(f"the type of {op} is not in the table: give type=")
             type = result_type(op, tuple(self.type_of(a) for a in args))
-        made = self.value(type, name, loc)
-        self.append(Let(made, op, tuple(map(_id, args)), attr))
-        return made
+        value = self.value(type, name, loc)
+        self.append(Let(value, op, tuple(map(_id, args)), attr))
+        return value
 
     def const(
         self, type: Type, components: Iterable[float | int | bool], name: str | None = None, loc: Loc | None = None
@@ -204,9 +204,9 @@ class Builder:
     ) -> tuple[Value, ...]:
         """Call `function`: by the op if it is pure, else by the statement; return its outputs."""
         if function.pure:
-            made = self.value(function.outputs[0].type, name, loc)
-            self.append(Let(made, "call", tuple(map(_id, args)), function.name))
-            return (made,)
+            value = self.value(function.outputs[0].type, name, loc)
+            self.append(Let(value, "call", tuple(map(_id, args)), function.name))
+            return (value,)
         results = tuple(self.value(output.type, output.name, loc) for output in function.outputs)
         self.append(Call(function.name, tuple(map(_id, args)), results, loc or self.loc))
         return results
@@ -258,12 +258,12 @@ class Builder:
     @contextmanager
     def loop(self, turns: int | None = None, loc: Loc | None = None) -> Iterator[LoopBuilder]:
         """Append a Loop whose body is the block; `LoopBuilder` adds `continuing` and `until`."""
-        made = LoopBuilder(self)
+        builder = LoopBuilder(self)
         self.push()
-        yield made
+        yield builder
         last = self.pop()
-        body, continuing = (last, ()) if made.body is None else (made.body, last)
-        self.append(Loop(body, continuing, made.condition, turns, loc or self.loc))
+        body, continuing = (last, ()) if builder.body is None else (builder.body, last)
+        self.append(Loop(body, continuing, builder.condition, turns, loc or self.loc))
 
     def finish(self) -> Function:
         """Return the function; every pushed region must be closed."""

@@ -132,7 +132,7 @@ class Compiler:
         self.slots = {slot.id: n for n, slot in enumerate(slots, 1 + len(values))}
         self.variables = {slot.id: slot for slot in slots}
         blank: Frame = [None] * (1 + len(values) + len(slots))
-        made = Compiled(function, self.places, self.slots, blank)
+        result = Compiled(function, self.places, self.slots, blank)
         references = {port.id for port in function.inputs if isinstance(port, Variable)}
         for slot in slots:
             place, dtype = self.slots[slot.id], self.dtypes[slot.type.base]
@@ -140,9 +140,9 @@ class Compiler:
             if slot.length is None:
                 blank[place] = np.zeros(inner, dtype)[()]
             elif slot.id not in references:
-                made.arrays.append((place, (slot.length, *inner), dtype))
-        made.body = self.region(function.body)
-        return made
+                result.arrays.append((place, (slot.length, *inner), dtype))
+        result.body = self.region(function.body)
+        return result
 
     def region(self, region: Region) -> Step:
         """Return one step that runs the statements in order until one leaves the region."""

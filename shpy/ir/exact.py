@@ -60,16 +60,16 @@ def _settle(name: str, x: Array, result: Array, undecided: Array) -> None:
     at = np.flatnonzero(undecided & (result == result))
     if not at.size:
         return
-    known, answers = hard_cases(name)
-    given = x.reshape(-1)[at]
-    found = np.searchsorted(known, given) % known.size
-    if not np.array_equal(known[found], given):
-        wrong = given[known[found] != given][0]
+    cases, answers = hard_cases(name)
+    inputs = x.reshape(-1)[at]
+    indices = np.searchsorted(cases, inputs) % cases.size
+    if not np.array_equal(cases[indices], inputs):
+        wrong = inputs[cases[indices] != inputs][0]
         raise ShpyError(
             f"the {name} of binary64 of numpy {np.__version__} is off by more than 2**-46 at {wrong!r}",
             cure="another version of numpy",
         )
-    result.reshape(-1)[at] = answers[found]
+    result.reshape(-1)[at] = answers[indices]
 
 
 @cache

@@ -71,8 +71,8 @@ class Interpreter:
         ports = self.module.entry.inputs
         if len(inputs) != len(ports):
             raise ShpyTypeError(f"{self.module.name} takes {len(ports)} inputs, not {len(inputs)}")
-        for port, given in zip(ports, inputs, strict=True):
-            frame[compiled.places[port.id]] = self.cast(port.type, given)
+        for port, data in zip(ports, inputs, strict=True):
+            frame[compiled.places[port.id]] = self.cast(port.type, data)
         status = compiled.run(frame)
         slots = self.module.entry.outputs
         if self.has_status and status == Status.WRITTEN:
@@ -83,23 +83,23 @@ class Interpreter:
             for slot in slots[: len(self.module.outputs)]
         ], status
 
-    def cast(self, type: Type, given: Any) -> Any:
+    def cast(self, type: Type, data: Any) -> Any:
         """Return the data as an array of the type's shape and dtype; for a scalar type, as a numpy scalar."""
         with np.errstate(all="ignore"):
-            array = np.asarray(given).astype(self.dtypes[type.base])
+            array = np.asarray(data).astype(self.dtypes[type.base])
         return array.reshape(type.size) if type.size > 1 else array.reshape(())[()]
 
     def _compile(self, traced: bool) -> Compiler:
         return Compiler(self.module, self.dtypes, self.loop_limit, traced)
 
-    def _params(self, given: Mapping[str, Any]) -> dict[str, Any]:
+    def _params(self, values: Mapping[str, Any]) -> dict[str, Any]:
         return {
-            param.name: self.cast(param.type, given.get(param.name, decode(param.type, param.value)))
+            param.name: self.cast(param.type, values.get(param.name, decode(param.type, param.value)))
             for param in self.module.params
         }
 
-    def _tables(self, given: Mapping[str, Any]) -> dict[str, Array]:
+    def _tables(self, data: Mapping[str, Any]) -> dict[str, Array]:
         return {
-            table.name: np.asarray(getattr(given[table.name], "array", given[table.name]), self.dtypes[table.type.base])
+            table.name: np.asarray(getattr(data[table.name], "array", data[table.name]), self.dtypes[table.type.base])
             for table in self.module.tables
         }

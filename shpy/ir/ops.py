@@ -345,24 +345,24 @@ def result_type(op: str, args: tuple[Type, ...]) -> Type:
     row = OPS[op]
     typed = _match(row.takes, args, row.bases)
     if typed is None:
-        given = ", ".join(map(repr, args))
-        raise TypeError(f"{op} takes ({', '.join(row.takes)}) of {_SPOKEN[row.signature[0]]}, not ({given})")
+        types = ", ".join(map(repr, args))
+        raise TypeError(f"{op} takes ({', '.join(row.takes)}) of {_SPOKEN[row.signature[0]]}, not ({types})")
     return _instance(row.gives, typed)
 
 
-def _match(wanted: tuple[str, ...], args: tuple[Type, ...], bases: frozenset[Base]) -> Type | None:
-    if len(wanted) != len(args):
+def _match(letters: tuple[str, ...], args: tuple[Type, ...], bases: frozenset[Base]) -> Type | None:
+    if len(letters) != len(args):
         return None
-    typed = next((a for w, a in zip(wanted, args, strict=True) if w[0] in "TV"), None)
+    typed = next((a for w, a in zip(letters, args, strict=True) if w[0] in "TV"), None)
     if typed is None or typed.base not in bases:
         return None
-    if ("V3" in wanted and typed.size != 3) or ("V" in wanted and typed.size == 1):
+    if ("V3" in letters and typed.size != 3) or ("V" in letters and typed.size == 1):
         return None
-    for letter, given in zip(wanted, args, strict=True):
+    for letter, arg in zip(letters, args, strict=True):
         if letter == "X":
-            if not given.is_int or given.size != typed.size:
+            if not arg.is_int or arg.size != typed.size:
                 return None
-        elif given is not _instance(letter, typed):
+        elif arg is not _instance(letter, typed):
             return None
     return typed
 

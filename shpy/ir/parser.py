@@ -129,27 +129,27 @@ def _fail(source: str, line: int, column: int, message: str) -> NoReturn:
 def _explain(source: str, error: UnexpectedInput) -> NoReturn:
     """Raise ParseError with a description of the expected and the found syntax."""
     if isinstance(error, UnexpectedToken):
-        wanted, found = set(error.accepts or error.expected), _found(error.token)
+        terminals, text = set(error.accepts or error.expected), _describe_token(error.token)
         at_end = error.token.type == "$END"
     else:
-        wanted = set(error.allowed or ()) if isinstance(error, UnexpectedCharacters) else set()
+        terminals = set(error.allowed or ()) if isinstance(error, UnexpectedCharacters) else set()
         there = re.compile(r"\w+|.", re.DOTALL).match(source, error.pos_in_stream or 0)
-        found, at_end = repr(shorten(there[0]) if there else ""), False
+        text, at_end = repr(shorten(there[0]) if there else ""), False
     if at_end:
         body = source.rstrip("\n")
         line, column = body.count("\n") + 1, len(body) - body.rfind("\n")
     else:
         line, column = error.line, error.column
-    _fail(source, line, column, f"expected {_wanted(wanted)}, found {found}")
+    _fail(source, line, column, f"expected {_describe_terminals(terminals)}, found {text}")
 
 
-def _found(token: Token) -> str:
+def _describe_token(token: Token) -> str:
     if token.type in ("$END", "_NL"):
         return _SPOKEN[token.type]
     return repr(shorten(token))
 
 
-def _wanted(terminals: set[str]) -> str:
+def _describe_terminals(terminals: set[str]) -> str:
     if terminals >= _STATEMENTS:
         return "a statement or '}'" if "RBRACE" in terminals else "a statement"
     if {"WORD", "STRING"} <= terminals:
@@ -255,8 +255,8 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return extent if isinstance(extent, int) else None
 
     def table(self, name: str, type: Type, *extents: int | None) -> Table:
-        known = tuple(e for e in extents if e is not None)
-        return Table(name, type, len(extents), known if len(known) == len(extents) else None)
+        sizes = tuple(e for e in extents if e is not None)
+        return Table(name, type, len(extents), sizes if len(sizes) == len(extents) else None)
 
     # Values, variables, functions
 
@@ -284,17 +284,19 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
     ) -> Function:
         self.check_names()
         *variables, body = rest
-        made = Function(name, inputs or (), outputs or (), tuple(variables), body, kind == "pure", loc, kind == "alone")
-        self.functions[name] = made
-        return made
+        function = Function(
+            name, inputs or (), outputs or (), tuple(variables), body, kind == "pure", loc, kind == "alone"
+        )
+        self.functions[name] = function
+        return function
 
     def check_names(self) -> None:
         """Check that each use has the same name as its definition."""
         for token in self.mentions:
             name, id = self.split(token)
-            known = self.named.get((token[0], id))
-            if name is not None and known is not None and known[0] != name:
-                self.fail(token, f"{token} is called {known[1]} on line {known[1].line}")
+            definition = self.named.get((token[0], id))
+            if name is not None and definition is not None and definition[0] != name:
+                self.fail(token, f"{token} is called {definition[1]} on line {definition[1].line}")
         self.mentions.clear()
         self.named.clear()
 

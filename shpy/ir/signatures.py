@@ -50,9 +50,9 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def _need(let: Let, args: Types, holds: bool, wanted: str) -> None:
+def _need(let: Let, args: Types, holds: bool, expected: str) -> None:
     if not holds:
-        raise TypeError(f"{let.op} takes {wanted}, not {spoken_types(args)}")
+        raise TypeError(f"{let.op} takes {expected}, not {spoken_types(args)}")
 
 
 def check_index(what: str, index: Type) -> None:
@@ -103,11 +103,11 @@ def _load(let: Let, args: Types, scope: Scope) -> Type:
 
 
 def _construct(let: Let, args: Types, scope: Scope) -> Type:
-    made = let.value.type
-    wanted = f"{counted(made.size, 'component')} of {made.base.value} in all"
-    holds = made.size > 1 and sum(a.size for a in args) == made.size and all(a.base is made.base for a in args)
-    _need(let, args, holds, wanted if made.size > 1 else "scalars and vectors to make a vector")
-    return made
+    type = let.value.type
+    expected = f"{counted(type.size, 'component')} of {type.base.value} in all"
+    holds = type.size > 1 and sum(a.size for a in args) == type.size and all(a.base is type.base for a in args)
+    _need(let, args, holds, expected if type.size > 1 else "scalars and vectors to make a vector")
+    return type
 
 
 def _splat(let: Let, args: Types, scope: Scope) -> Type:
@@ -132,10 +132,10 @@ def _component(let: Let, args: Types, scope: Scope) -> Type:
 
 
 def _convert(let: Let, args: Types, scope: Scope) -> Type:
-    made = let.value.type
-    holds = len(args) == 1 and args[0].size == made.size and args[0].base is not made.base
-    _need(let, args, holds, f"one operand of another base and as many components as {made!r}")
-    return made
+    type = let.value.type
+    holds = len(args) == 1 and args[0].size == type.size and args[0].base is not type.base
+    _need(let, args, holds, f"one operand of another base and as many components as {type!r}")
+    return type
 
 
 def _param(let: Let, args: Types, scope: Scope) -> Type:
@@ -162,9 +162,9 @@ def _table(let: Let, args: Types, scope: Scope) -> Type:
 
 def _neighbour(let: Let, args: Types, scope: Scope) -> Type:
     table = _find_table(let, scope)
-    wanted = (vec(Base.I),) * table.rank
+    types = (vec(Base.I),) * table.rank
     told = f"an i for each of the table's axes, {table.rank}, and a modulus for each or none"
-    _need(let, args, args in (wanted, wanted * 2), told)
+    _need(let, args, args in (types, types * 2), told)
     return table.type
 
 
@@ -194,9 +194,9 @@ def _call(let: Let, args: Types, scope: Scope) -> Type:
         raise TypeError(f"no function {_quoted(let.attr)} is declared before this one")
     if not callee.pure:
         raise TypeError(f"{quote(callee.name)} is not pure: it is called by a statement")
-    wanted = tuple(i.type for i in callee.inputs)
-    if args != wanted:
-        raise TypeError(f"{quote(callee.name)} takes {spoken_types(wanted)}, not {spoken_types(args)}")
+    types = tuple(i.type for i in callee.inputs)
+    if args != types:
+        raise TypeError(f"{quote(callee.name)} takes {spoken_types(types)}, not {spoken_types(args)}")
     return callee.outputs[0].type
 
 

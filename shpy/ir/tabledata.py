@@ -57,10 +57,10 @@ class TableData:
         """Return the disjoint ranges along the first axis that changed after `version`; None if all may have."""
         if version is None or not 0 <= self.version - version <= len(self._parts):
             return None
-        found: list[tuple[int, int]] = []
+        ranges: list[tuple[int, int]] = []
         for start, stop in sorted(self._parts[len(self._parts) - (self.version - version) :]):
-            if found and start <= found[-1][1]:
-                found[-1] = found[-1][0], max(stop, found[-1][1])
+            if ranges and start <= ranges[-1][1]:
+                ranges[-1] = ranges[-1][0], max(stop, ranges[-1][1])
             else:
-                found.append((start, stop))
-        return found
+                ranges.append((start, stop))
+        return ranges

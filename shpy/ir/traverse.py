@@ -79,7 +79,7 @@ def rewrite(region: Region, f: Callable[[Stmt], Stmt | Iterable[Stmt] | None]) -
 
     The regions of an If or Loop are rewritten before `f` gets it. Returns the same object if nothing changed.
     """
-    made: list[Stmt] = []
+    statements: list[Stmt] = []
     changed = False
     for statement in region:
         inner = map_regions(statement, lambda r: rewrite(r, f))
@@ -88,10 +88,10 @@ def rewrite(region: Region, f: Callable[[Stmt], Stmt | Iterable[Stmt] | None]) -
         if new is None:
             continue
         if isinstance(new, Iterable):
-            made.extend(new)
+            statements.extend(new)
         else:
-            made.append(new)
-    return tuple(made) if changed else region
+            statements.append(new)
+    return tuple(statements) if changed else region
 
 
 def results(statement: Stmt) -> tuple[Value, ...]:
@@ -228,10 +228,10 @@ def grid_rank(module: Module) -> int | None:
 
 def bases_of(module: Module) -> set[Base]:
     """Return the bases of all values, variables, params and tables of a module."""
-    held = [p.type for p in module.params] + [t.type for t in module.tables]
+    types = [p.type for p in module.params] + [t.type for t in module.tables]
     for function in module.functions:
-        held += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
-    return {type.base for type in held}
+        types += [v.type for v in defined(function)] + [v.type for v in variables_of(function)]
+    return {type.base for type in types}
 
 
 class Copy:
@@ -263,10 +263,10 @@ class Copy:
     def _statement(self, s: Stmt) -> Stmt:
         match s:
             case Let(value, op, args, attr):
-                made = self.fresh(value.type, self.renamed(value.name), value.loc)
+                copy = self.fresh(value.type, self.renamed(value.name), value.loc)
                 new_args = tuple([self.values[a] for a in args])
-                self.values[value.id] = made.id
-                return Let(made, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
+                self.values[value.id] = copy.id
+                return Let(copy, op, new_args, self.slots[attr] if op == "load" and isinstance(attr, int) else attr)
             case Store(variable, value, components, index, loc):
                 at = None if index is None else self.values[index]
                 return Store(self.slots[variable], self.values[value], components, at, loc)
@@ -285,6 +285,6 @@ class Copy:
             (self.values if isinstance(port, Value) else self.slots)[a]
             for port, a in zip(ports, call.args, strict=True)
         )
-        made = tuple(self.fresh(r.type, self.renamed(r.name), r.loc) for r in call.results)
-        self.values.update({r.id: new.id for r, new in zip(call.results, made, strict=True)})
-        return Call(call.function, args, made, call.loc)
+        outputs = tuple(self.fresh(r.type, self.renamed(r.name), r.loc) for r in call.results)
+        self.values.update({r.id: new.id for r, new in zip(call.results, outputs, strict=True)})
+        return Call(call.function, args, outputs, call.loc)

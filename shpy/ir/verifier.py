@@ -196,7 +196,7 @@ class _Function:
         self.anchor: Anchor = ("function", index)
         self.loc = function.loc
         self.visible: dict[int, Type] = {}
-        self.made: set[int] = set()
+        self.values: set[int] = set()
         self.asking: set[int] = set()  # the results of any_lane
         self.opened: list[list[int]] = [[]]
         self.depth = 0
@@ -252,9 +252,9 @@ class _Function:
         self.scope.variables[slot.id] = slot
 
     def make(self, value: Value) -> None:
-        if value.id < 0 or value.id in self.made:
+        if value.id < 0 or value.id in self.values:
             self.fail(f"%{value.id} is assigned twice" if value.id >= 0 else "ids count from 0", value.loc)
-        self.made.add(value.id)
+        self.values.add(value.id)
         self.visible[value.id] = value.type
         self.opened[-1].append(value.id)
 
@@ -262,7 +262,7 @@ class _Function:
         """Return the type of an operand, which must be visible."""
         type = self.visible.get(id)
         if type is None:
-            if id in self.made:
+            if id in self.values:
                 self.fail(f"%{id} is not visible here", cure="store it in a variable where it is made, and load that")
             self.fail(f"%{id} is not assigned before")
         return type
@@ -379,17 +379,17 @@ class _Function:
         args = tuple(map(self.see, let.args))
         try:
             if let.op in STRUCTURAL:
-                wanted = structural_type(let, args, self.scope)
+                expected = structural_type(let, args, self.scope)
             elif let.op not in OPS:
                 raise TypeError(f"there is no operation {quote(let.op)}")
             elif let.attr is not None:
                 raise TypeError(f"{let.op} takes no attribute, not {let.attr!r}")
             else:
-                wanted = result_type(let.op, args)
+                expected = result_type(let.op, args)
         except TypeError as error:
             self.fail(str(error))
-        if let.value.type is not wanted:
-            self.fail(f"{let.op} gives {wanted!r} here, not {let.value.type!r}")
+        if let.value.type is not expected:
+            self.fail(f"{let.op} gives {expected!r} here, not {let.value.type!r}")
         self.make(let.value)
 
     def find(self, id: int) -> Variable:
@@ -408,13 +408,13 @@ class _Function:
                 check_index(f"${slot.id}", self.see(store.index))
             except TypeError as error:
                 self.fail(str(error))
-        wanted = slot.type
+        expected = slot.type
         if store.components is not None:
             self.check_components(slot.type, store.components)
-            wanted = slot.type.sized(len(store.components))
-        given = self.see(store.value)
-        if given is not wanted:
-            self.fail(f"${slot.id} takes {wanted!r} here, not {given!r}")
+            expected = slot.type.sized(len(store.components))
+        type = self.see(store.value)
+        if type is not expected:
+            self.fail(f"${slot.id} takes {expected!r} here, not {type!r}")
 
     def check_components(self, type: Type, components: tuple[int, ...]) -> None:
         if type.size == 1:
@@ -443,9 +443,9 @@ class _Function:
                 by_reference.add(arg)
             elif self.see(arg) is not port.type:
                 self.fail(f"{name} takes {port.type!r} here, %{arg} is {self.see(arg)!r}")
-        wanted, given = (tuple(v.type for v in vs) for vs in (callee.outputs, call.results))
-        if wanted != given:
-            self.fail(f"{name} gives {spoken_types(wanted)}, not {spoken_types(given)}")
+        expected, actual = (tuple(v.type for v in vs) for vs in (callee.outputs, call.results))
+        if expected != actual:
+            self.fail(f"{name} gives {spoken_types(expected)}, not {spoken_types(actual)}")
         for value in call.results:
             self.make(value)
 

@@ -29,7 +29,7 @@ Functions = Mapping[str, Function]
 class Rewriter:
     """Rewrites one function; `functions` are those of its module, by name.
 
-    `made` maps the id of a value to its emitted Let, and `types` maps it to its type, for all values so far.
+    `lets` maps the id of a value to its emitted Let, and `types` maps it to its type, for all values so far.
     `loc` is the line of the current statement.
     """
 

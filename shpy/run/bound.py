@@ -42,17 +42,17 @@ def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
     The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream of one leaf its shape, type
     and place. Other inputs have no entry.
     """
-    found: list[Any] = []
-    for given in inputs:
-        if type(given) is np.ndarray and given.flags.c_contiguous:
-            found.append((given.shape, given.dtype))
-        elif type(given) is float and -_LARGEST < given < _LARGEST:
-            found.append(float)
-        elif type(given) is Stream and len(given._memories) == 1:
-            found.append((given._shape, given._type, given.place))
+    entries: list[Any] = []
+    for value in inputs:
+        if type(value) is np.ndarray and value.flags.c_contiguous:
+            entries.append((value.shape, value.dtype))
+        elif type(value) is float and -_LARGEST < value < _LARGEST:
+            entries.append(float)
+        elif type(value) is Stream and len(value._memories) == 1:
+            entries.append((value._shape, value._type, value.place))
         else:
             return None
-    return tuple(found)
+    return tuple(entries)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +85,19 @@ class BoundArrays(Bound):
         layout = self.recorded.output
         if out is None:
             make: Any = np.empty if self.executable.writes_all else np.zeros
-            made = [make(shape, dtype) for shape, _, dtype in self.outputs]
+            arrays = [make(shape, dtype) for shape, _, dtype in self.outputs]
         else:
             shape, _, dtype = self.outputs[0]
             fits = type(out) is np.ndarray and type(layout) is Leaf and out.shape == shape and out.dtype == dtype
             if not fits or not out.flags.carray or any(np.may_share_memory(out, array) for array in flat):
                 return None
-            made = [out]
-        written = tuple(a.reshape(shape) for a, (_, shape, _) in zip(made, self.outputs, strict=True))
+            arrays = [out]
+        written = tuple(a.reshape(shape) for a, (_, shape, _) in zip(arrays, self.outputs, strict=True))
         data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
         call = Call(self.shape, tuple(flat), written, params, data)
         status = self.executable.run(call)
         # Only now: the rows of a matrix are copied into one array.
-        result = made[0] if type(layout) is Leaf else build_arrays(layout, iter(made))
+        result = arrays[0] if type(layout) is Leaf else build_arrays(layout, iter(arrays))
         return result, self.shape, status, None
 
 
@@ -133,7 +133,7 @@ def bound_of(
     if not inputs or len(inputs) != len(types) or not all(isinstance(type_, Leaf) for type_ in types):
         return None
     if place is not None:
-        streams = all(isinstance(given, Stream) and has_elements_of(given.shape, common) for given in inputs)
+        streams = all(isinstance(value, Stream) and has_elements_of(value.shape, common) for value in inputs)
         return BoundStreams(recorded, executable, common, place) if streams else None
     if not common or 0 in common:
         return None

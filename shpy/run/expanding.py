@@ -31,8 +31,8 @@ from shpy.streams.elements import Shape
 def expanding(cls: Any) -> Recorded:
     """Return the program that reads, for each element of the larger shape, the stream's element for it."""
 
-    def body(given: Mapping[str, Any]) -> Any:
-        data, axes = given["data"], given["axes"]
+    def body(arguments: Mapping[str, Any]) -> Any:
+        data, axes = arguments["data"], arguments["axes"]
         place = Attrib1i(0)
         with SH_FOR(0, axes.shape[0]) as k:
             axis = axes[k]
@@ -40,8 +40,8 @@ def expanding(cls: Any) -> Recorded:
         return data[place]
 
     types: dict[str, Any] = {"data": TableType(cls, 1), "axes": TableType(Attrib3i, 1)}
-    with recording("expanded", None) as made:
-        return record_body(made, types, layout_of(cls, "expanded"), body)
+    with recording("expanded", None) as record:
+        return record_body(record, types, layout_of(cls, "expanded"), body)
 
 
 def axes(shape: Shape, common: Shape) -> NDArray[np.int32]:

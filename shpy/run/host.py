@@ -47,21 +47,21 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     signature = f"{what}({', '.join(names)})"
     if len(args) > len(names):
         raise ShpyTypeError(f"{what} takes {len(names)} inputs, not {len(args)}", loc=here(), cure=signature)
-    given = dict(zip(names, args, strict=False))
+    values = dict(zip(names, args, strict=False))
     for name, value in named.items():
-        if name not in types or name in given:
-            wrong = "is given twice" if name in given else "is no input"
+        if name not in types or name in values:
+            wrong = "is given twice" if name in values else "is no input"
             compiled = name in _COMPILE_OPTIONS and name not in types
             cure = f"{what}.compile({name}={value!r})({', '.join(names)})" if compiled else signature
             if name in _RUN_OPTIONS:
                 cure = f"{what}.compile().run({', '.join((*names, f'{name}={name}'))})"
             raise ShpyTypeError(f"{name} {wrong} of {what}", loc=here(), cure=cure)
-        given[name] = value
-    given = {**{n: d for n, d in recorded.defaults.items() if n not in given}, **given}
-    missing = [n for n in names if n not in given]
+        values[name] = value
+    values = {**{n: d for n, d in recorded.defaults.items() if n not in values}, **values}
+    missing = [n for n in names if n not in values]
     if missing:
         raise ShpyTypeError(f"{what} lacks its input {', '.join(missing)}", loc=here(), cure=signature)
-    return given
+    return values
 
 
 class Sized(Protocol):
@@ -108,70 +108,72 @@ def exact(data: Any, precision: str, math: str) -> Any:
 
 
 def streams(
-    types: Mapping[str, InputType], given: Mapping[str, Any], precision: str, math: str = "strict"
+    types: Mapping[str, InputType], values: Mapping[str, Any], precision: str, math: str = "strict"
 ) -> list[InputLeaf]:
     """Return the inputs that are arrays of the host, as `inputs` does, without those that are streams."""
-    return [leaf for leaf in inputs(types, given, precision, math) if isinstance(leaf, InputLeaf)]
+    return [leaf for leaf in inputs(types, values, precision, math) if isinstance(leaf, InputLeaf)]
 
 
 def inputs(
-    types: Mapping[str, InputType], given: Mapping[str, Any], precision: str, math: str = "strict"
+    types: Mapping[str, InputType], values: Mapping[str, Any], precision: str, math: str = "strict"
 ) -> list[InputLeaf | DeviceLeaf]:
     """Return the array inputs, leaf by leaf in the entry's order; dependent uniforms are computed in mode `math`."""
-    found: list[InputLeaf | DeviceLeaf] = []
+    entries: list[InputLeaf | DeviceLeaf] = []
     dtypes = dtypes_at(precision)
     for name, type_ in types.items():
         if isinstance(type_, TableType | TextureType):
             continue
         paths = list(leaves(type_, name))
-        for entry, (leaf, _, cls) in zip(entries_of_input(type_, given[name], name), paths, strict=True):
+        for entry, (leaf, _, cls) in zip(entries_of_input(type_, values[name], name), paths, strict=True):
             if hasattr(entry, "memory"):
-                found.append(DeviceLeaf(leaf, cls, entry))
+                entries.append(DeviceLeaf(leaf, cls, entry))
             else:
-                found.append(InputLeaf(leaf, cls, exact(entry, precision, math), dtypes[cls.base]))
-    return found
+                entries.append(InputLeaf(leaf, cls, exact(entry, precision, math), dtypes[cls.base]))
+    return entries
 
 
-def entries_of_input(layout: Layout, given: Any, what: str) -> list[Any]:
+def entries_of_input(layout: Layout, value: Any, what: str) -> list[Any]:
     """Return the entry of each leaf: an array, a number, or the leaf of a stream with its memory."""
-    if not hasattr(given, "leaf_entries"):
+    if not hasattr(value, "leaf_entries"):
         if not isinstance(layout, Group):
-            return flatten(layout, given, what)
-        parts = zip(layout.names, layout.parts, entries_of(given, layout.form, layout.names, what), strict=True)
+            return flatten(layout, value, what)
+        parts = zip(layout.names, layout.parts, entries_of(value, layout.form, layout.names, what), strict=True)
         return [leaf for name, part, entry in parts for leaf in entries_of_input(part, entry, f"{what}.{name}")]
-    found, wanted = given.leaf_entries(), list(leaves(layout, what))
-    if len(found) != len(wanted):
-        listed = ", ".join(path for path, _, _ in wanted)
+    entries, fields = value.leaf_entries(), list(leaves(layout, what))
+    if len(entries) != len(fields):
+        listed = ", ".join(path for path, _, _ in fields)
         raise ShpyTypeError(
-            f"{what} has the parts {listed}, and {given!r} has others",
+            f"{what} has the parts {listed}, and {value!r} has others",
             loc=here(),
             cure=f"a stream of {annotation_of(layout)}",
         )
-    return list(found)
+    return list(entries)
 
 
 def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
     """Return the element shape S: `shape` if given, to which the inputs must broadcast, else their broadcast shape."""
     shapes = [s.shape for s in inputs]
-    wanted = None if shape is None else given_shape(shape)
-    for name, given in [*((s.name, s.shape) for s in inputs), ("shape", wanted or ())]:
-        if len(given) > _MAX_RANK:
+    target_shape = None if shape is None else given_shape(shape)
+    for name, extents in [*((s.name, s.shape) for s in inputs), ("shape", target_shape or ())]:
+        if len(extents) > _MAX_RANK:
             raise ShpyTypeError(
-                f"{name} has {len(given)} axes of elements, and a run {_MAX_RANK} at most",
+                f"{name} has {len(extents)} axes of elements, and a run {_MAX_RANK} at most",
                 loc=here(),
                 cure="x.reshape(-1), or x.reshape(-1, N) where an element has N components",
             )
     try:
         common = _broadcast(shapes)
-        whole = common if wanted is None else _broadcast([common, wanted])
+        whole = common if target_shape is None else _broadcast([common, target_shape])
     except ValueError as error:
-        listed = ", ".join([*(f"{s.name} {s.shape}" for s in inputs), *([f"shape={wanted}"] if wanted else [])])
+        listed = ", ".join(
+            [*(f"{s.name} {s.shape}" for s in inputs), *([f"shape={target_shape}"] if target_shape else [])]
+        )
         raise ShpyTypeError(
             f"the element shapes do not broadcast: {listed}", loc=here(), cure="shapes as numpy's rules join them"
         ) from error
-    if wanted is not None and whole != wanted:
+    if target_shape is not None and whole != target_shape:
         raise ShpyTypeError(
-            f"the inputs have the element shape {common}, which is not shape={wanted}",
+            f"the inputs have the element shape {common}, which is not shape={target_shape}",
             loc=here(),
             cure="leave shape= away, or give inputs that broadcast to it",
         )
@@ -190,26 +192,26 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
     return tuple(whole)
 
 
-def tables(types: Mapping[str, InputType], given: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
+def tables(types: Mapping[str, InputType], values: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
     """Return all tables, by their names in the module: those of the closure and those given as inputs."""
-    found = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
+    tables_by_name = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
-            found |= _table(name, type_, given[name]).leaves(name)
+            tables_by_name |= _table(name, type_, values[name]).leaves(name)
         elif isinstance(type_, TextureType):
-            texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
+            texture = values[name] if isinstance(values[name], Texture2D) else Texture2D(values[name])
             if texture.type.type is not type_.cls.type:
                 raise ShpyTypeError(
                     f"{name} is a Texture2D[{type_.cls.__name__}], and this one holds {texture.type.__name__}",
                     loc=here(),
                     cure=f"an array (h, w, {type_.cls.size})",
                 )
-            found[name] = texture.table
-    return found
+            tables_by_name[name] = texture.table
+    return tables_by_name
 
 
-def _table(name: str, type_: TableType, given: Any) -> Table:
-    table = given if isinstance(given, Table) else Table(given, type_.cls, name)
+def _table(name: str, type_: TableType, value: Any) -> Table:
+    table = value if isinstance(value, Table) else Table(value, type_.cls, name)
     if not fits(table, type_):
         raise ShpyTypeError(
             f"{name} is a Table[{type_.cls.__name__}, {type_.rank}], "
@@ -223,20 +225,22 @@ def _table(name: str, type_: TableType, given: Any) -> Table:
 class Target:
     """One leaf of the outputs: the user's array, if there is one, and the contiguous array that the kernel writes."""
 
-    def __init__(self, cls: type[Value], dtype: Any, shape: Shape, given: NDArray[Any] | None, zeros: bool) -> None:
+    def __init__(
+        self, cls: type[Value], dtype: Any, shape: Shape, destination: NDArray[Any] | None, zeros: bool
+    ) -> None:
         tail = (cls.size,) if cls.size > 1 else ()
-        self.given = given
-        direct = given is not None and given.flags.c_contiguous
-        if given is None:
+        self.destination = destination
+        direct = destination is not None and destination.flags.c_contiguous
+        if destination is None:
             self.array: NDArray[Any] = (np.zeros if zeros else np.empty)(shape + tail, dtype)
         else:
-            self.array = given if direct else np.ascontiguousarray(given)
+            self.array = destination if direct else np.ascontiguousarray(destination)
         self.flat = self.array.reshape((-1, *tail))
 
     def finish(self) -> None:
         """Copy the results into the user's `out` array if that is not contiguous; a contiguous one has them already."""
-        if self.given is not None and self.given is not self.array:
-            self.given[...] = self.array
+        if self.destination is not None and self.destination is not self.array:
+            self.destination[...] = self.array
 
 
 def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[Target]:
@@ -245,22 +249,28 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, 
     Raises ShpyTypeError where `out` has another dtype or shape.
     """
     classes = list(leaves(layout, "out"))
-    given: Iterator[Any] = iter(flatten(layout, out, "out") if out is not None else [None] * len(classes))
-    found = []
-    for (name, _, cls), array in zip(classes, given, strict=True):
-        wanted = shape + ((cls.size,) if cls.size > 1 else ())
+    arrays: Iterator[Any] = iter(flatten(layout, out, "out") if out is not None else [None] * len(classes))
+    results = []
+    for (name, _, cls), array in zip(classes, arrays, strict=True):
+        expected = shape + ((cls.size,) if cls.size > 1 else ())
         dtype = np.dtype(dtypes[cls.base])
-        if out is not None and not (isinstance(array, np.ndarray) and array.dtype == dtype and array.shape == wanted):
+        if out is not None and not (isinstance(array, np.ndarray) and array.dtype == dtype and array.shape == expected):
             spoken = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             raise ShpyTypeError(
-                f"{name} is {spoken}, not {dtype} {wanted}", loc=here(), cure=f"np.zeros({wanted}, np.{dtype})"
+                f"{name} is {spoken}, not {dtype} {expected}", loc=here(), cure=f"np.zeros({expected}, np.{dtype})"
             )
         if out is not None and not array.flags.writeable:
             raise ShpyTypeError(f"{name} is read only", loc=here(), cure="an array of your own, array.copy()")
-        found.append(Target(cls, dtype, shape, array, zeros))
+        results.append(Target(cls, dtype, shape, array, zeros))
     if out is not None:
-        _check_apart([(name, t.given) for (name, _, _), t in zip(classes, found, strict=True) if t.given is not None])
-    return found
+        _check_apart(
+            [
+                (name, t.destination)
+                for (name, _, _), t in zip(classes, results, strict=True)
+                if t.destination is not None
+            ]
+        )
+    return results
 
 
 def bytes_each(inputs: Sequence[InputLeaf], output: Layout, dtypes: Mapping[Base, Any]) -> int:
@@ -269,16 +279,16 @@ def bytes_each(inputs: Sequence[InputLeaf], output: Layout, dtypes: Mapping[Base
     return sum(outputs) + sum(s.size * s.array.itemsize for s in inputs)
 
 
-def _check_apart(given: Sequence[tuple[str, NDArray[Any]]]) -> None:
+def _check_apart(outputs: Sequence[tuple[str, NDArray[Any]]]) -> None:
     """Raise ShpyTypeError if elements of `out` share memory: only the last one written would stay."""
-    for name, array in given:
+    for name, array in outputs:
         if _overlaps_itself(array):
             raise ShpyTypeError(
                 f"elements of {name} share memory: its strides are {array.strides}",
                 loc=here(),
                 cure="an array of your own, array.copy()",
             )
-    for (one, first), (other, second) in itertools.combinations(given, 2):
+    for (one, first), (other, second) in itertools.combinations(outputs, 2):
         if np.shares_memory(first, second):
             raise ShpyTypeError(
                 f"{one} and {other} share memory, and each output needs its own",

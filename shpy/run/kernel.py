@@ -50,11 +50,11 @@ _known_texts: WeakKeyDictionary[Recorded, tuple[Module, str]] = WeakKeyDictionar
 
 def _without_data(recorded: Recorded) -> tuple[Module, str]:
     """Return the module without what no kernel's text depends on, and its text, by which kernels are shared."""
-    found = _known_texts.get(recorded)
-    if found is None:
+    entry = _known_texts.get(recorded)
+    if entry is None:
         module = forget_data(recorded.module)
-        found = _known_texts[recorded] = module, print_module(module)
-    return found
+        entry = _known_texts[recorded] = module, print_module(module)
+    return entry
 
 
 class Kernel(Unchanging):
@@ -73,17 +73,17 @@ class Kernel(Unchanging):
         module, text = _without_data(recorded)
         key = (backend.name, text, options)
         dump("ir", recorded.module.name, lambda: str(recorded.module))
-        found = _executables.get(key)
-        if found is None:
+        executable = _executables.get(key)
+        if executable is None:
             with ieee_arithmetic(), uncollected(), announced(module, backend.name):
-                found = backend.compile(module, options)
-            _executables[key] = found
+                executable = backend.compile(module, options)
+            _executables[key] = executable
             # Other threads compile meanwhile: the names are listed at once, and each may be gone already.
             for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:
                 _executables.pop(oldest, None)
-        self._executable = found
+        self._executable = executable
         self._dtypes = dtypes_at(options.precision)
-        self._known: dict[tuple[Any, ...] | None, Bound | None] = {}
+        self._bound_calls: dict[tuple[Any, ...] | None, Bound | None] = {}
         """Calls by the signature of their inputs."""
         self._repeats = next(streams_in(iter(recorded.tables.values())), None) is None
         dump("source", f"{recorded.module.name} on {backend.name}", lambda: self.source)
@@ -136,32 +136,32 @@ class Kernel(Unchanging):
         shape of the elements in an array or a Stream, tells which elements run; the others count as discarded.
         """
         if where is not None:
-            given = host.bind(self.recorded, arrays, named)
-            return self._guarded.run(*(given[name] for name in self.recorded.inputs), where, out=out, shape=shape)
+            values = host.bind(self.recorded, arrays, named)
+            return self._guarded.run(*(values[name] for name in self.recorded.inputs), where, out=out, shape=shape)
         return self._checked(Result(*self._run(arrays, out, shape, named)))
 
     def _run(self, inputs: tuple[Any, ...], out: Any, shape: Any, named: dict[str, Any]) -> Ran:
         """Run as an earlier call of this signature did, or else check everything."""
         recorded = self.recorded
         key = None if named or shape is not None else signature(inputs)
-        known = self._known.get(key)
-        if known is not None:
+        bound_call = self._bound_calls.get(key)
+        if bound_call is not None:
             params = self._params({}) if recorded.params else {}
             try:
-                ran = known.run(inputs, params, recorded.tables, out)
+                ran = bound_call.run(inputs, params, recorded.tables, out)
                 if ran is not None:
                     return ran
             except MemoryError:
                 pass  # which the way that checks everything explains, as it does faults of `out`
-        given = host.bind(recorded, inputs, named)
-        if self._holds_streams(given, out):
-            ran = self.prepare_on_device(given, out, shape).run(self._executable)
+        values = host.bind(recorded, inputs, named)
+        if self._holds_streams(values, out):
+            ran = self.prepare_on_device(values, out, shape).run(self._executable)
         else:
-            ran = self._run_over_arrays(given, out, shape)
-        if key is not None and key not in self._known and self._repeats:
-            if len(self._known) >= KEPT:
-                self._known.clear()
-            self._known[key] = bound_of(recorded, self._executable, self._dtypes, inputs, ran[1], ran[3])
+            ran = self._run_over_arrays(values, out, shape)
+        if key is not None and key not in self._bound_calls and self._repeats:
+            if len(self._bound_calls) >= KEPT:
+                self._bound_calls.clear()
+            self._bound_calls[key] = bound_of(recorded, self._executable, self._dtypes, inputs, ran[1], ran[3])
         return ran
 
     def _checked(self, result: Result) -> Result:
@@ -173,13 +173,13 @@ class Kernel(Unchanging):
     @cached_property
     def _guarded(self) -> Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
-        made = Kernel(guarded(self.recorded, None, "where"), backend_named(self.backend), self.options)
+        kernel = Kernel(guarded(self.recorded, None, "where"), backend_named(self.backend), self.options)
         if self._rank is None:  # else an element has to know its place among all
-            made._executable = Listed(made._executable, self._executable, self.place.space)
-        return made
+            kernel._executable = Listed(kernel._executable, self._executable, self.place.space)
+        return kernel
 
-    def _holds_streams(self, given: dict[str, Any], out: Any) -> bool:
-        values = itertools.chain(given.values(), (out,), self.recorded.tables.values())
+    def _holds_streams(self, arguments: dict[str, Any], out: Any) -> bool:
+        values = itertools.chain(arguments.values(), (out,), self.recorded.tables.values())
         return next(streams_in(values), None) is not None
 
     @property
@@ -187,17 +187,17 @@ class Kernel(Unchanging):
         """The device on which it runs, and its working precision: where its streams have to be."""
         return Place(self.backend, self.options.device or 0, self.options.precision)
 
-    def prepare_on_device(self, given: dict[str, Any], out: Any, shape: Any) -> Prepared:
+    def prepare_on_device(self, values: dict[str, Any], out: Any, shape: Any) -> Prepared:
         """Check what a run over streams is given, and bring to the device what is not there yet."""
         recorded, place = self.recorded, self.place
-        check_places([*given.values(), out, *recorded.tables.values()], place, recorded.module.name)
-        inputs = host.inputs(recorded.inputs, given, self.options.precision, self.options.math)
+        check_places([*values.values(), out, *recorded.tables.values()], place, recorded.module.name)
+        inputs = host.inputs(recorded.inputs, values, self.options.precision, self.options.math)
         common = host.common_shape(inputs, _shape_of(out) if shape is None and not inputs else shape)
         self._check_rank(common)
-        tables = host.tables(recorded.inputs, given, recorded.tables)
+        tables = host.tables(recorded.inputs, values, recorded.tables)
         self._check_sizes(tables)
         memories = [self._expanded(leaf, memory_of(leaf, common, place), common) for leaf in inputs]
-        return prepare(recorded, self._executable, memories, tables, self._params(given), place, common, out)
+        return prepare(recorded, self._executable, memories, tables, self._params(values), place, common, out)
 
     def _expanded(self, leaf: host.DeviceLeaf | InputLeaf, memory: Memory, common: tuple[int, ...]) -> Memory:
         """Return the memory of an input of the run, in which a stream of another shape is broadcast on the device."""
@@ -209,17 +209,17 @@ class Kernel(Unchanging):
         expanded: Stream = kernel(Table(elements, name="data"), axes(leaf.shape, common), shape=(math.prod(common),))
         return expanded.leaf_entries()[0].memory
 
-    def _run_over_arrays(self, given: dict[str, Any], out: Any, shape: Any) -> Ran:
+    def _run_over_arrays(self, values: dict[str, Any], out: Any, shape: Any) -> Ran:
         """Check what a run over arrays is given, and run."""
         recorded, dtypes = self.recorded, self._dtypes
-        inputs = host.streams(recorded.inputs, given, self.options.precision, self.options.math)
+        inputs = host.streams(recorded.inputs, values, self.options.precision, self.options.math)
         common = host.common_shape(inputs, shape)
         self._check_rank(common)
         each = host.bytes_each(inputs, recorded.output, dtypes)
         try:
             if each * math.prod(common) > sys.maxsize:
                 raise MemoryError
-            outputs, status = self._run_over(common, given, inputs, out)
+            outputs, status = self._run_over(common, values, inputs, out)
             return outputs, common, status, None
         except MemoryError as error:
             raise ShpyError(
@@ -230,11 +230,11 @@ class Kernel(Unchanging):
             ) from error
 
     def _run_over(
-        self, common: tuple[int, ...], given: dict[str, Any], inputs: list[InputLeaf], out: Any
+        self, common: tuple[int, ...], values: dict[str, Any], inputs: list[InputLeaf], out: Any
     ) -> tuple[Any, NDArray[np.int32] | None]:
         """Run over the elements; return the outputs, and the statuses unless all elements were written."""
         recorded, dtypes = self.recorded, self._dtypes
-        tables = host.tables(recorded.inputs, given, recorded.tables)
+        tables = host.tables(recorded.inputs, values, recorded.tables)
         self._check_sizes(tables)
         targets = host.targets(recorded.output, dtypes, common, out, zeros=not self._executable.writes_all)
         flat = [s.flat(common) for s in inputs]
@@ -244,7 +244,7 @@ class Kernel(Unchanging):
             common,
             tuple(flat),
             tuple(t.flat for t in targets),
-            self._params(given),
+            self._params(values),
             {name: t.data(dtypes[t.type.base]) for name, t in tables.items()},
         )
         status = self._executable.run(call) if math.prod(common) else None
@@ -266,13 +266,13 @@ class Kernel(Unchanging):
                     cure="data of that shape, or a program recorded with a Table of this one",
                 )
 
-    def _params(self, given: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        held = host.uniforms(self.recorded.params, self.options.precision, self.options.math)
+    def _params(self, arguments: dict[str, Any]) -> dict[str, NDArray[Any]]:
+        values = host.uniforms(self.recorded.params, self.options.precision, self.options.math)
         for name, type_ in self.recorded.inputs.items():
-            if isinstance(type_, TextureType) and f"{name}.mode" in held:
-                texture = given[name] if isinstance(given[name], Texture2D) else Texture2D(given[name])
-                held[f"{name}.mode"] = np.asarray(texture.mode, np.int32)
-        return held
+            if isinstance(type_, TextureType) and f"{name}.mode" in values:
+                texture = arguments[name] if isinstance(arguments[name], Texture2D) else Texture2D(arguments[name])
+                values[f"{name}.mode"] = np.asarray(texture.mode, np.int32)
+        return values
 
     def _check_rank(self, shape: tuple[int, ...]) -> None:
         if self._rank is not None and self._rank != len(shape):
@@ -309,5 +309,5 @@ class Kernel(Unchanging):
 
 def _shape_of(out: Any) -> tuple[int, ...] | None:
     """Return the element shape of streams that a run writes."""
-    found = next(streams_in(iter([out])), None)
-    return None if found is None else found.shape
+    stream = next(streams_in(iter([out])), None)
+    return None if stream is None else stream.shape

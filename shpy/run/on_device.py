@@ -116,9 +116,9 @@ def memory_of(leaf: InputLeaf | host.DeviceLeaf, common: Shape, place: Place) ->
         memory: Memory = leaf.entry.memory
         return memory
     flat = leaf.flat(common)
-    made = place.space.allocate(len(flat), leaf.type, flat.dtype)
-    made.write(flat)
-    return made
+    copy = place.space.allocate(len(flat), leaf.type, flat.dtype)
+    copy.write(flat)
+    return copy
 
 
 def _table(table: Table, dtypes: Mapping[Base, Any]) -> TableData | TableMemory:
@@ -134,9 +134,9 @@ def _like(memory: Memory, place: Place) -> Memory:
 def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list[StreamLeaf], Any]:
     """Return the stream leaf to write for each output leaf, and the streams in the structure of the outputs."""
     if out is None:
-        made = build_streams(layout, place, shape)
-        return [entry for stream in streams_in(iter([made])) for entry in stream.leaf_entries()], made
-    found = []
+        result = build_streams(layout, place, shape)
+        return [entry for stream in streams_in(iter([result])) for entry in stream.leaf_entries()], result
+    entries = []
     for entry, (name, _, cls) in zip(host.entries_of_input(layout, out, "out"), leaves(layout, "out"), strict=True):
         if not isinstance(entry, StreamLeaf):
             raise ShpyTypeError(
@@ -150,8 +150,8 @@ def _targets(layout: Layout, place: Place, shape: Shape, out: Any) -> tuple[list
                 loc=here(),
                 cure=f"sh.Stream.empty({shape}, sh.{cls.__name__}, {place.backend!r})",
             )
-        found.append(entry)
-    return found, out
+        entries.append(entry)
+    return entries, out
 
 
 def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:

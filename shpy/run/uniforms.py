@@ -58,8 +58,8 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
     if before != state:
         value = np.asarray(kept.kernel())
         kept.last = state, value  # in one assignment, since other threads may read it
-    found: NDArray[Any] = value
-    return found
+    result: NDArray[Any] = value
+    return result
 
 
 def _recorded(uniform: Dependent) -> Recorded:
@@ -67,9 +67,9 @@ def _recorded(uniform: Dependent) -> Recorded:
     value: Any = uniform
     cls = CLASSES[value.kind, value.size, value.base]
 
-    def body(given: Any) -> Any:
+    def body(arguments: Any) -> Any:
         frame = need_frame("a uniform")
         return arithmetic.made(cls.kind, cls.type, frame, record_expression(frame, uniform.root))
 
-    with uncollected(), recording(uniform.name or "uniform", value._loc) as made:
-        return record_body(made, {}, Leaf(cls), body)
+    with uncollected(), recording(uniform.name or "uniform", value._loc) as record:
+        return record_body(record, {}, Leaf(cls), body)

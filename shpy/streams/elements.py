@@ -102,12 +102,12 @@ def given_shape(shape: Any) -> Shape:
         raise ShpyTypeError(
             f"shape={_spoken(shape)} is neither an int nor a tuple of ints", loc=here(), cure="shape=(h, w)"
         )
-    wanted = tuple(int(n) for n in extents)
-    if any(n < 0 for n in wanted):
+    result = tuple(int(n) for n in extents)
+    if any(n < 0 for n in result):
         raise ShpyTypeError(f"shape={_spoken(shape)} has a negative extent", loc=here(), cure="shape=(h, w)")
-    if any(n > sys.maxsize for n in wanted):
+    if any(n > sys.maxsize for n in result):
         raise ShpyTypeError(f"shape={_spoken(shape)} is more than any memory holds", loc=here(), cure="shape=(h, w)")
-    return wanted
+    return result
 
 
 def _spoken(value: Any) -> str:

@@ -23,18 +23,18 @@ def bind_reductions(**functions: Callable[..., Any]) -> None:
     _bound.update((name, in_ieee_arithmetic(function)) for name, function in functions.items())
 
 
-def _on_host(given: Any) -> Any:
+def _on_host(value: Any) -> Any:
     """Return what numpy's functions get for a stream, or for streams in lists: arrays that nothing can store into."""
-    match given:
+    match value:
         case StreamReductions():
-            array = np.asarray(given).view()
+            array = np.asarray(value).view()
             array.flags.writeable = False
             return array
         case list() | tuple():
-            return [_on_host(entry) for entry in given]
+            return [_on_host(entry) for entry in value]
         case dict():
-            return {name: _on_host(entry) for name, entry in given.items()}
-    return given
+            return {name: _on_host(entry) for name, entry in value.items()}
+    return value
 
 
 class StreamReductions:

@@ -74,13 +74,13 @@ class Stream(StreamReductions, StreamFields, Shown):
         precision: Precision = "f32",
     ) -> None:
         place, layout = _place(backend, device, precision), _layout(type)
-        found = _checked(array, layout, place)
+        parts = _checked(array, layout, place)
         memories = []
-        for leaf in found:
+        for leaf in parts:
             memory = place.space.allocate(math.prod(leaf.shape), leaf.type, leaf.array.dtype)
             memory.write(leaf.flat(leaf.shape))
             memories.append(memory)
-        self._hold(type, layout, found[0].shape, place, memories)
+        self._hold(type, layout, parts[0].shape, place, memories)
 
     def _hold(self, type: Any, layout: Layout, shape: Shape, place: Place, memories: Sequence[Memory]) -> None:
         self._type, self._layout, self._shape = type, layout, shape
@@ -91,9 +91,9 @@ class Stream(StreamReductions, StreamFields, Shown):
     @classmethod
     def over(cls, element: Any, shape: Shape, place: Place, memories: Sequence[Memory]) -> Stream:
         """Return a stream over memory that is there already."""
-        made = cls.__new__(cls)
-        made._hold(element, _layout(element), shape, place, memories)
-        return made
+        stream = cls.__new__(cls)
+        stream._hold(element, _layout(element), shape, place, memories)
+        return stream
 
     @classmethod
     def empty(
@@ -105,10 +105,10 @@ class Stream(StreamReductions, StreamFields, Shown):
         precision: Precision = "f32",
     ) -> Stream:
         """Return a stream of zeros with this shape and type of elements, for a kernel to write."""
-        made = cls.fresh(given_shape(shape), type, _place(backend, device, precision))
-        for memory in made._memories:
+        stream = cls.fresh(given_shape(shape), type, _place(backend, device, precision))
+        for memory in stream._memories:
             memory.write(np.zeros((memory.count, *_tail(memory)), memory.dtype))
-        return made
+        return stream
 
     @classmethod
     @located
@@ -131,12 +131,12 @@ class Stream(StreamReductions, StreamFields, Shown):
         """
         owner = backend_named(backend or owner_of(native))
         device = next((k for k in range(len(owner.devices())) if owner.space(k).owns(native)), 0)
-        shape, found, precision = extents_of(native, type)
+        shape, element, precision = extents_of(native, type)
         place = Place(owner.name, device, precision)
-        memory = place.space.wrap(native, found.type, np.dtype(dtypes_at(place.precision)[found.base]))
-        made = cls.over(found, shape, place, [memory])
-        made._owned = False
-        return made
+        memory = place.space.wrap(native, element.type, np.dtype(dtypes_at(place.precision)[element.base]))
+        stream = cls.over(element, shape, place, [memory])
+        stream._owned = False
+        return stream
 
     # What it is
 
@@ -195,12 +195,12 @@ class Stream(StreamReductions, StreamFields, Shown):
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
             raise ValueError("a stream's elements are copied to the host")
-        found = self.numpy()
-        if not isinstance(found, np.ndarray):
+        elements = self.numpy()
+        if not isinstance(elements, np.ndarray):
             raise ShpyTypeError(
                 f"a stream of {self._type.__name__} is several arrays", loc=here(), cure="stream.numpy(), a named tuple"
             )
-        return found if dtype is None else found.astype(dtype)
+        return elements if dtype is None else elements.astype(dtype)
 
     def __getitem__(self, key: Any) -> Any:
         """Return the elements of an index, a slice or a mask, on the host; a struct's field by name is a Stream."""
@@ -220,33 +220,33 @@ class Stream(StreamReductions, StreamFields, Shown):
     @in_ieee_arithmetic
     def update(self, array: Any) -> None:
         """Copy new elements to the device; the shape stays. Raises ShpyTypeError for another shape."""
-        found = _checked(array, self._layout, self.place)
-        if found[0].shape != self._shape:
+        parts = _checked(array, self._layout, self.place)
+        if parts[0].shape != self._shape:
             raise ShpyTypeError(
-                f"update of a stream keeps its shape: {self._shape}, not {found[0].shape}",
+                f"update of a stream keeps its shape: {self._shape}, not {parts[0].shape}",
                 loc=here(),
                 cure="a new sh.Stream",
             )
-        for memory, leaf in zip(self._memories, found, strict=True):
+        for memory, leaf in zip(self._memories, parts, strict=True):
             memory.write(leaf.flat(self._shape))
 
     def copy(self) -> Stream:
         """Return a stream with the same elements on the same device."""
-        made = Stream.fresh(self._shape, self._type, self.place)
-        for memory, copied in zip(self._memories, made._memories, strict=True):
+        copy = Stream.fresh(self._shape, self._type, self.place)
+        for memory, copied in zip(self._memories, copy._memories, strict=True):
             self.place.space.copy(memory, copied)
-        return made
+        return copy
 
     def reshape(self, *shape: Any) -> Stream:
         """Return a view of another shape, in C order: a write to the stream or the view changes both. No copy is made.
 
         `shape`: an int, several, or a tuple. Raises ShpyTypeError for a shape of another number of elements.
         """
-        wanted = given_shape(shape[0] if len(shape) == 1 else shape)
-        if math.prod(wanted) != self.size:
+        extents = given_shape(shape[0] if len(shape) == 1 else shape)
+        if math.prod(extents) != self.size:
             cure = f"a shape of {self.size:,} elements"
-            raise ShpyTypeError(f"{self!r} has no view of the shape {wanted}", loc=here(), cure=cure)
-        view = Stream.over(self._type, wanted, self.place, self._memories)
+            raise ShpyTypeError(f"{self!r} has no view of the shape {extents}", loc=here(), cure=cure)
+        view = Stream.over(self._type, extents, self.place, self._memories)
         self._owned = view._owned = False  # as in `_shared`: both keep this memory
         return view
 
@@ -264,10 +264,10 @@ class Stream(StreamReductions, StreamFields, Shown):
         place = _place(backend, device, self.place.precision)
         if place == self.place:
             return self
-        made = Stream.fresh(self._shape, self._type, place)
-        for memory, copied in zip(self._memories, made._memories, strict=True):
+        copy = Stream.fresh(self._shape, self._type, place)
+        for memory, copied in zip(self._memories, copy._memories, strict=True):
             copied.write(memory.read())
-        return made
+        return copy
 
     def native(self) -> Any:
         """Return the array of numpy or pyopencl, or the texture of moderngl, that holds it; a list for several leaves.
@@ -275,8 +275,8 @@ class Stream(StreamReductions, StreamFields, Shown):
         Its memory stays as long as somebody holds it, and later runs that write the stream write it, too. A texture
         holds rows of 4096 elements; only `on_device` may use it, and on another thread it raises ShpyTypeError.
         """
-        found = self._shared()
-        return found[0] if len(found) == 1 else found
+        arrays = self._shared()
+        return arrays[0] if len(arrays) == 1 else arrays
 
     def on_device(self, function: Callable[..., Any]) -> Any:
         """Call `function` with the native object of each leaf as an argument (see `native`), and return its result.
@@ -291,8 +291,8 @@ class Stream(StreamReductions, StreamFields, Shown):
     def __dlpack__(self, **options: Any) -> Any:
         if self.backend != "numpy" or len(self._memories) != 1:
             raise BufferError(f"{self!r} is not in the host's memory: stream.numpy().__dlpack__()")
-        (found,) = self._shared()
-        return found.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
+        (array,) = self._shared()
+        return array.reshape(self._shape + _tail(self._memories[0])).__dlpack__(**options)
 
     def _shared(self) -> list[Any]:
         """Return the native object of each leaf; from now on runs write into this memory and never replace it."""
@@ -392,13 +392,13 @@ class CompoundStreamTable(CompoundTable):
 
     def __init__(self, stream: Stream, type: Any = None, name: str | None = None) -> None:
         _check_table(stream, type)
-        known = name if name is not None else assigned_name()
-        paths = [path for path, _, _ in leaves(stream._layout, known or "table")]
+        label = name if name is not None else assigned_name()
+        paths = [path for path, _, _ in leaves(stream._layout, label or "table")]
         parts = [StreamTable(stream, name=path, leaf=k) for k, path in enumerate(paths)]
         for part in parts:
             part.named = name is not None
         self.stream = stream
-        self._hold(stream.type, stream._layout, known or "table", parts)
+        self._hold(stream.type, stream._layout, label or "table", parts)
 
     def update(self, array: Any, *, start: int | None = None) -> None:
         """Replace the elements of the stream; the shape stays. A stream is updated whole: ShpyTypeError for a part."""
@@ -454,24 +454,24 @@ def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
     dtypes = dtypes_at(place.precision)
     if isinstance(array, Stream):
         array = array.numpy()
-    found = [
+    parts = [
         InputLeaf(path or "a stream", cls, entry, dtypes[cls.base])
         for (path, _, cls), entry in zip(leaves(layout, ""), flatten(layout, array, "a stream"), strict=True)
     ]
-    if len({leaf.shape for leaf in found}) > 1:
-        listed = ", ".join(f"{leaf.name} {leaf.shape}" for leaf in found)
+    if len({leaf.shape for leaf in parts}) > 1:
+        listed = ", ".join(f"{leaf.name} {leaf.shape}" for leaf in parts)
         raise ShpyTypeError(
             f"the fields of a stream have one shape, not {listed}", loc=here(), cure="one element of each field a place"
         )
-    return found
+    return parts
 
 
 def _sent(layout: Layout, shape: Shape, place: Place, arrays: Sequence[NDArray[Any]]) -> Stream:
     """Return a stream that was pickled in another process, on the device of this process with the same index."""
-    made = Stream.fresh(shape, type_of(layout), _place(*place))
-    for memory, array in zip(made._memories, arrays, strict=True):
+    stream = Stream.fresh(shape, type_of(layout), _place(*place))
+    for memory, array in zip(stream._memories, arrays, strict=True):
         memory.write(array)
-    return made
+    return stream
 
 
 def streams_in(values: Iterator[Any]) -> Iterator[Stream]:

@@ -27,15 +27,15 @@ _PRECISIONS: Final[dict[Any, Precision]] = {np.dtype(np.float64): "f64", np.dtyp
 def owner_of(native: Any) -> str:
     """Return the backend of the library that an array or texture belongs to; ShpyTypeError for anything else."""
     modules = [cls.__module__.partition(".")[0] for cls in type(native).__mro__]
-    known = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
-    module = next((m for m in modules if m in known), None)
+    backends = {"numpy": "numpy", "pyopencl": "opencl", "moderngl": "glsl", "mgl": "glsl"}
+    module = next((m for m in modules if m in backends), None)
     if module is None:
         raise ShpyTypeError(
             f"{type(native).__name__} is no memory that a stream can have",
             loc=here(),
             cure="a numpy array, a pyopencl.array.Array or a moderngl.Texture; or sh.Stream(array, type)",
         )
-    return known[module]
+    return backends[module]
 
 
 def extents_of(native: Any, type_: Any) -> tuple[Shape, Any, Precision]:
@@ -56,22 +56,22 @@ def extents_of(native: Any, type_: Any) -> tuple[Shape, Any, Precision]:
     else:
         base = {"f": Base.F, "i": Base.I, "u": Base.U, "b": Base.B}.get(native.dtype.kind)
         whole = tuple(native.shape)
-        wanted = type_.type.size if type_ is not None else None
-        size = wanted or (whole[-1] if len(whole) > 1 and whole[-1] in (2, 3, 4) else 1)
+        components = type_.type.size if type_ is not None else None
+        size = components or (whole[-1] if len(whole) > 1 and whole[-1] in (2, 3, 4) else 1)
         shape = whole[:-1] if size > 1 else whole
-    found = type_ if type_ is not None else CLASSES.get(("Attrib", size, base))
-    if found is None:
+    element = type_ if type_ is not None else CLASSES.get(("Attrib", size, base))
+    if element is None:
         spoken = f"{size} components of {native.dtype}" if size > 1 else f"{native.dtype}"
         raise ShpyTypeError(
             f"no type has elements of {spoken}",
             loc=here(),
             cure="an array of float32, float64, float16, int32, uint32 or bool, of at most 4 components",
         )
-    if found.type.size != size:
+    if element.type.size != size:
         raise ShpyTypeError(
-            f"this memory holds elements of {size} components, which is no {found.__name__}",
+            f"this memory holds elements of {size} components, which is no {element.__name__}",
             loc=here(),
             cure="a type of as many components, or sh.Stream(array, type), which copies",
         )
-    precision = _PRECISIONS.get(native.dtype, "f32") if found.base is Base.F else "f32"
-    return shape, found, precision
+    precision = _PRECISIONS.get(native.dtype, "f32") if element.base is Base.F else "f32"
+    return shape, element, precision

@@ -32,7 +32,7 @@ def test_a_second_call_is_planned_and_gives_the_same(name):
     kernel, x = scaled.compile(name), np.random.default_rng(1).normal(size=(40, 2)).astype(np.float32)
     gain.value = (1, 2)
     first = kernel(x, 3.0)
-    assert [key for key, bound in kernel._known.items() if bound is not None]
+    assert [key for key, bound in kernel._bound_calls.items() if bound is not None]
     assert np.array_equal(kernel(x, 3.0), first)
     assert np.array_equal(kernel(-x, 3.0), expected(-x, 3, (1, 2)))
     gain.value = (4, 8)
