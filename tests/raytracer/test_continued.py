@@ -255,8 +255,9 @@ OUT_OF_PLACE = {
     "render.cluster": "test_cluster.py",
     "render.tile_rows": "test_cluster.py",
     "render.partitions": "test_partitions.py",
+    "render.primary": "test_primary.py: not for Path",
     "render.options": "Path.seed",
-    **{f"Renderer.render.{name}": "render" for name in ("size", "camera", "samples", "progress", "resume")},
+    **{f"Renderer.render.{name}": "render" for name in ("size", "camera", "samples", "progress", "resume", "primary")},
 }
 """Arguments whose cases are others or stand elsewhere."""
 
