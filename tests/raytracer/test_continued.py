@@ -219,6 +219,7 @@ CHANGES = {
     "LayeredCube.of.tolerance": of_cube(hit="sample", tolerance=0.5),
     "LayeredCube.of.conservative": of_cube(conservative=True),
     "LayeredCube.of.shading": of_cube(shading="deferred"),
+    "LayeredCube.of.depths": of_cube(depths="half"),
     **{f"Hit.{name}": surface(reader(name)) for name in fields_of(Hit)},
     **{f"Surface.{name}": surface(giver(name)) for name in GIVEN},
     "Surface.color, a Param": surface(lambda hit: Surface(color=sh.Color3f(1, 1, 1) * GAIN)),
