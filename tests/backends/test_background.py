@@ -62,7 +62,7 @@ def test_nobody_waits_for_a_task_whose_result_nobody_wants(elsewhere, tmp_path):
     unwanted = tmp_path / "unwanted"
     elsewhere.submit(partial(unwanted.mkdir))
     elsewhere.submit(os.getpid).result(HANGING)
-    assert first.given
+    assert first.ended
     assert not unwanted.exists()
 
 

@@ -30,6 +30,6 @@ def test_the_output_tree_is_printed_for_each_function(backend, monkeypatch, caps
 
 def test_a_stage_that_does_not_exist_is_a_warning(monkeypatch):
     monkeypatch.setenv("SHPY_DUMP", "source, sauce")
-    dump._wanted.cache_clear()
+    dump._chosen_stages.cache_clear()
     with pytest.warns(sh.ShpyWarning, match="SHPY_DUMP names sauce, and the stages are ir, vector, tree, source"):
         sh.program(lambda: sh.Attrib1f(3)).compile("numpy")
