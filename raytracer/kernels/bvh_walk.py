@@ -47,7 +47,8 @@ class BvhIntersector(Walk):
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")
-        self.nodes = sh.Param(sh.Attrib1i, len(bvh.low), name="nodes")
+        nodes = sh.Param(sh.Attrib1i, len(bvh.low))
+        self.nodes = nodes
         working = np.finfo(bvh.low.dtype)
         self.margin = MARGIN * float(working.eps)
         self.steepest = min(float(working.max), FAR)

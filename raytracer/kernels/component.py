@@ -24,7 +24,7 @@ from raytracer.accel.space import WORKING, Rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.queries import GivenRay
-from raytracer.kernels.triangle import AheadBound, Walk
+from raytracer.kernels.triangle import AheadBound, Triangles, Walk
 from raytracer.kernels.walk import Found
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
@@ -107,6 +107,7 @@ class Precision(sh.Table):  # type: ignore[type-arg]
 
     def __init__(self, precision: str) -> None:
         super().__init__([0.0], sh.Attrib1f, "precision_of_scene")
+        self.named = False
         self.precision, self.line = precision, ""
 
     def data(self, dtype: Any) -> Any:
@@ -127,22 +128,22 @@ class ScenePlace:
 
     def __init__(self, origin: NDArray[np.float64], scale: float, roundoff: float, pose: Pose) -> None:
         self._origin, self._roundoff = origin, roundoff
-        self.origin = sh.Param(sh.Point3f, origin, name="scene_origin")
-        self.scale = sh.Param(sh.Attrib1f, scale, name="scene_scale")
         values = self._values(pose)
-        self.moved = sh.Param(sh.Attrib1i, values["moved"], name="scene_moved")
-        self.back = [sh.Param(sh.Vector3f, values[f"back_{axis}"], name=f"scene_back_{axis}") for axis in "xyz"]
-        self.turn = [sh.Param(sh.Vector3f, values[f"turn_{axis}"], name=f"scene_turn_{axis}") for axis in "xyz"]
-        self.offset = sh.Param(sh.Vector3f, values["offset"], name="scene_offset")
-        self.slack = sh.Param(sh.Attrib2f, values["slack"], name="scene_slack")
+        # Names that are read off lines: a program that traces two scenes numbers them.
+        scene_origin = sh.Param(sh.Point3f, origin)
+        scene_scale = sh.Param(sh.Attrib1f, scale)
+        scene_moved = sh.Param(sh.Attrib1i, values["moved"])
+        scene_back = sh.Param(sh.Matrix3f, values["back"])
+        scene_turn = sh.Param(sh.Matrix3f, values["turn"])
+        scene_offset = sh.Param(sh.Vector3f, values["offset"])
+        scene_slack = sh.Param(sh.Attrib2f, values["slack"])
+        self.origin, self.scale, self.moved = scene_origin, scene_scale, scene_moved
+        self.back, self.turn, self.offset, self.slack = scene_back, scene_turn, scene_offset, scene_slack
 
     def put(self, pose: Pose) -> None:
         """Place the scene anew; see `Pose`."""
-        params = {"moved": self.moved, "offset": self.offset, "slack": self.slack}
-        for axis, back, turn in zip("xyz", self.back, self.turn, strict=True):
-            params |= {f"back_{axis}": back, f"turn_{axis}": turn}
         for name, value in self._values(pose).items():
-            params[name].value = value
+            getattr(self, name).value = value
 
     def _values(self, pose: Pose) -> dict[str, Any]:
         """Return the values of the params of a pose."""
@@ -151,32 +152,29 @@ class ScenePlace:
         size = float(np.cbrt(abs(np.linalg.det(turn))))
         slack = self._roundoff * (roundings if pose is None else POSED)
         reach = float(np.abs(offset).sum()) + size * float(np.abs(self._origin).sum())
-        rows = {f"back_{axis}": row for axis, row in zip("xyz", back, strict=True)}
-        rows |= {f"turn_{axis}": row for axis, row in zip("xyz", turn, strict=True)}
-        return {"moved": int(pose is not None), "offset": offset, "slack": (slack, slack * reach), **rows}
+        slacks = slack, slack * reach
+        return {"moved": int(pose is not None), "back": back, "turn": turn, "offset": offset, "slack": slacks}
 
     def own(self, origin: Any, direction: Any) -> tuple[Any, Any]:
         """Return a ray's origin and direction in the coordinates in which the scene was made."""
         eye, ray = sh.Point3f(origin), sh.Vector3f(direction)
         with SH_IF(self.moved > 0):
-            away = eye - self.offset
-            eye[:] = sh.Point3f(*(sh.dot(row, away) for row in self.back))
-            ray[:] = sh.Vector3f(*(sh.dot(row, direction) for row in self.back))
+            eye[:] = sh.Point3f(self.back @ sh.Vector3f(eye - self.offset))
+            ray[:] = self.back @ ray
         return eye, ray
 
     def turned(self, normal: Any) -> Any:
         """Return a unit vector as the scene stands."""
         found = sh.Normal3f(normal)
         with SH_IF(self.moved > 0):
-            found[:] = sh.normalize(sh.Normal3f(*(sh.dot(row, normal) for row in self.turn)))
+            found[:] = sh.normalize(self.turn @ sh.Vector3f(normal))
         return found
 
     def world(self, point: Any, facing: Any) -> Any:
         """Return a point of the kernel's coordinates where it stands; `facing` as `turned` leads off its triangle."""
         place = sh.Point3f(point / self.scale + self.origin)
         with SH_IF(self.moved > 0):
-            own = place.copy()
-            place[:] = sh.Point3f(*(sh.dot(row, own) for row in self.turn)) + self.offset
+            place[:] = sh.Point3f(self.turn @ sh.Vector3f(place)) + self.offset
         size = abs(place)
         return place + (self.slack.x * (size.x + size.y + size.z) + self.slack.y) * facing
 
@@ -198,6 +196,7 @@ class Component:
     ) -> None:
         floats = WORKING[precision]
         self.walk, self.roundoff = walk, float(np.finfo(floats).eps) / 2
+        let_names_be_numbered(walk)
         self.place = ScenePlace(origin, scale, self.roundoff, pose)
         self.precision = Precision(precision)
         self.line = ""
@@ -277,6 +276,16 @@ class Component:
         return barylerp(hit, *rows_of(table, hit))
 
 
+def let_names_be_numbered(thing: Any) -> None:
+    """Let a program that has two tables of one name number them: those of the walks through two scenes."""
+    part: Any
+    for part in vars(thing).values():
+        if isinstance(part, sh.Table):
+            part.named = False
+        elif isinstance(part, Walk | Triangles):
+            let_names_be_numbered(part)
+
+
 def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
     """Return the subroutine that finds a ray's hit; where `any_hit` holds, the first that is found."""
 
@@ -298,11 +307,11 @@ def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) ->
     cures = {sh.Point3f: "sh.Point3f(x, y, z)", sh.Vector3f: "sh.Vector3f(x, y, z)", sh.Attrib1f: "a number"}
     found = []
     for (what, kind), value in zip(kinds.items(), (origin, direction, t_min, t_max), strict=True):
-        fits = getattr(type(value), "size", None) in (None, 1 if kind is sh.Attrib1f else 3)
+        size = getattr(type(value), "size", None)
         try:
-            if not fits:
+            if isinstance(size, int) and size != (1 if kind is sh.Attrib1f else 3):
                 raise TypeError
-            found.append(kind(value))
+            found.append(kind(value.tolist() if isinstance(value, np.ndarray) else value))
         except (sh.ShpyError, TypeError, ValueError):
             spoken = type(value).__name__ if hasattr(type(value), "size") else repr(value)
             raise SceneError(f"{users_line()}: the {what} of {name} is {cures[kind]}, not {spoken:.60}") from None
@@ -340,4 +349,8 @@ def occluded(component: Component, bound: AheadBound | None) -> Any:
 
 
 def _table(rows: NDArray[Any] | None, kind: Any, name: str) -> Any:
-    return None if rows is None else sh.Table(rows, kind, name)
+    if rows is None:
+        return None
+    found: Any = sh.Table(rows, kind, name)
+    found.named = False  # as `let_names_be_numbered`
+    return found

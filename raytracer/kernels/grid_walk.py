@@ -31,10 +31,11 @@ class CellBox:
     def __init__(self, low: NDArray[Any], size: NDArray[Any], shape: tuple[int, ...]) -> None:
         # In f32 here as in the kernel, so that the far side of the last cell is the far side of the box to the bit.
         corner, cell = low.astype(np.float32), size.astype(np.float32)
-        self.low = sh.Param(sh.Point3f, corner, name="grid_low")
-        self.high = sh.Param(sh.Point3f, corner + np.array(shape, np.float32) * cell, name="grid_high")
-        self.size = sh.Param(sh.Vector3f, cell, name="cell_size")
-        self.last = sh.Param(sh.Attrib3i, np.array(shape) - 1, name="last_cell")
+        grid_low = sh.Param(sh.Point3f, corner)
+        grid_high = sh.Param(sh.Point3f, corner + np.array(shape, np.float32) * cell)
+        cell_size = sh.Param(sh.Vector3f, cell)
+        last_cell = sh.Param(sh.Attrib3i, np.array(shape) - 1)
+        self.low, self.high, self.size, self.last = grid_low, grid_high, cell_size, last_cell
 
 
 class CellWalk:
@@ -77,7 +78,8 @@ class GridIntersector(Walk):
         self.triangles = Triangles.of(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
-        self.outside = sh.Param(sh.Attrib1i, grid.outside, name="outside")
+        outside = sh.Param(sh.Attrib1i, grid.outside)
+        self.outside = outside
         self.box = CellBox(grid.low, grid.cell, grid.shape)
 
     def collect(self, hit: Any, ray: Any, eye: Any, near: Any, begin: Any, any_hit: Any) -> None:

@@ -160,6 +160,21 @@ def test_the_walk_stands_once_in_a_kernel(backend):
     np.testing.assert_array_equal(kernel(origins, directions), several.compile("numpy")(origins, directions))
 
 
+def test_two_scenes_in_one_program(near):
+    other = Intersector(box((30, 1, 30)), accel="grid", backend="numpy")
+    third = Intersector(BALL, accel="grid", backend="numpy")
+
+    @sh.program
+    def both(origin: sh.Point3f, boxes: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f, sh.Attrib1f]:
+        down = np.array([0, -1, 0])
+        return near.trace(origin, down).t, other.trace(origin, down).t, third.trace(origin, down).t * boxes
+
+    found = both.compile("numpy")([[1, 9, 0], [0.1, 9, 0.1], [8, 9, 8]], 1)
+    ray = [[1, 9, 0], [0.1, 9, 0.1], [8, 9, 8]], [[0, -1, 0]] * 3
+    for t, intersector in zip(found, (near, other, third), strict=True):
+        np.testing.assert_array_equal(t, intersector.intersect(*ray).t)
+
+
 def test_blocked_is_occluded(near):
     @sh.program
     def dark(origin: sh.Point3f, direction: sh.Vector3f, t_max: sh.Attrib1f) -> sh.Attrib1b:
