@@ -278,10 +278,10 @@ class Component:
 
 def let_names_be_numbered(thing: Any) -> None:
     """Let a program that has two tables of one name number them: those of the walks through two scenes."""
-    part: Any
     for part in vars(thing).values():
         if isinstance(part, sh.Table):
-            part.named = False
+            table: Any = part
+            table.named = False
         elif isinstance(part, Walk | Triangles):
             let_names_be_numbered(part)
 
