@@ -91,9 +91,16 @@ def stepped(chain: Chain, moment: Moment, streams: Mapping[str, Any], backend: s
 
     A kernel whose streams do not tell how many elements there are runs over the pixels of the picture.
     """
-    given = given_to(chain, moment, streams)
-    shape = moment.shape if _lacks_shape(chain, shapes_of(chain, given)) else None
+    given, shape = arguments_of(chain, moment, streams)
     return chain.run(backend=backend, shape=shape, **given).streams
+
+
+def arguments_of(
+    chain: Chain, moment: Moment, streams: Mapping[str, Any]
+) -> tuple[dict[str, Any], tuple[int, int] | None]:
+    """Return the streams of a run of a chain, by name, and its `shape=`."""
+    given = given_to(chain, moment, streams)
+    return given, moment.shape if _lacks_shape(chain, shapes_of(chain, given)) else None
 
 
 def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:

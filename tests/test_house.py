@@ -2,6 +2,7 @@
 
 import ast
 import enum
+import functools
 import importlib
 import importlib.util
 import pkgutil
@@ -25,9 +26,14 @@ import shpy
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for package in ("shpy", "raytracer", "shpy_start") for p in (ROOT / package).rglob("*.py"))
 CODE = sorted([*SOURCES, *(p for top in ("tests", "examples", "benchmarks") for p in (ROOT / top).rglob("*.py"))])
-TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
 
 UNNAMED = re.compile(r"(utils?|helpers?|misc|common|manager)")
+
+
+@functools.cache
+def trees():
+    """Return the tree of each file of the product; only the process that runs these tests parses them."""
+    return {path: ast.parse(path.read_text()) for path in SOURCES}
 
 
 def shown(path):
@@ -79,8 +85,8 @@ def test_a_circle_breaks_the_contract(closing, circles):
 
 
 def test_the_ray_tracer_uses_what_users_can():
-    trees = {path: tree for path, tree in TREES.items() if path.is_relative_to(ROOT / "raytracer")}
-    attributes = [n for tree in trees.values() for n in ast.walk(tree) if isinstance(n, ast.Attribute)]
+    found = {path: tree for path, tree in trees().items() if path.is_relative_to(ROOT / "raytracer")}
+    attributes = [n for tree in found.values() for n in ast.walk(tree) if isinstance(n, ast.Attribute)]
     used = {n.attr for n in attributes if ast.unparse(n.value) == "sh"}
     assert used
     assert [name for name in used if name.startswith("_") or not hasattr(shpy, name)] == []
@@ -141,7 +147,7 @@ def is_one_match(function):
 def test_functions_are_short():
     long = [
         f"{shown(path)}:{f.lineno} {f.name}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for f in ast.walk(tree)
         if isinstance(f, ast.FunctionDef) and f.end_lineno - f.lineno >= 50 and not is_one_match(f)
     ]
@@ -158,11 +164,11 @@ def public(body, inside=""):
 
 
 def test_what_is_public_is_documented():
-    assert [shown(path) for path, tree in TREES.items() if not ast.get_docstring(tree)] == []
+    assert [shown(path) for path, tree in trees().items() if not ast.get_docstring(tree)] == []
     elsewhere = re.compile(r"overload|\.setter|case\(")  # the name of a conformance case says what it checks
     missing = [
         f"{shown(path)}:{node.lineno} {name}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for name, node in public(tree.body)
         if not ast.get_docstring(node) and not any(elsewhere.search(ast.unparse(d)) for d in node.decorator_list)
     ]

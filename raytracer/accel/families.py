@@ -51,7 +51,7 @@ def families(tree: Binary, backend: str) -> list[Ints]:
     """Return for each level the children (n, WIDTH) of each wide node, as nodes of `tree`; -1 fills the rest."""
     rows = np.zeros((len(tree.count), 4), np.int32)
     rows[:, 0], rows[:, 1], rows[:, 2] = tree.left, tree.right, _shares(tree, backend)
-    table, kernel = sh.Table(constant(rows), sh.Attrib4i), _family(backend)
+    table, kernel = sh.Table(constant(rows), sh.Attrib4i, copy=False), _family(backend)
     levels = []
     nodes = np.zeros(1, np.int32)
     while len(nodes):
@@ -80,7 +80,7 @@ def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
     for nodes in levels[-2::-1]:
         inner = tree.count[nodes] > HALF
         first = np.where(inner, 2 * np.cumsum(inner) - 2, -1).astype(np.int32)
-        tables = [sh.Table(constant(cost), sh.Attrib4f) for cost in below]
+        tables = [sh.Table(constant(cost), sh.Attrib4f, copy=False) for cost in below]
         *below, shares[nodes] = _share(backend)(area[nodes], first, *tables)
     return shares
 

@@ -28,7 +28,7 @@ def links(rows: NDArray[np.int32], backend: str) -> NDArray[np.int32]:
     The row of an inner node holds its two children, the axis along which the first child lies lower, and its parent, -1
     for the root. The row of a leaf holds its own link, two numbers that are not read, and its parent.
     """
-    table = sh.Table(constant(rows), sh.Attrib4i)
+    table = sh.Table(constant(rows), sh.Attrib4i, copy=False)
     return np.asarray(_compiled(backend)(table, shape=(8, len(rows))))
 
 

@@ -56,7 +56,7 @@ def joined(
 
 
 def _tables(sides: Sides) -> list[Any]:
-    return [sh.Table(constant(side), sh.Attrib1f) for side in sides]
+    return [sh.Table(constant(side), sh.Attrib1f, copy=False) for side in sides]
 
 
 @cache

@@ -141,7 +141,7 @@ def by_parts(vector_of: Callable[[Any], Vector], items: NDArray[Any]) -> Floats:
 
 
 def constant(array: NDArray[Any]) -> NDArray[Any]:
-    """Make an array read-only and return it: an `sh.Table` takes it without a copy."""
+    """Make an array read-only and return it: an `sh.Table` with `copy=False` shares it."""
     array.flags.writeable = False
     return array
 

@@ -42,8 +42,8 @@ class BvhIntersector(Walk):
         rows, levels = self.triangles.given
         leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
-        self.leaves = Triangles(leaves, "leaves", self.items, constant(levels[bvh.items]))
-        self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes")
+        self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items], copy=False)
+        self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes", copy=False)
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")

@@ -39,7 +39,8 @@ class Stack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
     def __init__(self, places: int, held: list[Any]) -> None:
-        self.rays, self.held = sh.Array(Waiting, places), held
+        waiting = sh.Array(Waiting, places)  # which names the arrays in emitted texts
+        self.rays, self.held = waiting, held
         count = sh.Attrib1i(0)
         self.count = count
 

@@ -119,7 +119,8 @@ class Media:
 
     def of_rays(self, waiting: int) -> tuple[Held, Held, list[Any]]:
         """Return the bodies of a ray and of its shadow ray, and for each slot an array for those of rays that wait."""
-        return self.held(), self.held(), [sh.Array(sh.Attrib1i, waiting) for _ in self.start]
+        waiting_bodies = [sh.Array(sh.Attrib1i, waiting) for _ in self.start]
+        return self.held(), self.held(), waiting_bodies
 
     def surface_of(self, number: Any, ray: Any) -> Any:
         """Return twice the body to whose surface a triangle belongs, and 1 more where the ray leaves it."""

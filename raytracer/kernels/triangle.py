@@ -216,7 +216,8 @@ class Triangles:
     """Triangles as tables: `rows` (see `triangle_rows`), and `levels`, how far each one's plane is from 0.
 
     `numbers` is the table of the numbers by which they are known, if not their places. `levels` are computed from
-    `rows` if they are not given. `given` are the arrays of which the tables were made.
+    `rows` if they are not given. `given` are the arrays of which the tables were made. With `copy=False` the table
+    shares `rows`, which are read-only (see `sh.Table`); levels are always shared.
     """
 
     def __init__(
@@ -225,10 +226,12 @@ class Triangles:
         name: str = "triangles",
         numbers: Any = None,
         levels: NDArray[np.float64] | None = None,
+        *,
+        copy: bool = True,
     ) -> None:
-        self.given = rows, self.levels_in(rows) if levels is None else levels
-        self.rows = sh.Table(rows, sh.Attrib4f, name)
-        self.levels = sh.Table(self.given[1], sh.Attrib1f, f"levels_of_{name}")
+        self.given = rows, constant(self.levels_in(rows) if levels is None else levels)
+        self.rows = sh.Table(rows, sh.Attrib4f, name, copy=copy)
+        self.levels = sh.Table(self.given[1], sh.Attrib1f, f"levels_of_{name}", copy=False)
         self.numbers = numbers
 
     @classmethod
@@ -241,8 +244,8 @@ class Triangles:
             return triangles
         levels = cls.levels_in(triangles)
         if dtype == np.float32 and triangles.dtype != np.float32:
-            triangles = constant(triangles.astype(np.float32))  # half the memory
-        return cls(triangles, levels=constant(levels))
+            return cls(constant(triangles.astype(np.float32)), levels=levels, copy=False)  # half the memory
+        return cls(triangles, levels=levels)
 
     @staticmethod
     def levels_in(rows: NDArray[Any]) -> NDArray[np.float64]:

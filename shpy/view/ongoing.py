@@ -26,6 +26,7 @@ from shpy.programs import Program
 from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels
+from shpy.view.rounds import read_before
 from shpy.view.source import SHOW, START, Opened
 
 Key = tuple[Form, tuple[int, int]]
@@ -211,20 +212,24 @@ class Ongoing:
     def stepped(self, held: Held, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the kernel that wrote the element `at` of what is shown, and its steps in the last round.
 
-        None before the first step, for a kernel inside a loop, whose rounds are not kept, and for a kernel that runs
-        over other elements than the pixels.
+        In a loop they are those of the last round that wrote the element. None before the first step, and for a kernel
+        that runs over other elements than the pixels.
         """
         member = self._writer()
-        before = _before(self.chain, member) if member else None
-        if member is None or before is None or held.before is None or held.moment is None or held.form is None:
+        if member is None or held.before is None or held.moment is None or held.form is None:
             return None
-        streams, (prefix, numbers) = dict(held.before), before
-        if prefix:
-            streams |= stepped(Sequence(tuple(prefix)), held.moment, _placed(streams, held.form), held.form.backend)
         program, shown = Program(member.recorded), held.streams[member.outputs[-1][0]]
         if shown.shape != held.moment.shape:
             return None
-        given = given_to(Sequence((member,)), held.moment, streams | numbers)
+        streams, backend = _placed(held.before, held.form), held.form.backend
+        before = _before(self.chain, member)
+        if before is None:
+            streams |= read_before(self.chain, member, at, held.moment, streams, backend)
+        else:
+            prefix, numbers = before
+            streams |= stepped(Sequence(tuple(prefix)), held.moment, streams, backend) if prefix else {}
+            streams |= numbers
+        given = given_to(Sequence((member,)), held.moment, streams)
         given = {name: value for name, value in given.items() if name in program.inputs}
         return program, program.trace(**given, shape=held.moment.shape, at=at)
 
@@ -264,7 +269,7 @@ def _placed(values: Mapping[str, Any], form: Form) -> dict[str, Any]:
 
 
 def _before(node: Chain | Member, member: Member) -> tuple[list[Chain | Member], dict[str, int]] | None:
-    """Return what a chain runs before its last execution of a member; None where only a run tells.
+    """Return what a chain runs before its last execution of a member; None in a loop, where only a run tells.
 
     The second result has the numbers of the passes in that execution, by the names of the inputs.
     """

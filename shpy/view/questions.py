@@ -133,9 +133,7 @@ def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:
         drawn = subject.drawn(frame.held, frame.moment, place)
     parts = [part for part in (stepped, drawn) if part is not None]
     if not parts:
-        raise ShpyError(
-            "no kernel has written this picture yet, or one in a loop, whose rounds are not kept", cure=_SHOW
-        )
+        raise ShpyError("no kernel has written this picture yet", cure=_SHOW)
     found = [step for _, steps in parts for step in steps]
     own = [step for step in found if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
     odd = next((k for k, step in enumerate(own) if not _is_finite(step.value)), None)

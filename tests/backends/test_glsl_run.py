@@ -286,3 +286,22 @@ def test_textures_beyond_the_limit_are_refused_though_a_driver_links_them(monkey
 def test_the_notes_name_flushed_denormals() -> None:
     flushes = not backend._runtime(0).context.limits.keeps_denormals
     assert any("denormal" in note for note in glsl(twice).notes) == flushes
+
+
+def test_a_param_is_bound_without_a_look_through_all_uniforms(monkeypatch):
+    """The time to bind n Params would grow as n²."""
+    import moderngl
+
+    gains = [sh.Param(sh.Attrib1f, k, name=f"gain_{k}") for k in range(8)]
+
+    @sh.program
+    def total(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sum(gains, x)
+
+    kernel = glsl(total)
+    assert kernel([1.0]) == 29
+    steps, every = [], moderngl.Program.__iter__
+    monkeypatch.setattr(moderngl.Program, "__iter__", lambda program: steps.append(1) or every(program))
+    gains[0].value = 3
+    assert kernel([1.0]) == 32
+    assert steps == []

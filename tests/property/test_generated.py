@@ -1,7 +1,7 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-80 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
-440 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
+60 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
+460 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
 """
@@ -66,7 +66,7 @@ def rotated(shard: int) -> tuple[str, ...]:
     return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], glsl)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(22)  # shards 0 and 11: one lane and 16, with `precise` and without, and one whose compiler derives
 @each_part
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int, part: int) -> None:
@@ -95,7 +95,7 @@ def agree_specialized(shard: int, part: int, backends: tuple[str, ...]) -> None:
     seed(f"specialized {shard}.{part}")(run)()
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @each_part
 @pytest.mark.parametrize("shard", range(6))
 def test_specialized_programs_agree(shard: int, part: int) -> None:

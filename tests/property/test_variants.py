@@ -67,7 +67,7 @@ def compare(program, made, target, options):
         )
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("shard", range(8))
 def test_variants_give_the_same(shard):
     check(shard, 10, endless=False)

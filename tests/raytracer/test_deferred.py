@@ -46,7 +46,7 @@ def difference(one, other):
     return 255 * float(np.sqrt(np.mean((one.pixels - other.pixels) ** 2)))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 @pytest.mark.parametrize(
     "options", [{"bounces": 2}, {"integrator": "path", "samples": 2, "bounces": 3}], ids=["whitted", "path"]
@@ -98,7 +98,7 @@ def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):
 def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit):
     """The floor is two triangles with a texture: each texel has its own colour, by the exact test as well."""
     made, errors = scene(), []
-    for n in (16, 64, 256):
+    for n in (16, 32, 128):
         cubes = (LayeredCube.of(made, n, backend="numpy", hit=hit, shading=s) for s in ("exact", "deferred"))
         errors.append(difference(*(render(made, SIZE, backend="numpy", bounces=2, secondary=c) for c in cubes)))
     assert 1 > errors[0] > errors[1] > 2 * errors[2]

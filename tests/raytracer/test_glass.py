@@ -171,7 +171,15 @@ def test_backends_and_accelerators_agree_to_the_last_bit(monkeypatch):
     same(first, alone.render(size))
 
 
-@pytest.mark.parametrize("lanes", [1, 4, 16])
+def test_arrays_of_rays_that_wait_are_named():
+    clear = Material(transmission=1.0, ior=1.3, absorption=(0.1, 0.2, 0.3))
+    scene = Scene([box((3, 3, 3), clear), box((1, 1, 1), clear)], (PointLight((0, 5, 0)),), Camera((0, 0, 6)))
+    text = str(Renderer(scene, backend="numpy", bounces=2).program.ir)
+    for name in ("waiting_eye", "waiting_direction", "waiting_share", "waiting_left", "waiting_bodies"):
+        assert name in text
+
+
+@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.slow), 16])
 def test_every_width_agrees(lanes):
     renderer = Renderer(shapes(), backend="opencl", bounces=4)
     first = renderer.render((24, 16))

@@ -190,15 +190,16 @@ def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
     """Panes of files have a transmission of 0.9 and an ior of 1, and no inside; those of the middle are closed."""
     pane = Material((0, 0, 0), diffuse=0, specular=0, transmission=0.9, ior=1.0)
     thin, plate = floor(200, pane).moved((0, 2, 0)), box((200, 0.1, 200), pane).moved((0, 3, 0))
-    for integrator in ("whitted", "path") if name in ("point", "directional") else ("path",):
-        options = (
-            {"bounces": 1, "samples": 64 if name in ("area", "environment") else 1} if integrator == "path" else {}
-        )
-        bare, one, both = (shadow(LIGHTS[name], m, integrator, **options) for m in ([], [thin], [thin, plate]))
+    sampled = name in ("area", "environment")
+    for integrator in ("path",) if sampled else ("whitted", "path"):
+        options = {"bounces": 1, "samples": 64 if sampled else 1} if integrator == "path" else {}
+        meshes = {1.0: [], 0.9: [thin], 0.9**3: [thin, plate]}
+        if sampled:
+            del meshes[0.9]  # the two panes together tell, too
+        bare, *others = (shadow(LIGHTS[name], found, integrator, **options) for found in meshes.values())
         assert bare.min() > 0.01
-        tolerance = 2e-2 if name in ("area", "environment") else 1e-5
-        np.testing.assert_allclose(one / bare, 0.9, rtol=tolerance)
-        np.testing.assert_allclose(both / bare, 0.9**3, rtol=tolerance)
+        for found, share in zip(others, list(meshes)[1:], strict=True):
+            np.testing.assert_allclose(found / bare, share, rtol=2e-2 if sampled else 1e-5)
 
 
 @pytest.mark.parametrize("name", ["point", "directional", "area"])
@@ -320,11 +321,11 @@ def check(seed, count, name, backend):
 @pytest.mark.parametrize("backend", [BACKENDS[0], *EVERY])
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_light_along_a_column_is_a_product(name, backend):
-    check(1, 40, name, backend)
+    check(1, 16 if backend == "numpy" else 40, name, backend)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 6))
+@pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_light_along_many_columns_is_a_product(name, seed):
     check(seed, 40, name, "numpy")

@@ -296,13 +296,14 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
     assert walk_of(count, accel="grid") == "GridIntersector"
 
 
-def test_lanes_give_the_same_bits():
+@pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
+def test_lanes_give_the_same_bits(widths):
     renderer = Renderer(everything(), backend="numpy", integrator="path", bounces=3)
     renderer.render((4, 3), samples=1)
     start = np.zeros((5, 7, 3), np.float32)
     renderer.params["past_sample"].value = 2
     expected = renderer.kernel(start)
-    for lanes in (1, 4, 8, 16):
+    for lanes in widths:
         found = renderer.program.compile("opencl", lanes=lanes, loop_limit=None)(start)
         for one, layer in zip(found, expected, strict=True):
             np.testing.assert_array_equal(one, layer)

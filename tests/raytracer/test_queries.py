@@ -64,15 +64,18 @@ def test_all_accelerators_and_backends_find_the_same(backend):
         np.testing.assert_array_equal(shoot.count(origins, directions), np.diff(expected.offsets))
 
 
-def test_every_width_and_walk_lists_the_same_hits():
+@pytest.mark.parametrize(
+    "widths", [((16,), (1, 8)), pytest.param(((4, 16), (1, 4, 8, 16)), marks=pytest.mark.slow)], ids=["some", "all"]
+)
+def test_every_width_and_walk_lists_the_same_hits(widths):
     """Packets of 1 and of 8 lanes that walk through boxes with two children are those of an Intersector on OpenCL."""
     origins, directions = rays(300)
     structure, rows = build_bvh(SOUP.corners), triangle_rows(SOUP.corners)
     walks = [walk_with(structure, rows, "opencl", None), WideIntersector(structure, rows)]
     inputs = (origins, directions, 0.0, np.inf, (0, 0, 0), 1.0, -np.inf, -1)
     kernels = [list_hits(walk, exact=False).compile("numpy", loop_limit=None) for walk in walks]
-    for walk, widths in zip(walks, ((4, 16), (1, 4, 8, 16)), strict=True):
-        kernels += [list_hits(walk, exact=False).compile("opencl", lanes=n, loop_limit=None) for n in widths]
+    for walk, lanes in zip(walks, widths, strict=True):
+        kernels += [list_hits(walk, exact=False).compile("opencl", lanes=n, loop_limit=None) for n in lanes]
     (first, *_), *others = (kernel(*inputs) for kernel in kernels)
     assert (first.triangle[:, -1] >= 0).any()
     for other, *_ in others:
@@ -265,8 +268,15 @@ def test_rays_that_leave_a_surface_do_not_meet_it(backend, alone, monkeypatch):
     np.testing.assert_array_equal(shoot.occluded(start, away, leaving=True), far > 0)
 
 
-@pytest.mark.parametrize("start", [0.0, 16.0])
-def test_every_walk_keeps_rays_from_their_own_surface_in_the_same_way(start):
+@pytest.mark.parametrize(
+    ("start", "widths"),
+    [
+        (0.0, ((1,), (16,))),
+        (16.0, ((16,), (1,))),
+        pytest.param(16.0, ((1, 16), (1, 16)), marks=pytest.mark.slow),
+    ],
+)
+def test_every_walk_keeps_rays_from_their_own_surface_in_the_same_way(start, widths):
     """The wide walk too, to the bit, for origins on triangles; without the bound some meet their own.
 
     Without it, test_bvh_walk.py compares all walks at all widths.
@@ -278,7 +288,6 @@ def test_every_walk_keeps_rays_from_their_own_surface_in_the_same_way(start):
     bound = AheadBound(2.0**-24, start)
     walks = [walk_with(structure, rows, "opencl", bound), WideIntersector(structure, rows, bound)]
     programs = [intersect(walk, exact=False) for walk in (*walks, WideIntersector(structure, rows))]
-    widths = ((1, 16), (1, 16)) if start else ((1,), (16,))
     kernels = [programs[1].compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
     kernels += [
         p.compile("opencl", lanes=n, loop_limit=None) for p, lanes in zip(programs, widths, strict=False) for n in lanes

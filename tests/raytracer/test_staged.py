@@ -76,7 +76,7 @@ def test_options_mean_what_they_mean_to_the_unified_kernel(options):
     same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
 
 
-@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow)])
 def test_half_precision_means_what_it_means_to_the_unified_kernel(backend):
     given = {"bounces": 1, "backend": backend, "precision": "f16"}
     unified = render(small(), (24, 16), accel="grid", **given)

@@ -364,3 +364,33 @@ def doubled(x: sh.Attrib1f) -> sh.Attrib1f:
 def test_arguments_of_another_kind_are_refused_in_our_words(call, said):
     with pytest.raises(sh.ShpyError, match=said):
         call()
+
+
+COUNT, BITS = "int(n)", "sh.Attrib1i(x), which truncates; sh.bits_from_float(x) for the bits of a float"
+SHIFTS = {
+    "a count with a fraction": (lambda: sh.rotl(1, 1.5), "sh.rotl takes an int as the count of bits, not 1.5", COUNT),
+    "counts with fractions": (
+        lambda: sh.rotr((1, 2), (1, 0.5)),
+        "sh.rotr takes an int as the count of bits, not 1, 0.5",
+        COUNT,
+    ),
+    "a bool as a count": (lambda: sh.Attrib1i(3) << True, "<< takes an int as the count of bits, not True", COUNT),
+    "a count of type f": (
+        lambda: sh.rotl(1, sh.Attrib1f(2)),
+        "sh.rotl takes a count of type i or u, not f",
+        "sh.Attrib1i(n)",
+    ),
+    "bits of a number": (lambda: sh.rotl(1.5, 1), "sh.rotl takes the bits of an int, not 1.5", BITS),
+    "bits of a float": (lambda: sh.Attrib1f(2) >> 1, ">> takes the bits of an int, not f", BITS),
+}
+
+
+@pytest.mark.parametrize("case", SHIFTS)
+def test_shifts_and_rotations_say_which_operand_does_not_fit(case):
+    use, message, cure = SHIFTS[case]
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        use()
+    assert (caught.value.message, caught.value.cure) == (message, cure)
+    names = {"sh": sh, "n": 1.5, "x": sh.Attrib1f(3)}
+    assert sh.rotl(1, eval(cure, names) if cure == COUNT else 1) == 2
+    assert sh.rotl(eval(cure.partition(",")[0], names) if cure == BITS else 3, 1) == 6

@@ -12,6 +12,12 @@ KINDS = {"small": 10, "lent": 70_000}
 """OpenCL on a CPU reads large arrays where they lie."""
 
 
+@sh.struct
+class Pair:
+    a: sh.Attrib1f
+    b: sh.Attrib1f
+
+
 def reader(table):
     @sh.program
     def read(i: sh.Attrib1i) -> table.type:
@@ -39,10 +45,10 @@ def test_parts_are_read_as_a_new_table_would_be(backend, type_, count):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("dtype", [np.float32, np.int32])
-def test_a_read_only_array_is_taken_as_it_is_until_a_part_is_replaced(backend, dtype):
+def test_a_shared_array_is_read_in_place_until_a_part_is_replaced(backend, dtype):
     given = np.arange(70_000, dtype=dtype)
     given.flags.writeable = False
-    table = sh.Table(given, sh.Attrib1f if dtype == np.float32 else sh.Attrib1i, name="held")
+    table = sh.Table(given, sh.Attrib1f if dtype == np.float32 else sh.Attrib1i, name="held", copy=False)
     kernel, every = reader(table).compile(backend), np.arange(len(given), dtype=np.int32)
     assert np.shares_memory(table._array, given)
     assert np.array_equal(kernel(every), given)
@@ -59,6 +65,22 @@ def test_a_read_only_view_is_copied():
     table = sh.Table(view, sh.Attrib4f, name="held")
     given[0] = 9
     assert table[0].x == 0
+
+
+def test_an_array_that_can_be_written_is_not_shared():
+    given = np.arange(8, dtype=np.float32)
+    view = given.reshape(2, 4)
+    view.flags.writeable = False
+    for array in (given.reshape(2, 4), view):
+        with pytest.raises(sh.ShpyTypeError, match="held with copy=False shares an array, and this one can be written"):
+            sh.Table(array, sh.Attrib4f, name="held", copy=False)
+    given.flags.writeable = False  # as the message says to write it
+    assert sh.Table(view, sh.Attrib4f, copy=False)[1].y == 5
+    assert sh.Table([1, 2], sh.Attrib1f, copy=False)[1] == 2  # numbers that are converted need no array
+    pair = sh.Table({"a": given, "b": [0.0] * 8}, Pair, copy=False)
+    assert [np.shares_memory(part._array, given) for part in pair._parts] == [True, False]
+    with pytest.raises(sh.ShpyTypeError, match="copy=0 is neither True nor False"):
+        sh.Table(given, sh.Attrib1f, copy=0)
 
 
 def test_a_part_of_a_table_of_two_axes_is_rows():

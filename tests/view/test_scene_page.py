@@ -1,6 +1,7 @@
 """The page of `raytracer view` in a browser: the camera, surfaces, materials and lights, time, errors."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from raytracer.meshes.shapes import sphere
 
 def scene(time):
     ball = sphere(1, rt.Material({color}, specular=0), rings=8, segments=12)
-    camera, light = rt.Camera((0, 1, 6), (0, 0, 0)), rt.PointLight((0, 5, 5))
+    camera, light = rt.Camera((0, 1, 6), (0, 0, 0), aspect=1.5), rt.PointLight((0, 5, 5))
     return rt.Scene([ball.moved((time, 0, 0))], [light], camera, background=(0, 0, 0), ambient=0)
 """
 RED, BLUE = "(0.9, 0, 0)", "(0, 0, 0.9)"
@@ -110,6 +111,9 @@ def test_the_right_button_moves_the_wheel_zooms_and_keys_do_both(page):
     offset = np.subtract(moved.target, before.target)
     assert offset == pytest.approx(np.subtract(moved.position, before.position), abs=1e-4)
     assert offset[0] < 0 < offset[1]
+    side = page.locator("#picture").bounding_box()["width"]
+    span = 1.5 * 2 * distance(before) * math.tan(math.radians(before.fov) / 2)  # across the square picture
+    assert float(np.linalg.norm(offset)) == pytest.approx(math.hypot(60, 20) / side * span, rel=0.01)
     height = page.input_value("[aria-label='position y']")
     page.mouse.wheel(0, -200)  # which returns before the page has heard of it
     page.wait_for_function("(y) => document.querySelector(\"[aria-label='position y']\").value !== y", arg=height)

@@ -31,11 +31,17 @@ export function turned(camera, around, over) {
   return rounded({ ...camera, position: add(camera.target, offset, distance) });
 }
 
-// Move across the picture by shares of its shorter side: what lies at the target follows the pointer.
-export function moved(camera, across, down) {
+// The shorter side of a picture in shorter sides of the camera's frame, all of which it shows.
+function frames(aspect, [width, height]) {
+  return Math.min(width, height) * Math.max(Math.max(aspect, 1) / width, Math.max(1 / aspect, 1) / height);
+}
+
+// Move across a picture of a size by shares of its shorter side: what lies at the target follows the pointer.
+export function moved(camera, across, down, size) {
   const { right, above } = axes(camera);
   const distance = Math.hypot(...add(camera.target, camera.position, -1));
-  const span = camera.projection === "orthographic" ? camera.span : 2 * distance * Math.tan(camera.fov * Math.PI / 360);
+  const frame = camera.projection === "orthographic" ? camera.span : 2 * distance * Math.tan(camera.fov * Math.PI / 360);
+  const span = frame * frames(camera.aspect, size);
   const by = add(right.map((part) => -part * across * span), above, down * span);
   return rounded({ ...camera, position: add(camera.position, by), target: add(camera.target, by) });
 }

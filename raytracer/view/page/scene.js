@@ -31,7 +31,7 @@ const handle = new Handle({
   pointed: (pixel) => connection.askOnce("object", pixel),
   chosen: (pixel) => connection.send({ do: "ask", about: "surface", at: pixel }),
   turn: (around, over) => look(turned(camera, around, over)),
-  move: (across, down) => look(moved(camera, across, down)),
+  move: (across, down) => look(moved(camera, across, down, handle.size)),
   zoom: (factor) => look(nearer(camera, factor)),
 });
 

@@ -24,7 +24,7 @@ from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
-from shpy.lang.data.hostdata import as_base, working
+from shpy.lang.data.hostdata import as_base, checked_bool, working
 from shpy.lang.recording.emit import DEFERRED, HOST
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
@@ -59,8 +59,10 @@ class Table:
     `table[i]`, `table[row, col]`, `table[k, j, i]` in the order of numpy's axes, or `table[v]` with an integer vector.
     The type may be a matrix, from an array (*shape, N, N), or a struct, from a dict of fields or a structured array.
     A symbolic index out of range reads the nearest element on each axis; a constant one raises ShpyIndexError.
-    The table has a copy of the array; one that is read-only and no view of another is taken as it is.
-    Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type.
+    The table has a copy of the array: what happens to the array later changes nothing. `copy=False` saves the memory of
+    the copy where numbers need no conversion: the table shares the array, which is read-only and must stay as it is.
+    Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type, and with
+    `copy=False` for one that can be written, or is a view of such an array.
     """
 
     __hash__ = object.__hash__
@@ -70,21 +72,22 @@ class Table:
     rank: int
     _owner: Table | None = None
 
-    def __new__(cls, array: Any = None, type: Any = None, name: str | None = None) -> Table:
+    def __new__(cls, array: Any = None, type: Any = None, name: str | None = None, *, copy: bool = True) -> Table:
         """Choose the class: a table of structs or matrices has its own, and so has one over the memory of a stream."""
         if hasattr(array, "_table_class"):
             made: Table = object.__new__(array._table_class())
             return made
         return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
 
-    def __init__(self, array: Any, type: Any = None, name: str | None = None) -> None:
+    def __init__(self, array: Any, type: Any = None, name: str | None = None, *, copy: bool = True) -> None:
         self.type = element_class(type)
         self.named = name is not None
         self.name = name if name is not None else assigned_name()
-        self._array = self._checked(array)
+        self._array = self._checked(array) if checked_bool(copy, "copy") else self._shared(array)
         self.rank = self._array.ndim - (self.type.size > 1)
         self._version = 0
-        self._taken = is_constant(self._array)
+        self._shares = not copy
+        """True if the array may be the user's, which only the user changes."""
         self._data: dict[Any, TableData] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -108,9 +111,19 @@ class Table:
 
     def _checked(self, array: Any, *, part: bool = False) -> NDArray[Any]:
         data = self._fitting(array, part=part)
-        foreign = not isinstance(array, np.ndarray) and hasattr(array, "__dlpack__")  # numpy compares no such memory
-        shared = foreign or np.may_share_memory(data, array)
-        return data.copy() if shared and not is_constant(data) else data
+        return data.copy() if _may_share(data, array) else data
+
+    def _shared(self, array: Any) -> NDArray[Any]:
+        """Return an array for the element type, without a copy; ShpyTypeError where its memory can be written."""
+        data = self._fitting(array)
+        if _may_share(data, array) and not is_constant(data):
+            raise ShpyTypeError(
+                f"{self._spoken} with copy=False shares an array, and this one can be written",
+                loc=here(),
+                cure="sh.Table(array, type), which copies it; or array.flags.writeable = False on the array that "
+                "owns the memory",
+            )
+        return data
 
     def _fitting(self, array: Any, *, part: bool = False) -> NDArray[Any]:
         """Return an array for the element type, or a part; it may share the memory of the one that is given."""
@@ -185,7 +198,7 @@ class Table:
         for data in held.values():
             data.settle()  # one of them may share the memory of `_array`
         converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
-        if is_constant(self._array):
+        if self._shares:
             whole = self._array.copy()
             whole[start : start + len(part)] = part
             self._replace(whole)
@@ -197,14 +210,11 @@ class Table:
             data.change(start, found)
 
     def _replace(self, data: NDArray[Any]) -> None:
-        self._array, self._taken = data, is_constant(data)
+        self._array, self._shares = data, False
         self._version += 1
 
     def data(self, dtype: Any) -> TableData:
         """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
-        if self._taken and not is_constant(self._array):
-            # Its owner has made it writeable again, and may have changed it.
-            self._replace(self._array.copy())
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
         held = self._data.get(key)
         if held is None:
@@ -302,6 +312,12 @@ class Table:
         return int(self.shape[0])
 
 
+def _may_share(data: NDArray[Any], array: Any) -> bool:
+    """Return whether data may lie in the memory of what it was made of."""
+    foreign = not isinstance(array, np.ndarray) and hasattr(array, "__dlpack__")  # numpy compares no such memory
+    return foreign or bool(np.may_share_memory(data, array))
+
+
 def is_constant(array: NDArray[Any]) -> bool:
     """Return whether an array owns its memory and is read-only, and so is every array of which it is a view."""
     while not array.flags.writeable and isinstance(array.base, np.ndarray):
@@ -343,13 +359,13 @@ class TableArgument(Table):
 class CompoundTable(Table):
     """A Table of structs or matrices. Made by `sh.Table`."""
 
-    def __init__(self, array: Any, type: Any, name: str | None = None) -> None:
+    def __init__(self, array: Any, type: Any, name: str | None = None, *, copy: bool = True) -> None:
         known = name if name is not None else assigned_name()
         layout = layout_of(type, "an element")
         what = f"the Table {known}" if known else "a Table"
         entries = flatten(layout, array, what)
         parts = [
-            Table(entry, cls, path)
+            Table(entry, cls, path, copy=copy)
             for (path, _, cls), entry in zip(leaves(layout, known or "table"), entries, strict=True)
         ]
         for part in parts:

@@ -206,8 +206,20 @@ def _power(left: Operand, right: Operand, what: str) -> Any:
 
 
 def _shift(op: str, left: Operand, right: Operand, what: str) -> Any:
+    if isinstance(right, Literal) and right.weak != "int":
+        shown = ", ".join(map(str, right.components))
+        raise ShpyTypeError(f"{what} takes an int as the count of bits, not {shown}", loc=here(), cure="int(n)")
     if not isinstance(right, Literal) and not right.type.is_int:
-        raise ShpyTypeError(f"{what} takes a count of type i or u", loc=here(), cure="sh.Attrib1i(n)")
+        raise ShpyTypeError(
+            f"{what} takes a count of type i or u, not {right.type!r}", loc=here(), cure="sh.Attrib1i(n)"
+        )
+    if (isinstance(left, Literal) and left.weak == "float") or (not isinstance(left, Literal) and left.type.is_float):
+        shown = ", ".join(map(str, left.components)) if isinstance(left, Literal) else repr(left.type)
+        raise ShpyTypeError(
+            f"{what} takes the bits of an int, not {shown}",
+            loc=here(),
+            cure="sh.Attrib1i(x), which truncates; sh.bits_from_float(x) for the bits of a float",
+        )
     left_base = base_of((left, right) if isinstance(left, Literal) else (left,), what)
     size = common_size([left.size, right.size], what)
     type = vec(left_base, size)

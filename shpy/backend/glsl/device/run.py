@@ -88,7 +88,8 @@ class Runtime:
             if len(samplers) > limit:
                 raise _too_many(len(samplers), limit, loc) from e
             raise refused(shader.source, str(e), loc) from e
-        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in program)}
+        uniforms = set(program)
+        units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in uniforms)}
         if len(units) > limit:  # there are drivers that link such a program
             program.release()
             raise _too_many(len(units), limit, loc)
@@ -182,8 +183,9 @@ class Runtime:
         for table in program.shader.tables:
             self._bind_table(program, table, call.tables[table.name])
         for name, (uniform, type) in program.shader.params.items():
-            if uniform in program.program:
-                program.program[uniform].write(uniform_bytes(call.params[name], type))
+            place = program.program.get(uniform, None)  # `in` would go through the list of all
+            if place is not None:
+                place.write(uniform_bytes(call.params[name], type))
 
     def _bind_table(self, program: Program, table: TableTexture, data: TableData | TableMemory) -> None:
         """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
@@ -280,8 +282,9 @@ def uniform_bytes(value: Array, type: Type) -> bytes:
 
 def _set(program: Any, name: str, value: Any) -> None:
     """Set a uniform, if the driver has kept it."""
-    if name in program:
-        program[name].value = value
+    place = program.get(name, None)
+    if place is not None:
+        place.value = value
 
 
 def _collect(
