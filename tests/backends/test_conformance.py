@@ -130,7 +130,7 @@ PARTS = 8
 def test_portable_mode_agrees_with_the_interpreter(part: int) -> None:
     """Every fourth case; which cases those are is known once all are recorded, so they are parts of one list."""
     cases = [case for case in CASES if transcendental(case)][::4][part::PARTS]
-    assert len(cases) > 5
+    assert len(cases) > 1
     for case in cases:
         agree_in_portable_mode(case)
 
