@@ -96,8 +96,8 @@ def _run(
     module = _without_pure_functions(lower(setting.program.ir, whole))
     module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
-    made = watcher(entry, _LEAST[setting.precision], lines)
-    watched = made.run()
+    instance = watcher(entry, _LEAST[setting.precision], lines)
+    watched = instance.run()
     names = [slot.name or "" for slot in watched.outputs]
     leaves = [Leaf(CLASSES["Attrib", 1, slot.type.base]) for slot in watched.outputs]
     ports = tuple(Port(name, leaf.cls.__name__) for name, leaf in zip(names, leaves, strict=True))
@@ -106,10 +106,10 @@ def _run(
     program = Program(replace(setting.program.recorded, module=module, output=layout))
     options = {**setting.options, "loop_limit": None}
     try:
-        found = program.compile("numpy", **options)(*setting.inputs, shape=setting.shape, **setting.named)
+        outputs = program.compile("numpy", **options)(*setting.inputs, shape=setting.shape, **setting.named)
     except LoopLimitExceeded as error:
-        found = error.result.outputs
-    return [np.asarray(part).reshape(-1) for part in found], made.places
+        outputs = error.result.outputs
+    return [np.asarray(part).reshape(-1) for part in outputs], instance.places
 
 
 def _of_halves(module: Module, precision: Precision) -> frozenset[str]:

@@ -175,15 +175,15 @@ def first_divergence(
 
     `math` may be a pair, the mode of the first backend and that of the others: `math=("strict", "fast")`.
     """
-    given, options = split_options(named, program)
+    inputs_by_name, options = split_options(named, program)
     modes = _pair_of_modes(options)
     names = targets(backends)
     if modes and len(names) == 1:
         names *= 2  # one backend in two modes
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=("numpy", "glsl")')
-    settings = [Setting(program, inputs, given, shape, {**options, "math": m}) for m in modes or ()]
-    setting, other = settings or [Setting(program, inputs, given, shape, options)] * 2
+    settings = [Setting(program, inputs, inputs_by_name, shape, {**options, "math": m}) for m in modes or ()]
+    setting, other = settings or [Setting(program, inputs, inputs_by_name, shape, options)] * 2
     bound = Bound(ulp, atol, rtol)
     first = run(setting, names[0])
     _check_element(element, setting)
@@ -194,9 +194,9 @@ def first_divergence(
             places = places[places == element]
         if places.size:
             runs = None if modes else (first, second)  # the interpreter has one mode, and judges no other
-            found = search(setting, (names[0], name), int(places[0]), runs, bound, other)
-            if found is not None:
-                return found
+            divergence = search(setting, (names[0], name), int(places[0]), runs, bound, other)
+            if divergence is not None:
+                return divergence
     return None
 
 
@@ -247,11 +247,16 @@ def search(
     looking = [side.look(sites_of(sides, events)) for side in sides]
     seen = {event: (looking[0].seen(event), looking[1].seen(event)) for event in events}
     rows = tuple(row for pair in seen.values() for row in _rows(*pair, bound))
-    found = _divergence(setting, names, element, seen[low], rows)
-    if found.ulp is None or found.denormal or found.loc is None or not any(side.flushes for side in sides):
-        return found
-    within = find_denormals(setting, {found.loc}).first(element)
-    return replace(found, denormal=within is not None, within=within)
+    divergence = _divergence(setting, names, element, seen[low], rows)
+    if (
+        divergence.ulp is None
+        or divergence.denormal
+        or divergence.loc is None
+        or not any(side.flushes for side in sides)
+    ):
+        return divergence
+    within = find_denormals(setting, {divergence.loc}).first(element)
+    return replace(divergence, denormal=within is not None, within=within)
 
 
 def _parting(sides: Sides, count: int) -> int:

@@ -76,13 +76,13 @@ def assert_equivalent(
     Raises AssertionError, which names the element, its inputs, each backend's value and distance, and the first
     statement at which the two diverge.
     """
-    given, options = split_options(named, program)
+    inputs_by_name, options = split_options(named, program)
     names = targets(backends if backends is not None else defaults.backends)
     if len(names) < 2:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=["numpy", "interpreter"]')
     bound = Bound(ulp, atol, rtol)
     bound = replace(bound, ulp=max(bound.ulp, defaults.ulp))
-    return _Comparison(Setting(program, inputs, given, shape, options), names, bound).check()
+    return _Comparison(Setting(program, inputs, inputs_by_name, shape, options), names, bound).check()
 
 
 class _Comparison:
@@ -130,11 +130,11 @@ class _Comparison:
             yield f"  {name} = {_exact(value)}"
         yield from self.values(element)
         names = (self.names[0], other.target)
-        found = search(s, names, element, (self.runs[0], other), self.bound)
-        if found is None:
+        divergence = search(s, names, element, (self.runs[0], other), self.bound)
+        if divergence is None:
             yield "  watched statement by statement they agree: what parts them is how the text as a whole is compiled"
         else:
-            yield f"the first statement at which they part:\n{found}"
+            yield f"the first statement at which they part:\n{divergence}"
 
     def values(self, element: int) -> Iterator[str]:
         """Return each target's outputs, and how far they are from the first's."""
@@ -143,8 +143,8 @@ class _Comparison:
             yield f"  output {name}:"
             for one in [*self.runs, *([truth] if truth else [])]:
                 value = one.outputs[leaf][element]
-                said = _exact(value) if one.written[element] else "not written"
-                yield f"    {one.target:<12} {said}{self.distance(one, leaf, element)}"
+                text = _exact(value) if one.written[element] else "not written"
+                yield f"    {one.target:<12} {text}{self.distance(one, leaf, element)}"
 
     def distance(self, one: Run, leaf: int, element: int) -> str:
         first = self.runs[0]
@@ -156,6 +156,6 @@ class _Comparison:
 
 def _exact(value: Any) -> str:
     array = np.asarray(value).ravel()
-    said = ", ".join(map(str, array.tolist()))
+    decimal = ", ".join(map(str, array.tolist()))
     exact = f"  ({', '.join(float(v).hex() for v in array)})" if array.dtype.kind == "f" else ""
-    return f"{said}{exact}"
+    return f"{decimal}{exact}"

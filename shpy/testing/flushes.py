@@ -43,9 +43,9 @@ class Flush:
     def __str__(self) -> str:
         place = ", ".join(map(str, self.element)) or "the only one"
         values = f"{_spoken(self.first)} on {self.reference}, {_spoken(self.second)} on {self.target}"
-        said = f"{self.target}: {self.altered} of these {self.count} change by more than a denormal that becomes zero"
-        said += f"; output {self.output} of element {place}: {values}"
-        return f"{said}\n  the first denormal on its way: {self.denormal}" if self.denormal else said
+        text = f"{self.target}: {self.altered} of these {self.count} change by more than a denormal that becomes zero"
+        text += f"; output {self.output} of element {place}: {values}"
+        return f"{text}\n  the first denormal on its way: {self.denormal}" if self.denormal else text
 
 
 @dataclass(frozen=True)

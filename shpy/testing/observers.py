@@ -86,12 +86,12 @@ class Setting:
         return common_shape(self._streams, self.shape)
 
     @cached_property
-    def _given(self) -> dict[str, Any]:
+    def _inputs_by_name(self) -> dict[str, Any]:
         return bind(self.program.recorded, self.inputs, self.named)
 
     @cached_property
     def _streams(self) -> list[Any]:
-        return streams(self.program.recorded.inputs, self._given, self.precision)
+        return streams(self.program.recorded.inputs, self._inputs_by_name, self.precision)
 
     def element(self, n: int) -> dict[str, Any]:
         """Return the inputs of the n-th element in C order, by name."""
@@ -101,9 +101,9 @@ class Setting:
     def data(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the params and tables, as the interpreter takes them."""
         recorded, dtypes = self.program.recorded, dtypes_at(self.precision)
-        found = tables(recorded.inputs, self._given, recorded.tables)
+        data = tables(recorded.inputs, self._inputs_by_name, recorded.tables)
         params = uniforms(recorded.params, self.precision, self.math)
-        return params, {n: t.data(dtypes[t.type.base]) for n, t in found.items()}
+        return params, {n: t.data(dtypes[t.type.base]) for n, t in data.items()}
 
     def index(self, n: int) -> tuple[int, ...]:
         """Return the place of the n-th element along numpy's axes."""
@@ -115,20 +115,20 @@ def observer(setting: Setting, target: str, element: int) -> Observer:
     return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
 
 
-def _seen(watched: Watched, found: Mapping[str, Any], precision: Any) -> Seen:
-    if not found["site"]:
+def _seen(watched: Watched, slots: Mapping[str, Any], precision: Any) -> Seen:
+    if not slots["site"]:
         return Seen(None)
-    site = watched.sites[int(found["site"]) - 1]
+    site = watched.sites[int(slots["site"]) - 1]
     dtypes = dtypes_at(precision)
-    kept = [_kept(found, f"operand{n}", type, dtypes) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
-    iterations = tuple(int(n) for n in found["iterations"][: len(site.loops)])
-    return Seen(site, iterations, _kept(found, "value", site.type, dtypes), tuple(kept))
+    kept = [_kept(slots, f"operand{n}", type, dtypes) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
+    iterations = tuple(int(n) for n in slots["iterations"][: len(site.loops)])
+    return Seen(site, iterations, _kept(slots, "value", site.type, dtypes), tuple(kept))
 
 
-def _kept(found: Mapping[str, Any], place: str, type: Type, dtypes: Mapping[Base, Any]) -> Any:
+def _kept(slots: Mapping[str, Any], place: str, type: Type, dtypes: Mapping[Base, Any]) -> Any:
     """Return a value out of the slot of its family, in its own type at the setting's precision."""
     family = {Base.D: "d", Base.F: "f", Base.H: "f"}.get(type.base, "u")
-    array = found[f"{place}_{family}"][: type.size]
+    array = slots[f"{place}_{family}"][: type.size]
     array = array.view(np.int32) if type.base is Base.I else array.astype(dtypes[type.base])
     return array if type.size > 1 else array[0]
 
@@ -213,9 +213,9 @@ class _Interpreter:
     def _run(self, target: int, trace: Any = None) -> dict[str, Any]:
         s = self.setting
         s.check()
-        given = [*s.element(self.element).values(), np.uint32(target)]
+        inputs = [*s.element(self.element).values(), np.uint32(target)]
         index = s.index(self.element)
-        outputs, _ = self.interpreter.run_element(given, *s.data(), index, s.element_shape, trace=trace)
+        outputs, _ = self.interpreter.run_element(inputs, *s.data(), index, s.element_shape, trace=trace)
         added = self.watched.outputs
         return {n: a for (n, _), a in zip(added, outputs[-len(added) :], strict=True)}
 

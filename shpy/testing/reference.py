@@ -60,8 +60,8 @@ class Interpreted:
         statuses = np.zeros(call.count, np.int32)
         for n in range(call.count) if self.only is None else sorted(self.only):
             index = tuple(int(i) for i in np.unravel_index(n, call.shape)) if call.shape else ()
-            given = [each[n if len(each) > 1 else 0] for each in call.inputs]
-            computed, statuses[n] = self.interpreter.run_element(given, call.params, call.tables, index, call.shape)
+            inputs = [each[n if len(each) > 1 else 0] for each in call.inputs]
+            computed, statuses[n] = self.interpreter.run_element(inputs, call.params, call.tables, index, call.shape)
             if statuses[n] == 1:
                 for there, value in zip(call.outputs, computed, strict=True):
                     there[n] = value
@@ -113,16 +113,16 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
     if not isinstance(wanted, Iterable):
         raise ShpyTypeError(f"backends={wanted!r} names no backends", loc=here(), cure='backends=["numpy", "glsl"]')
     names = [wanted] if isinstance(wanted, str) else list(wanted)
-    known = [INTERPRETER, *(t for name in NAMES for t in _widths(name))]
-    known += [f"{name}-{lanes}" for name, more in _MORE_WIDTHS.items() for lanes in more]
-    found: list[str] = []
+    choices = [INTERPRETER, *(t for name in NAMES for t in _widths(name))]
+    choices += [f"{name}-{lanes}" for name, more in _MORE_WIDTHS.items() for lanes in more]
+    chosen: list[str] = []
     for name in names:
-        if name not in known and name not in NAMES:
+        if name not in choices and name not in NAMES:
             raise BackendUnavailable(
-                f"there is no backend {name!r}", cure=" or ".join(map(repr, dict.fromkeys((*NAMES, *known))))
+                f"there is no backend {name!r}", cure=" or ".join(map(repr, dict.fromkeys((*NAMES, *choices))))
             )
-        found += [t for t in ([name] if name in known else _widths(name)) if t not in found]
-    return found
+        chosen += [t for t in ([name] if name in choices else _widths(name)) if t not in chosen]
+    return chosen
 
 
 def require(wanted: Iterable[str]) -> list[str]:
@@ -140,11 +140,11 @@ def _widths(name: str) -> list[str]:
 _OPTIONS = frozenset(inspect.signature(Program.compile).parameters) - {"self", "backend", "lanes"}
 
 
-def split_options(given: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+def split_options(arguments: dict[str, Any], program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split the keyword arguments into inputs of the program and options of its compilation."""
     check_program(program)
-    inputs = {name: value for name, value in given.items() if name in program.inputs}
-    options = {name: value for name, value in given.items() if name not in inputs}
+    inputs = {name: value for name, value in arguments.items() if name in program.inputs}
+    options = {name: value for name, value in arguments.items() if name not in inputs}
     unknown = sorted(options.keys() - _OPTIONS)
     if unknown:
         raise ShpyTypeError(

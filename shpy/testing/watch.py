@@ -71,18 +71,18 @@ def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), 
     plan = _Plan(module, frozenset(looked), wide)
     functions = tuple(f if f.pure else _Watcher(f, plan).run() for f in module.functions)
     outputs = [(name, type) for name, type in plan.slots.items()]
-    made = replace(
+    watched = replace(
         module,
         inputs=(*module.inputs, Port("target", "Attrib1u")),
         outputs=(*module.outputs, *(Port(name, _kind(type)) for name, type in outputs)),
         functions=functions,
     )
-    ending = make_exits_explicit(made, loop_limit)
-    made = ending.module
+    ending = make_exits_explicit(watched, loop_limit)
+    watched = ending.module
     if ending.status:
         outputs.append(("status", vec(Base.I)))
-        made = replace(made, outputs=(*made.outputs, Port("status", "Attrib1i")))
-    return Watched(made, tuple(plan.sites), tuple(outputs))
+        watched = replace(watched, outputs=(*watched.outputs, Port("status", "Attrib1i")))
+    return Watched(watched, tuple(plan.sites), tuple(outputs))
 
 
 def _kind(type: Type) -> str:
@@ -179,27 +179,27 @@ class _Watcher:
     def site_of(self, s: Let) -> Site:
         name = s.value.name or self.stored_as.get(s.value.id)
         operands = tuple((self.called(a), a, self.values[a].type) for a in s.args)
-        said = s.op
+        operation = s.op
         if s.op == "load" and isinstance(s.attr, int):
-            said, name = f"load {self.b.slot(s.attr).name or f'${s.attr}'}", name or self.b.slot(s.attr).name
+            operation, name = f"load {self.b.slot(s.attr).name or f'${s.attr}'}", name or self.b.slot(s.attr).name
         elif isinstance(s.attr, str):
-            said = f"{s.op} {s.attr}"
+            operation = f"{s.op} {s.attr}"
         elif s.op == "swizzle" and isinstance(s.attr, tuple):
-            said = "." + "".join("xyzw"[c] for c in s.attr)
+            operation = "." + "".join("xyzw"[c] for c in s.attr)
         listed = f"({', '.join(o[0] for o in operands)})" if operands else ""
-        return self.site(s.value.loc, name, said + listed, s.value.type, operands)
+        return self.site(s.value.loc, name, operation + listed, s.value.type, operands)
 
     def called(self, value: int) -> str:
-        found = self.values[value].name or self.stored_as.get(value)
-        return found if found is not None else f"%{value}"
+        name = self.values[value].name or self.stored_as.get(value)
+        return name if name is not None else f"%{value}"
 
     def site(
         self, loc: Loc | None, name: str | None, text: str, type: Type, operands: tuple[tuple[str, int, Type], ...] = ()
     ) -> Site:
         around = tuple(loop for _, loop in self.loops)
-        made = Site(len(self.plan.sites) + 1, loc, name, text, type, operands[:OPERANDS], around)
-        self.plan.sites.append(made)
-        return made
+        site = Site(len(self.plan.sites) + 1, loc, name, text, type, operands[:OPERANDS], around)
+        self.plan.sites.append(site)
+        return site
 
     def after_store(self, s: Store) -> tuple[Site, Value]:
         """Return the site and the value of the variable after a store."""
@@ -235,15 +235,15 @@ class _Watcher:
     def words(self, value: Value) -> list[Value]:
         """Return the bits of each component, as u; above binary32, those of the rounded value and of the rest."""
         b, base = self.b, value.type.base
-        found = [self.bits(value)]
+        words = [self.bits(value)]
         if base in (Base.F, Base.D):
-            high = b.let("float_from_bits", found[0])
+            high = b.let("float_from_bits", words[0])
             if base is Base.D:
                 high = b.let("convert", high, type=value.type)
             rest = b.let("sub", value, high)
             if base is Base.D or self.plan.wide:
-                found.append(self.bits(rest))
-        return [part for whole in found for part in self.parts(whole)]
+                words.append(self.bits(rest))
+        return [part for whole in words for part in self.parts(whole)]
 
     def bits(self, value: Value) -> Value:
         type = value.type
@@ -293,8 +293,8 @@ def _stored_names(function: Function) -> Mapping[int, str]:
     slots = {
         v.id: v.name for v in (*function.inputs, *function.outputs, *function.variables) if isinstance(v, Variable)
     }
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for s in walk(function.body):
         if isinstance(s, Store) and s.components is None and slots[s.variable]:
-            found.setdefault(s.value, slots[s.variable] or "")
-    return found
+            names.setdefault(s.value, slots[s.variable] or "")
+    return names

@@ -42,8 +42,8 @@ def kernels(folder: Path) -> dict[str, Program]:
 
 def _compiled(advance: Any) -> Program:
     """Return the program whose kernel a function closes over."""
-    found = (cell.cell_contents for cell in advance.__closure__)
-    return next(Program(held.recorded) for held in found if isinstance(held, Kernel))
+    contents = (cell.cell_contents for cell in advance.__closure__)
+    return next(Program(value.recorded) for value in contents if isinstance(value, Kernel))
 
 
 def hashes() -> dict[str, dict[str, str]]:

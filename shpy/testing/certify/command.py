@@ -43,42 +43,42 @@ def certify(options: argparse.Namespace) -> int:
     After Ctrl-C the file holds what was found until then.
     """
     try:
-        wanted = targets(options.backend, options.device, options.lanes)
+        devices = targets(options.backend, options.device, options.lanes)
         names = chosen_sections(options.section, options.full)
         check_file(options.output)
     except ShpyError as error:
         print(f"shpy certify: {error}", file=sys.stderr)
         return 2
-    made = sections(names, options.full)
+    checks = sections(names, options.full)
     print(_ABOUT)
-    print(_expected(len(wanted), made, options.full), flush=True)
-    found = {target: [Ran(section) for section in made] for target in wanted}
+    print(_expected(len(devices), checks, options.full), flush=True)
+    results = {target: [Ran(section) for section in checks] for target in devices}
 
     def keep() -> None:
-        write_json(options.output, certificate(found, options.full))
+        write_json(options.output, certificate(results, options.full))
 
     try:
-        for target, rans in found.items():
+        for target, rans in results.items():
             _run(target, rans, options.full, keep)
     except KeyboardInterrupt:
-        if any(ran.findings for rans in found.values() for ran in rans):
+        if any(ran.findings for rans in results.values() for ran in rans):
             keep()
             print(f"\n{options.output} holds what was found until it was stopped.", flush=True)
         raise
     keep()
-    return _conclude(found, options.output)
+    return _conclude(results, options.output)
 
 
-def _expected(devices: int, made: Sequence[Section], full: bool) -> str:
+def _expected(devices: int, checks: Sequence[Section], full: bool) -> str:
     """Return the estimated time and the way to stop, in words."""
     each = f"each of the {devices} devices" if devices > 1 else "the device"
-    if any(section.name == INPUTS for section in made):
-        said = f"This takes hours for {each}: functions run on all 4,294,967,296 numbers."
+    if any(section.name == INPUTS for section in checks):
+        text = f"This takes hours for {each}: functions run on all 4,294,967,296 numbers."
     elif full:
-        said = f"This runs all checks, which takes minutes for {each}, or an hour where a driver compiles slowly."
+        text = f"This runs all checks, which takes minutes for {each}, or an hour where a driver compiles slowly."
     else:
-        said = f"This takes at most about two minutes for {each}, more on a simulator."
-    return f"{said}\nCtrl-C ends it and keeps what was found."
+        text = f"This takes at most about two minutes for {each}, more on a simulator."
+    return f"{text}\nCtrl-C ends it and keeps what was found."
 
 
 def targets(name: str | None, device: int | None, lanes: int | None) -> list[Target]:
@@ -89,11 +89,11 @@ def targets(name: str | None, device: int | None, lanes: int | None) -> list[Tar
     if name is None:
         if device is not None or lanes is not None:
             raise ShpyError("--device and --lanes are of one backend", cure=f"--backend {', '.join(NAMES[1:])}")
-        return [Target(found.name) for found in backends() if found.available]
-    known = backend(name).devices()
-    if not 0 <= (device or 0) < len(known):
+        return [Target(candidate.name) for candidate in backends() if candidate.available]
+    devices = backend(name).devices()
+    if not 0 <= (device or 0) < len(devices):
         raise BackendUnavailable(
-            f"there is no {name} device {device}", cure=f"--device 0 to {len(known) - 1}: see shpy doctor"
+            f"there is no {name} device {device}", cure=f"--device 0 to {len(devices) - 1}: see shpy doctor"
         )
     if lanes not in (None, 1) and name != "opencl":
         raise ShpyError(f"{name} has no lanes to choose", cure="--backend opencl, or no --lanes")
@@ -121,8 +121,8 @@ def _run(target: Target, rans: Sequence[Ran], full: bool, keep: Callable[[], Non
         finally:
             shown.clear()
             if ran.findings:
-                said = [section_line(ran), *left_line(ran, target), *difference_lines(ran)]
-                print("\n".join(said), flush=True)
+                lines = [section_line(ran), *left_line(ran, target), *difference_lines(ran)]
+                print("\n".join(lines), flush=True)
     print("\n".join(verdict_lines(rans)), flush=True)
 
 
@@ -164,21 +164,25 @@ class _Progress:
             print(f"\r{'':{self.width}}\r", end="", file=sys.stderr, flush=True)
 
 
-def _conclude(found: dict[Target, list[Ran]], path: Path) -> int:
+def _conclude(results: dict[Target, list[Ran]], path: Path) -> int:
     print(f"\n{path} holds every result.")
-    wrong = [target.backend for target, rans in found.items() if verdict(rans) == "differs"]
+    wrong = [target.backend for target, rans in results.items() if verdict(rans) == "differs"]
     if wrong:
         print(
             f"DIFFERS: {', '.join(wrong)}, in what is named above. "
             f"Please open an issue and attach {path.name}: it holds all that is needed."
         )
         return 1
-    said = ", ".join(target.backend + verdict(rans).removeprefix("same bits") for target, rans in found.items())
-    left = sum(ran.left for rans in found.values() for ran in rans)
+    verdicts = ", ".join(target.backend + verdict(rans).removeprefix("same bits") for target, rans in results.items())
+    left = sum(ran.left for rans in results.values() for ran in rans)
     if left:
-        print(f"SAME BITS: {said}. {left:,} checks did not fit into their time; the lines above tell how to run them.")
+        print(
+            f"SAME BITS: {verdicts}. {left:,} checks did not fit into their time; the lines above tell how to run them."
+        )
     else:
-        refused = sum(f.verdict == "refused" for rans in found.values() for ran in rans for f in ran.findings.values())
+        refused = sum(
+            f.verdict == "refused" for rans in results.values() for ran in rans for f in ran.findings.values()
+        )
         rest = f"{refused:,} checks were refused, as told above." if refused else "Nothing is left to do."
-        print(f"SAME BITS: {said}. {rest}")
+        print(f"SAME BITS: {verdicts}. {rest}")
     return 0

@@ -38,7 +38,7 @@ class Work:
         """Return, as bools (n,), the elements whose evaluation meets a denormal."""
         return meets_denormals(Setting(self.program, self.arrays, self.named, self.shape, {}))
 
-    def given(self, element: int) -> str:
+    def inputs_of(self, element: int) -> str:
         """Return the inputs of an element, in words."""
         if not self.arrays:
             return f"element {element}"
@@ -50,45 +50,47 @@ class Work:
         return int(np.prod(self.shape)) if self.shape else len(self.arrays[0])
 
 
-def compare(work: Work, target: Target, wanted: str | None) -> tuple[Finding, list[Array]]:
-    """Run the work on a target and compare its bits with the golden hash `wanted`.
+def compare(work: Work, target: Target, expected: str | None) -> tuple[Finding, list[Array]]:
+    """Run the work on a target and compare its bits with the golden hash `expected`.
 
     If the hashes differ, the finding names inputs whose results differ from numpy's on this machine.
     """
-    found = work.run(target)
-    given = digest(found)
-    if given == wanted:
-        return Finding("same", hash=given), found
+    outputs = work.run(target)
+    checksum = digest(outputs)
+    if checksum == expected:
+        return Finding("same", hash=checksum), outputs
     if target.backend == "numpy":
-        return Finding("differs", _strange(given, wanted), given), found
+        return Finding("differs", _strange(checksum, expected), checksum), outputs
     here = work.run(Target("numpy"))
-    if digest(here) != wanted:
-        return Finding("differs", f"numpy on this machine differs too: {_strange(digest(here), wanted)}", given), found
-    return compare_arrays(work, target, found, here), found
+    if digest(here) != expected:
+        return Finding(
+            "differs", f"numpy on this machine differs too: {_strange(digest(here), expected)}", checksum
+        ), outputs
+    return compare_arrays(work, target, outputs, here), outputs
 
 
-def _strange(given: str, wanted: str | None) -> str:
-    return f"the hash is {given}, and the package ships {wanted or 'none'}"
+def _strange(checksum: str, expected: str | None) -> str:
+    return f"the hash is {checksum}, and the package ships {expected or 'none'}"
 
 
-def compare_arrays(work: Work, target: Target, found: list[Array], wanted: list[Array]) -> Finding:
+def compare_arrays(work: Work, target: Target, outputs: list[Array], expected: list[Array]) -> Finding:
     """Compare results with numpy's: the same bits, the same except for denormals, or the first inputs that differ."""
-    rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (found, wanted)]
+    rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (outputs, expected)]
     wrong = np.zeros(work.count, np.bool_)
     for a, b in zip(*rows, strict=True):
         wrong |= differing(a, b).any(axis=1)
     if wrong.any() and target.flushes:
         wrong &= ~work.denormal()
         if not wrong.any():
-            return Finding("denormals", hash=digest(found))
+            return Finding("denormals", hash=digest(outputs))
     elements = np.flatnonzero(wrong)
     if not len(elements):
-        return Finding("same", hash=digest(found))
+        return Finding("same", hash=digest(outputs))
     shown = [f"{len(elements):,} of {work.count:,} elements differ"]
     for k in map(int, elements[:SHOWN]):
         a, b = ([leaf[k].tolist() for leaf in leaves] for leaves in rows)
-        shown.append(f"for {work.given(k)}: {_plain(a)}, not {_plain(b)}")
-    return Finding("differs", "\n".join(shown), digest(found))
+        shown.append(f"for {work.inputs_of(k)}: {_plain(a)}, not {_plain(b)}")
+    return Finding("differs", "\n".join(shown), digest(outputs))
 
 
 def _plain(leaves: list[Any]) -> str:

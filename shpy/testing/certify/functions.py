@@ -42,8 +42,8 @@ def function(name: str) -> Program:
     b = Builder(name)
     arity = len(OPS[name].takes)
     b.store(b.output(vec("f"), "result"), b.let(name, *(b.input(vec("f"), "xyz"[k]) for k in range(arity))))
-    made: Program = program_of(b.finish())
-    return made
+    program: Program = program_of(b.finish())
+    return program
 
 
 def arguments(name: str, mantissas: int | None = None) -> tuple[Array, ...]:
@@ -71,10 +71,10 @@ def sweep_of(name: str, math: Math = "strict") -> Work:
 def _sweep(name: str, target: Target, math: Math = "strict") -> Finding:
     work = sweep_of(name, math)
     section = "functions" if math == "strict" else "portable"
-    finding, found = compare(work, target, golden()[section].get(name))
+    finding, outputs = compare(work, target, golden()[section].get(name))
     if finding.wrong or name not in TRANSCENDENTALS:
         return finding
-    bounded = _bounded(name, found[0], work.arrays, OPS[name].distance(math), target.flushes)
+    bounded = _bounded(name, outputs[0], work.arrays, OPS[name].distance(math), target.flushes)
     return bounded if bounded.wrong else Finding(finding.verdict, finding.detail, finding.hash, bounded.ulp)
 
 
@@ -88,36 +88,36 @@ def bound_checks() -> list[Check]:
 def _relaxed(name: str, target: Target) -> Finding:
     arrays = arguments(name, _COARSE)
     kernel = target.compile(function(name), math="relaxed")
-    (found,) = flat_leaves(kernel(*arrays))
-    return _bounded(name, found, arrays, OPS[name].distance("relaxed"), flushes_denormals(kernel.notes))
+    (results,) = flat_leaves(kernel(*arrays))
+    return _bounded(name, results, arrays, OPS[name].distance("relaxed"), flushes_denormals(kernel.notes))
 
 
-def _bounded(name: str, found: Array, arrays: tuple[Array, ...], bound: float, flushes: bool) -> Finding:
+def _bounded(name: str, results: Array, arrays: tuple[Array, ...], bound: float, flushes: bool) -> Finding:
     meaning = OPS[name].meaning
     with np.errstate(all="ignore"):
-        wanted = np.asarray(meaning(*(a.astype(np.float64) for a in arrays)))
-    off = errors(found, wanted)
+        exact = np.asarray(meaning(*(a.astype(np.float64) for a in arrays)))
+    off = errors(results, exact)
     if flushes:
-        off = np.where(np.abs(wanted) <= _TINY, 0, off)
+        off = np.where(np.abs(exact) <= _TINY, 0, off)
     worst = int(np.argmax(off))
     if off[worst] <= bound:
         return Finding("same", ulp=round(float(off[worst]), 3))
-    given = ", ".join(repr(a[worst].item()) for a in arrays)
+    inputs = ", ".join(repr(a[worst].item()) for a in arrays)
     return Finding(
         "differs",
-        f"for {given}: {found[worst]!r} is {off[worst]:.3g} units in the last place from {wanted[worst]!r}, "
+        f"for {inputs}: {results[worst]!r} is {off[worst]:.3g} units in the last place from {exact[worst]!r}, "
         f"and {bound:.7g} are allowed",
         ulp=float(off[worst]),
     )
 
 
-def errors(found: Array, wanted: Array) -> Array:
+def errors(results: Array, exact: Array) -> Array:
     """Return the errors of results against exact ones in binary64, in units in the last place of a binary32."""
     with np.errstate(all="ignore"):
-        nearest = wanted.astype(np.float32)
-        exponent = np.floor(np.log2(np.maximum(np.abs(wanted), _TINY)))
-        distance = np.abs(found.astype(np.float64) - wanted) / 2.0 ** (np.minimum(exponent, 127) - 23)
-    same = (found == nearest) & (np.signbit(found) == np.signbit(nearest)) | np.isnan(found) & np.isnan(wanted)
+        nearest = exact.astype(np.float32)
+        exponent = np.floor(np.log2(np.maximum(np.abs(exact), _TINY)))
+        distance = np.abs(results.astype(np.float64) - exact) / 2.0 ** (np.minimum(exponent, 127) - 23)
+    same = (results == nearest) & (np.signbit(results) == np.signbit(nearest)) | np.isnan(results) & np.isnan(exact)
     measured = np.where(np.isfinite(nearest) & (nearest != 0), distance, 0)
     return np.where(same, measured, np.nan_to_num(distance, nan=np.inf))
 
@@ -138,12 +138,12 @@ def _all(name: str, part: int, target: Target) -> Finding:
     ulp = 0.0
     kernel, reference = target.compile(function(name)), Target("numpy").compile(function(name))
     for x in everything(part):
-        (found,) = flat_leaves(kernel(x))
+        (results,) = flat_leaves(kernel(x))
         finding = Finding("same")
         if target.backend != "numpy":
-            finding = compare_arrays(Work(function(name), (x,)), target, [found], flat_leaves(reference(x)))
+            finding = compare_arrays(Work(function(name), (x,)), target, [results], flat_leaves(reference(x)))
         elif name in TRANSCENDENTALS:
-            finding = _bounded(name, found, (x,), OPS[name].distance("strict"), flushes=False)
+            finding = _bounded(name, results, (x,), OPS[name].distance("strict"), flushes=False)
             ulp = max(ulp, finding.ulp or 0)
         if finding.wrong:
             return finding
@@ -158,21 +158,21 @@ def _double(name: str, target: Target) -> Finding:
     except ImportError:
         return Finding("absent", f"mpmath is not installed: {install('mpmath')}")
     arrays = _doubles(name)
-    (found,) = flat_leaves(target.compile(function(name), precision="f64")(*arrays))
+    (results,) = flat_leaves(target.compile(function(name), precision="f64")(*arrays))
     exact_of = _exact(mp, name)
-    worst, said = 0.0, ""
+    worst, message = 0.0, ""
     with mp.workprec(160):
-        for *given, value in zip(*arrays, found, strict=True):
-            exact = exact_of(*(mp.mpf(float(a)) for a in given))
+        for *arguments, value in zip(*arrays, results, strict=True):
+            exact = exact_of(*(mp.mpf(float(a)) for a in arguments))
             place = mp.power(2, max(int(mp.floor(mp.log(abs(exact), 2))), -1022) - 52)
             off = float(abs(mp.mpf(float(value)) - exact) / place) if np.isfinite(value) else np.inf
             if off > worst:
-                worst, said = off, f"for {', '.join(map(repr, map(float, given)))}: {float(value)!r}"
+                worst, message = off, f"for {', '.join(map(repr, map(float, arguments)))}: {float(value)!r}"
     bound = OPS[name].double.ulp
     if worst <= bound:
         return Finding("same", ulp=round(worst, 3))
     return Finding(
-        "differs", f"{said} is {worst:.3g} units in the last place off, and {bound:g} are allowed", ulp=worst
+        "differs", f"{message} is {worst:.3g} units in the last place off, and {bound:g} are allowed", ulp=worst
     )
 
 

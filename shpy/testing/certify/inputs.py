@@ -52,12 +52,12 @@ def sweep(mantissas: int = MANTISSAS) -> Array:
 
 def pairs(count: int, seed: int, arity: int = 2) -> tuple[Array, ...]:
     """Return `arity` arrays of any float32 numbers in the first half, numbers beside 1 in the second; no denormals."""
-    made = []
+    arrays = []
     for k in range(arity):
         bits = scattered(count, seed + k)
         moderate = (bits & np.uint32(0x87FFFFFF)) + np.uint32(0x3C000000)  # from 2**-7 to 2**9, of either sign
-        made.append(np.where(np.arange(count) < count // 2, bits, moderate).astype(np.uint32).view(np.float32))
-    return no_denormals(*made)
+        arrays.append(np.where(np.arange(count) < count // 2, bits, moderate).astype(np.uint32).view(np.float32))
+    return no_denormals(*arrays)
 
 
 def everything(part: int) -> Iterator[Array]:

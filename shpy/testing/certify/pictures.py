@@ -76,26 +76,26 @@ def _picture(name: str, target: Target) -> Finding:
         layers = picture(name, target.backend)
     except ImportError as error:
         return Finding("absent", f"the ray tracer is not installed here ({error.name or error})")
-    given, wanted = digest(layers.values()), golden()["pictures"].get(name)
-    if given == wanted:
-        return Finding("same", hash=given)
-    said = f"the hash is {given}, and the package ships {wanted or 'none'}"
+    checksum, expected = digest(layers.values()), golden()["pictures"].get(name)
+    if checksum == expected:
+        return Finding("same", hash=checksum)
+    message = f"the hash is {checksum}, and the package ships {expected or 'none'}"
     if target.backend == "numpy":
-        return Finding("differs", said, given)
+        return Finding("differs", message, checksum)
     here = picture(name, "numpy")
-    if digest(here.values()) != wanted:
-        said = f"numpy on this machine differs too, so the scene's data may be others: {said}"
-    return Finding("differs", "\n".join([said, *_pixels(layers, here)]), given)
+    if digest(here.values()) != expected:
+        message = f"numpy on this machine differs too, so the scene's data may be others: {message}"
+    return Finding("differs", "\n".join([message, *_pixels(layers, here)]), checksum)
 
 
-def _pixels(found: dict[str, Array], wanted: dict[str, Array]) -> list[str]:
-    said = []
+def _pixels(layers: dict[str, Array], expected: dict[str, Array]) -> list[str]:
+    lines = []
     for layer in _LAYERS:
-        a, b = found[layer], wanted[layer]
+        a, b = layers[layer], expected[layer]
         places = np.argwhere(differing(a, b).reshape(*a.shape[:2], -1).any(axis=2))
         for y, x in places[:SHOWN].tolist():
-            said.append(f"{layer} of row {y}, column {x}: {a[y, x].tolist()}, not {b[y, x].tolist()}")
-    return said[:SHOWN]
+            lines.append(f"{layer} of row {y}, column {x}: {a[y, x].tolist()}, not {b[y, x].tolist()}")
+    return lines[:SHOWN]
 
 
 def picture(scene: str, backend: str) -> dict[str, Array]:

@@ -45,19 +45,19 @@ def device_lines(target: Target) -> list[str]:
     """Return the device in words."""
     device = device_of(target)
     lanes = f", {target.lanes} lane{'s' if target.lanes != 1 else ''}" if target.lanes else ""
-    said = [f"{target.backend}: {device.name}{lanes}"]
-    return said + [f"  {line}" for line in (device.version, *device.notes) if line]
+    lines = [f"{target.backend}: {device.name}{lanes}"]
+    return lines + [f"  {line}" for line in (device.version, *device.notes) if line]
 
 
 def section_line(ran: Ran) -> str:
     """Return the findings of a section, in a line."""
     counted = [f"{n} {spoken}" for verdict, spoken in _SPOKEN.items() if (n := ran.count(verdict))]
     counted += [f"{ran.left} not run"] if ran.left else []
-    said = f"  {ran.section.name:12} {ran.section.title:38} {', '.join(counted)}"
+    text = f"  {ran.section.name:12} {ran.section.title:38} {', '.join(counted)}"
     worst = max(((f.ulp or 0, name) for name, f in ran.findings.items()), default=(0, ""))
     if worst[0]:
-        said += f"; error up to {worst[0]:.3g} ULP ({worst[1]})"
-    return f"{said} ({duration(ran.seconds)})"
+        text += f"; error up to {worst[0]:.3g} ULP ({worst[1]})"
+    return f"{text} ({duration(ran.seconds)})"
 
 
 def duration(seconds: float) -> str:
@@ -80,20 +80,20 @@ def left_line(ran: Ran, target: Target) -> list[str]:
 
 def difference_lines(ran: Ran) -> list[str]:
     """Return the first checks that differ with their inputs, and why others were refused or not made."""
-    said = []
+    lines = []
     for number, (name, finding) in enumerate(ran.wrong.items()):
         if number == SHOWN:
-            said.append(f"    and {len(ran.wrong) - SHOWN} more: the JSON names them all")
+            lines.append(f"    and {len(ran.wrong) - SHOWN} more: the JSON names them all")
             break
         first, *rest = finding.detail.splitlines() or [""]
-        said += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
+        lines += [f"    {name}: {first}", *(f"      {line}" for line in rest)]
     for verdict, spoken in (("absent", "not checked"), ("refused", "refused with an error, never run wrong")):
-        found = [f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail]
-        reasons = Counter(grouped(found)).most_common()
-        listed = [reason if count == len(found) else f"{reason} ({count})" for reason, count in reasons[:SHOWN]]
+        details = [f.detail.splitlines()[0] for f in ran.findings.values() if f.verdict == verdict and f.detail]
+        reasons = Counter(grouped(details)).most_common()
+        listed = [reason if count == len(details) else f"{reason} ({count})" for reason, count in reasons[:SHOWN]]
         more = [f"{len(reasons) - SHOWN} other reasons"] if len(reasons) > SHOWN else []
-        said += [f"    {spoken}: {', '.join(listed + more)}"] if reasons else []
-    return said
+        lines += [f"    {spoken}: {', '.join(listed + more)}"] if reasons else []
+    return lines
 
 
 def grouped(reasons: Sequence[str]) -> list[str]:
@@ -116,23 +116,23 @@ def verdict(rans: Sequence[Ran]) -> str:
 
 def verdict_lines(rans: Sequence[Ran]) -> list[str]:
     """Return the verdict, how many checks it stands for, and what its words mean."""
-    said, left = verdict(rans), sum(ran.left for ran in rans)
+    text, left = verdict(rans), sum(ran.left for ran in rans)
     meaning = ["     Denormals are numbers nearer to 0 than 1.18e-38. This device takes them for 0."]
-    explained = meaning if "denormals" in said else []
-    if left and said != "differs":
+    explained = meaning if "denormals" in text else []
+    if left and text != "differs":
         run = sum(len(ran.findings) for ran in rans)
-        said += f", in the {run:,} of {run + left:,} checks that were run"
-    return [f"  -> {said}", *explained]
+        text += f", in the {run:,} of {run + left:,} checks that were run"
+    return [f"  -> {text}", *explained]
 
 
-def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
+def certificate(results: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
     """Return the record: the machine, each device, and every finding."""
     return {
         "format": FORMAT,
         "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "full": full,
-        "complete": not any(ran.left for rans in found.values() for ran in rans),
-        "verdict": "differs" if any(verdict(rans) == "differs" for rans in found.values()) else "same bits",
+        "complete": not any(ran.left for rans in results.values() for ran in rans),
+        "verdict": "differs" if any(verdict(rans) == "differs" for rans in results.values()) else "same bits",
         "golden": hashlib.sha256(FILE.read_bytes()).hexdigest()[:16],
         "machine": {
             "system": f"{platform.system()} {platform.release()}",
@@ -142,7 +142,7 @@ def certificate(found: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, 
             "python": platform.python_version(),
             "packages": {name: installed(name) for name in _PACKAGES},
         },
-        "targets": [_target(target, rans) for target, rans in found.items()],
+        "targets": [_target(target, rans) for target, rans in results.items()],
     }
 
 
@@ -177,5 +177,5 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 def _processor() -> str:
     listed = Path("/proc/cpuinfo")
-    found = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
-    return found[1] if found else platform.processor()
+    match = re.search(r"^model name\s*: (.*)$", listed.read_text(), re.MULTILINE) if listed.is_file() else None
+    return match[1] if match else platform.processor()

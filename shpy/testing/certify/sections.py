@@ -62,26 +62,26 @@ class Ran:
 
 def sections(names: Sequence[str] = SECTIONS, full: bool = False) -> list[Section]:
     """Return the sections of these names, in their order; `full` adds INPUTS to all of SECTIONS."""
-    made = []
-    wanted = {*names, INPUTS} if full and set(names) == set(SECTIONS) else set(names)
+    result = []
+    chosen = {*names, INPUTS} if full and set(names) == set(SECTIONS) else set(names)
     for name in (*SECTIONS, INPUTS):
-        if name not in wanted:
+        if name not in chosen:
             continue
         match name:
             case "conformance":
                 checks = [Check(case.name, functools.partial(_conform, case)) for case in mixed(all_cases())]
-                made.append(Section(name, "small programs with known results", 60, checks))
+                result.append(Section(name, "small programs with known results", 60, checks))
             case "functions":
-                made.append(Section(name, "every exponent, and hard ones", 40, sweep_checks()))
+                result.append(Section(name, "every exponent, and hard ones", 40, sweep_checks()))
             case "accuracy":
-                made.append(Section(name, "errors in relaxed mode and at f64", 15, bound_checks()))
+                result.append(Section(name, "errors in relaxed mode and at f64", 15, bound_checks()))
             case "examples":
-                made.append(Section(name, "kernels of the examples", None, example_checks()))
+                result.append(Section(name, "kernels of the examples", None, example_checks()))
             case "pictures":
-                made.append(Section(name, "rendered scenes", None, picture_checks()))
+                result.append(Section(name, "rendered scenes", None, picture_checks()))
             case "inputs":
-                made.append(Section(name, "functions on all 4,294,967,296 numbers", None, input_checks()))
-    return made
+                result.append(Section(name, "functions on all 4,294,967,296 numbers", None, input_checks()))
+    return result
 
 
 def mixed(cases: list[Case]) -> list[Case]:
@@ -114,11 +114,11 @@ def run_section(ran: Ran, target: Target, *, full: bool, progress: Progress) -> 
 def _guarded(check: Check, target: Target) -> Finding:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ShpyWarning)
-        found = _found(check, target)
-    return replace(found, warnings=tuple(_impersonal(str(warning.message)) for warning in caught))
+        finding = _finding(check, target)
+    return replace(finding, warnings=tuple(_impersonal(str(warning.message)) for warning in caught))
 
 
-def _found(check: Check, target: Target) -> Finding:
+def _finding(check: Check, target: Target) -> Finding:
     # Drivers fail in ways of their own, and what else they do wrong is to be found too.
     try:
         return check.run(target)

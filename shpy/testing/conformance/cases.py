@@ -76,10 +76,10 @@ class Case:
     def arrays(self) -> dict[str, Any]:
         """Every input."""
         types: Mapping[str, InputType] = self.program.recorded.inputs
-        made = {}
+        arrays = {}
         for n, (name, type_) in enumerate(types.items()):
-            made[name] = self.inputs[name] if name in self.inputs else made_up(type_, n)
-        return made
+            arrays[name] = self.inputs[name] if name in self.inputs else made_up(type_, n)
+        return arrays
 
     def run(self, backend: str, **more: Any) -> Outcome:
         """Run it there; `more` are options of compiling beside its own, such as the device."""
@@ -133,49 +133,49 @@ class Case:
             shape,
         )
 
-    def check(self, found: Outcome, who: str) -> None:
+    def check(self, outcome: Outcome, who: str) -> None:
         """Raise AssertionError unless the outcome of the target `who` equals the reference's."""
-        wrong = self.difference(found, who)
+        wrong = self.difference(outcome, who)
         if wrong is not None:
             raise AssertionError(wrong)
 
-    def difference(self, found: Outcome, who: str, **more: Any) -> str | None:
+    def difference(self, result: Outcome, who: str, **more: Any) -> str | None:
         """Describe how a target's outcome differs from the reference's; None if it does not. `more` as for `run`.
 
         Elements that meet a denormal on their way may differ on a device that flushes denormals.
         """
-        wanted = self.reference
+        expected = self.reference
         if self.meaning is not None and who in INTERPRETED:
-            wanted = Outcome([a[::THIN] for a in wanted.outputs], wanted.written[::THIN])
-        if (found.stopped, found.line) != (wanted.stopped, wanted.line):
+            expected = Outcome([a[::THIN] for a in expected.outputs], expected.written[::THIN])
+        if (result.stopped, result.line) != (expected.stopped, expected.line):
             return (
-                f"{self.name} on {who}: {found.stopped} elements stopped in a loop at line {found.line}, "
-                f"not {wanted.stopped} at line {wanted.line}"
+                f"{self.name} on {who}: {result.stopped} elements stopped in a loop at line {result.line}, "
+                f"not {expected.stopped} at line {expected.line}"
             )
-        if not np.array_equal(found.written, wanted.written):
-            return f"{self.name} on {who}: written {found.written}, not {wanted.written}"
-        shapes = [[(a.dtype, a.shape) for a in outcome.outputs] for outcome in (found, wanted)]
+        if not np.array_equal(result.written, expected.written):
+            return f"{self.name} on {who}: written {result.written}, not {expected.written}"
+        shapes = [[(a.dtype, a.shape) for a in outcome.outputs] for outcome in (result, expected)]
         if shapes[0] != shapes[1]:
             return f"{self.name} on {who}: outputs of {shapes[0]}, not {shapes[1]}"
-        for n, (a, b) in enumerate(zip(found.outputs, wanted.outputs, strict=True)):
+        for n, (a, b) in enumerate(zip(result.outputs, expected.outputs, strict=True)):
             wrong = differs(a, b)
-            rank = wanted.written.ndim
+            rank = expected.written.ndim
             elements = wrong.any(axis=tuple(range(rank, wrong.ndim))).ravel()
             for k in np.flatnonzero(elements):
                 if flushes_denormals(who, **more) and self.denormal(int(k)):
                     continue
-                given = {name: element(array, int(k), wanted.written.shape) for name, array in self.arrays.items()}
-                x, y = (element(v, int(k), wanted.written.shape) for v in (a, b))
-                return f"{self.name} on {who}, output {n}, for {given}: {x!r}, not {y!r}"
+                inputs = {name: element(array, int(k), expected.written.shape) for name, array in self.arrays.items()}
+                x, y = (element(v, int(k), expected.written.shape) for v in (a, b))
+                return f"{self.name} on {who}, output {n}, for {inputs}: {x!r}, not {y!r}"
         return None
 
 
 def element(array: Any, k: int, shape: tuple[int, ...]) -> Any:
     """Return the k-th element of an array over `shape`, for a message."""
-    given = np.asarray(array)
-    if given.dtype == object or given.ndim < len(shape) or given.shape[: len(shape)] != shape:
+    values = np.asarray(array)
+    if values.dtype == object or values.ndim < len(shape) or values.shape[: len(shape)] != shape:
         return array
-    return given[np.unravel_index(k, shape)]
+    return values[np.unravel_index(k, shape)]
 
 
 def tree_map(f: Callable[[Array], Array], outputs: Any) -> Any:
@@ -246,11 +246,11 @@ def by_decorator(cases: list[Case]) -> Callable[..., Callable[[F], F]]:
         bound = Tolerance(ulp, absolute)
 
         def add(function: F) -> F:
-            made = Case(
+            instance = Case(
                 function.__name__, lambda: sh.program(function), inputs, shape, options or {}, bound,
                 refused or {}, expected, outs,
             )  # fmt: skip
-            cases.append(made)
+            cases.append(instance)
             return function
 
         return add

@@ -179,9 +179,9 @@ def case(
 
 def evaluated(program: Tree, a: Any, n: Any) -> tuple[Any, ...]:
     """Return the result that its syntax says, zeros for elements that were discarded or stopped."""
-    found = [Evaluator(program).run([x, y]) for x, y in zip(a, n, strict=True)]
+    ends = [Evaluator(program).run([x, y]) for x, y in zip(a, n, strict=True)]
     blank = [0] * len(program.results)
-    return tuple(map(np.array, zip(*(outputs if end == WRITTEN else blank for outputs, end in found), strict=True)))
+    return tuple(map(np.array, zip(*(outputs if end == WRITTEN else blank for outputs, end in ends), strict=True)))
 
 
 def pairs() -> Iterator[tuple[str, str]]:
@@ -240,18 +240,18 @@ def straight_cases() -> Iterator[Case]:
 
 def cut(block: Block) -> Block:
     """Return the block, and the bodies of loops in it, up to the first exit without a condition."""
-    made: list[Stmt] = []
+    statements: list[Stmt] = []
     for s in block:
         match s:
             case While(condition, body):
-                made.append(While(condition, cut(body)))
+                statements.append(While(condition, cut(body)))
             case For(index, bounds, body):
-                made.append(For(index, bounds, cut(body)))
+                statements.append(For(index, bounds, cut(body)))
             case _:
-                made.append(s)
+                statements.append(s)
         if isinstance(s, Exit) and s.condition is None:
             break
-    return tuple(made)
+    return tuple(statements)
 
 
 def long_chain(length: int) -> Case:
@@ -352,8 +352,8 @@ def survivor_cases() -> Iterator[Case]:
         )
         late = (plus("x", 1.0), Exit(kind, compare("lt", N, 50)), *inner, Exit("continue", bit(1)), *cut(inner))
         yield case(f"survivors-of-{kind}-in-a-loop", FORMS["for"](late, 0))
-        held = (Write("own", number(1), X), away, *FORMS["do_late"]((Write("own", Name(I, "s"), X), *inner), 0))
-        yield case(f"survivors-of-{kind}-with-an-array", held)
+        stored = (Write("own", number(1), X), away, *FORMS["do_late"]((Write("own", Name(I, "s"), X), *inner), 0))
+        yield case(f"survivors-of-{kind}-with-an-array", stored)
         unread = (plus("x", 4.0), Write("own", number(1), X), Exit("discard"))
         none = For("i2", (Apply(I, "and", (N, number(1))),), (away, *unread))
         yield case(f"survivors-that-take-no-iteration-before-{kind}", FORMS["for"]((plus("x", 1.0), none), 0))
@@ -391,14 +391,14 @@ def limit_cases() -> Iterator[Case]:
 
 def cases() -> list[Case]:
     """Return every nesting, then the special cases."""
-    found = [c for outer, inner in pairs() for c in exit_cases(outer, inner)]
-    found += straight_cases()
-    found += [
+    all_cases = [c for outer, inner in pairs() for c in exit_cases(outer, inner)]
+    all_cases += straight_cases()
+    all_cases += [
         long_chain(100),
         *(deep(name, 8) for name in ("if", "elif", "else")),
         *(deep(n, 4) for n in ("while", "for")),
     ]
     for more in (subroutine_cases, array_cases, lane_cases, survivor_cases, stepped_cases, limit_cases):
-        found += more()
-    unique = {c.name: c for c in found}
+        all_cases += more()
+    unique = {c.name: c for c in all_cases}
     return list(unique.values())

@@ -148,8 +148,8 @@ class Evaluator:
                     new = self.apply(op, [self.at(scope[name], (at,)), new])
                 self.put(scope[name], at, new)
             case WriteStruct(name, index, values):
-                at, given = self.value(index, scope), [self.value(v, scope) for v in values]
-                for field, new in zip(FIELDS, given, strict=True):
+                at, fields = self.value(index, scope), [self.value(v, scope) for v in values]
+                for field, new in zip(FIELDS, fields, strict=True):
                     self.put(scope[f"{name}.{field}"], at, new)
             case Multiply(name, other):
                 right = self.matrix(other, scope)
@@ -214,7 +214,7 @@ class Evaluator:
         """Run a loop; an iteration is counted once the loop's test has passed."""
         bounds = [int(self.value(b, scope)) for b in s.bounds] if isinstance(s, For) else []
         indices = iter(range(*bounds)) if isinstance(s, For) else None
-        known = isinstance(s, For) and all(isinstance(b, Const) for b in s.bounds)
+        constant = isinstance(s, For) and all(isinstance(b, Const) for b in s.bounds)
         limit = self.program.loop_limit
         count = 0
         while True:
@@ -225,7 +225,7 @@ class Evaluator:
                 scope[s.index] = np.int32(index)  # type: ignore[union-attr]
             if isinstance(s, While) and not self.value(s.condition, scope):
                 return
-            if count == limit and not known:
+            if count == limit and not constant:
                 raise Leave("stopped")
             count += 1
             try:
@@ -242,8 +242,8 @@ class Evaluator:
         """Return the value of an expression."""
         match e:
             case Const(type, values):
-                made = np.array(values).astype(DTYPES[type.base])
-                return made if type.size > 1 else made[0]
+                array = np.array(values).astype(DTYPES[type.base])
+                return array if type.size > 1 else array[0]
             case Name(_, name):
                 return scope[name]
             case Splat(type, scalar):
@@ -253,8 +253,8 @@ class Evaluator:
             case Convert(type, inner):
                 return meaning.convert(self.value(inner, scope), DTYPES[type.base])
             case Construct(_, parts):
-                made = np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
-                return np.full(e.type.size, made[0]) if len(made) == 1 else made
+                array = np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
+                return np.full(e.type.size, array[0]) if len(array) == 1 else array
             case Swizzle(_, inner, picked):
                 return np.atleast_1d(self.value(inner, scope))[list(picked) if len(picked) > 1 else picked[0]]
             case Component(_, inner, index):

@@ -27,38 +27,40 @@ def exact(name: str) -> Callable[..., Array]:
 
 
 def _strict(name: str, *arrays: Array) -> Array:
-    given = np.broadcast_arrays(*arrays)
-    base = next(b for b, t in DTYPES.items() if np.dtype(t) == given[0].dtype)
+    operands = np.broadcast_arrays(*arrays)
+    base = next(b for b, t in DTYPES.items() if np.dtype(t) == operands[0].dtype)
     if base is not Base.H:
-        return apply(definition(name, (vec(base),) * len(given)), *given)
-    if len(given) == 1 or name in CORRECTED:
-        return np.asarray(OPS[name].meaning(*given))
-    formula = definition(name, (vec("f"),) * len(given), "portable")
-    return apply(formula, *(a.astype(np.float32) for a in given)).astype(np.float16)
+        return apply(definition(name, (vec(base),) * len(operands)), *operands)
+    if len(operands) == 1 or name in CORRECTED:
+        return np.asarray(OPS[name].meaning(*operands))
+    formula = definition(name, (vec("f"),) * len(operands), "portable")
+    return apply(formula, *(a.astype(np.float32) for a in operands)).astype(np.float16)
 
 
 def apply(function: Function, *arrays: Array) -> Array:
     """Return a pure function of scalars, applied to each element of arrays of one shape."""
-    known: dict[int, Any] = {}
+    values: dict[int, Any] = {}
     slots: dict[int, Any] = {}
     for port, array in zip(function.inputs, arrays, strict=True):
         assert isinstance(port, Value)
-        known[port.id] = np.array(array, DTYPES[port.type.base])
+        values[port.id] = np.array(array, DTYPES[port.type.base])
     with np.errstate(all="ignore"):
-        _run(function.body, known, slots)
+        _run(function.body, values, slots)
     return np.asarray(slots[function.outputs[0].id])
 
 
-def _run(region: Region, known: dict[int, Any], slots: dict[int, Any]) -> None:
+def _run(region: Region, values: dict[int, Any], slots: dict[int, Any]) -> None:
     for s in region:
         if isinstance(s, Store):
-            slots[s.variable] = known[s.value]
+            slots[s.variable] = values[s.value]
         elif isinstance(s, If):
-            if known[s.condition]:
-                _run(s.then, known, slots)
+            if values[s.condition]:
+                _run(s.then, values, slots)
         else:
             assert isinstance(s, Let)
-            known[s.value.id] = slots[int(str(s.attr))] if s.op == "load" else _computed(s, [known[a] for a in s.args])
+            values[s.value.id] = (
+                slots[int(str(s.attr))] if s.op == "load" else _computed(s, [values[a] for a in s.args])
+            )
 
 
 def _computed(let: Let, args: list[Array]) -> Array:

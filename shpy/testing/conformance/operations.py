@@ -43,10 +43,10 @@ def values(name: str, types: tuple[Type, ...], size: int) -> list[Array]:
         arrays = [a.ravel() for a in np.meshgrid(*pools)]
     else:
         arrays = [rng.choice(p, (600, t.size) if t.size > 1 else 600) for p, t in zip(pools, types, strict=True)]
-    found = [np.concatenate([a, ordinary(rng, a)]) for a in arrays]
+    extended = [np.concatenate([a, ordinary(rng, a)]) for a in arrays]
     if name == "ldexp":
-        found = [np.concatenate(pair) for pair in zip(found, beside_ties(types[0], rng), strict=True)]
-    return found
+        extended = [np.concatenate(pair) for pair in zip(extended, beside_ties(types[0], rng), strict=True)]
+    return extended
 
 
 def beside_ties(type: Type, rng: Any, count: int = 400) -> tuple[Array, Array]:
@@ -81,13 +81,13 @@ def row_case(name: str, base: str, count: str) -> Case | None:
         return None
     b = Builder("operation")
     arrays: dict[str, Any] = {}
-    made = []
+    results = []
     for size, types in sizes.items():
         ports = [b.input(t, f"{'abc'[k]}{size}") for k, t in enumerate(types)]
         for i, array in zip(ports, values(name, types, size), strict=True):
             arrays[str(i.name)] = array
-        made.append(b.let(name, *ports))
-    for size, value in zip(sizes, made, strict=True):
+        results.append(b.let(name, *ports))
+    for size, value in zip(sizes, results, strict=True):
         b.store(b.output(value.type, f"r{size}"), value)
     function = b.finish()
     shifted = f"-{count}" if "X" in OPS[name].takes else ""
@@ -107,21 +107,21 @@ def meant(name: str, types: tuple[Type, ...], arrays: list[Array]) -> Array:
     # A vector of one component, so that a sum over components is not one over elements.
     columns = [a.T if a.ndim > 1 else a[None] for a in arrays]
     with np.errstate(all="ignore"):
-        found = np.asarray(exact(name)(*columns)).astype(DTYPES[result.base])
-    whole = np.broadcast_to(found, (result.size, len(arrays[0])))
+        exact_values = np.asarray(exact(name)(*columns)).astype(DTYPES[result.base])
+    whole = np.broadcast_to(exact_values, (result.size, len(arrays[0])))
     return whole[0] if result.size == 1 else np.ascontiguousarray(whole.T)
 
 
 def rows() -> list[Case]:
     """Return every row of the table with every base."""
-    found = []
+    row_cases = []
     for name, op in OPS.items():
         for base in (b for b in "fdhiub" if Base(b) in op.bases):
             for count in "iu" if "X" in op.takes else "i":
                 case = row_case(name, base, count)
                 if case is not None:
-                    found.append(case)
-    return found
+                    row_cases.append(case)
+    return row_cases
 
 
 # Structural operations
@@ -139,7 +139,7 @@ def _input(b: Builder, type: Type, name: str, seed: int, arrays: dict[str, Any])
 def structural(
     name: str,
     b: Builder,
-    made: list[Value],
+    results: list[Value],
     arrays: dict[str, Any],
     bases: str = "",
     params: tuple[Param, ...] = (),
@@ -147,7 +147,7 @@ def structural(
     *callees: Function,
 ) -> Case:
     """Return the case of a builder whose outputs are these values; `bases` says whether there are doubles."""
-    for n, value in enumerate(made):
+    for n, value in enumerate(results):
         b.store(b.output(value.type, f"r{n}"), value)
     function = b.finish()
     refused = NO_DOUBLES if "d" in bases else {}
@@ -158,8 +158,10 @@ def convert_case(source: str, target: str) -> Case:
     """Return a conversion between two bases, for every size."""
     b = Builder("operation")
     arrays: dict[str, Any] = {}
-    made = [b.let("convert", _input(b, vec(source, n), f"a{n}", n, arrays), type=vec(target, n)) for n in (1, 2, 3, 4)]
-    return structural(f"convert-{source}-{target}", b, made, arrays, source + target)
+    results = [
+        b.let("convert", _input(b, vec(source, n), f"a{n}", n, arrays), type=vec(target, n)) for n in (1, 2, 3, 4)
+    ]
+    return structural(f"convert-{source}-{target}", b, results, arrays, source + target)
 
 
 def vector_case(base: str) -> Case:
@@ -168,16 +170,16 @@ def vector_case(base: str) -> Case:
     arrays: dict[str, Any] = {}
     scalar = _input(b, vec(base), "s", 0, arrays)
     index = _input(b, vec(Base.I), "i", 9, arrays)
-    made = []
+    results = []
     for n in (2, 3, 4):
         t = vec(base, n)
         v = _input(b, t, f"v{n}", n, arrays)
         parts = [scalar, v] if n < 4 else [b.swizzle(v, (3, 0)), b.swizzle(v, (1,)), scalar]
-        made.append(b.let("construct", *parts, type=vec(base, min(n + 1, 4))))
-        made.append(b.splat(scalar, n))
-        made.append(b.swizzle(v, (n - 1, 0, 0, 1)))
-        made.append(b.let("component", v, index, type=t.scalar))
-    return structural(f"vectors-{base}", b, made, arrays, base)
+        results.append(b.let("construct", *parts, type=vec(base, min(n + 1, 4))))
+        results.append(b.splat(scalar, n))
+        results.append(b.swizzle(v, (n - 1, 0, 0, 1)))
+        results.append(b.let("component", v, index, type=t.scalar))
+    return structural(f"vectors-{base}", b, results, arrays, base)
 
 
 def constant_case(base: str) -> Case:
@@ -201,7 +203,7 @@ def load_case(base: str) -> Case:
     arrays: dict[str, Any] = {}
     i, j = _input(b, vec(Base.I), "i", 1, arrays), _input(b, vec(Base.I), "j", 2, arrays)
     arrays["j"] = arrays["j"][::-1] % 7 - 1
-    made = []
+    results = []
     for n in (1, 3):
         v = _input(b, vec(base, n), f"v{n}", n, arrays)
         slot = b.variable(v.type, 5, f"array{n}")
@@ -210,8 +212,8 @@ def load_case(base: str) -> Case:
         b.store(slot, v, index=i)
         if n == 3:
             b.store(slot, b.swizzle(v, (2, 0)), (0, 1), index=j)
-        made += [b.load(slot, i), b.load(slot, j)]
-    return structural(f"load-{base}", b, made, arrays, base)
+        results += [b.load(slot, i), b.load(slot, j)]
+    return structural(f"load-{base}", b, results, arrays, base)
 
 
 def param_case(base: str) -> Case:
@@ -224,10 +226,10 @@ def param_case(base: str) -> Case:
     for n in (1, 2, 3, 4):
         t, name = vec(base, n), f"p{n}"
         params.append(Param(name, kind(t), t, encode(t, np.resize(SPECIAL[t.base][-4:], n).tolist())))
-        given = _input(b, t, f"v{n}", n, arrays)
-        held = b.let("param", type=t, attr=name)
-        outputs.append(held)
-        outputs.append(b.let("cond", b.let("eq", given, held), held, given))
+        variable = _input(b, t, f"v{n}", n, arrays)
+        param = b.let("param", type=t, attr=name)
+        outputs.append(param)
+        outputs.append(b.let("cond", b.let("eq", variable, param), param, variable))
     return structural(f"param-{base}", b, outputs, arrays, base, tuple(params))
 
 
@@ -236,16 +238,16 @@ def table_case(base: str, size: int, rank: int) -> Case:
     t = vec(base, size)
     extents = (2, 3, 5)[:rank]
     special = SPECIAL[t.base]
-    held = np.random.default_rng(rank).choice(special, (*extents, size) if size > 1 else extents)
+    data = np.random.default_rng(rank).choice(special, (*extents, size) if size > 1 else extents)
     b = Builder("operation")
     arrays: dict[str, Any] = {}
     table = Table("table", t, rank)
     index = _input(b, vec(Base.I, rank), "index", rank, arrays)
     small = np.random.default_rng(rank).integers(-2, 7, arrays["index"].shape)
     arrays["index"] = np.where(np.arange(small.shape[0]).reshape(-1, *[1] * (rank > 1)) % 3 > 0, small, arrays["index"])
-    arrays["table"] = held
-    made = [b.let("table", index, type=t, attr="table"), b.let("table_size", type=vec(Base.I, rank), attr="table")]
-    return structural(f"table-{t}-{rank}d", b, made, arrays, base, (), (table,))
+    arrays["table"] = data
+    results = [b.let("table", index, type=t, attr="table"), b.let("table_size", type=vec(Base.I, rank), attr="table")]
+    return structural(f"table-{t}-{rank}d", b, results, arrays, base, (), (table,))
 
 
 def grid_case(rank: int) -> Case:
@@ -263,10 +265,10 @@ def half_case() -> Case:
     halves = np.arange(65536, dtype=np.uint16).view(np.float16).astype(np.float32)
     halves = np.sort(halves[np.isfinite(halves)])[::7]
     between = (halves[1:] + halves[:-1]) / 2
-    given = np.concatenate([halves, between, np.nextafter(between, np.float32(0)), SPECIAL[Base.F]])
+    numbers = np.concatenate([halves, between, np.nextafter(between, np.float32(0)), SPECIAL[Base.F]])
     b = Builder("operation")
-    made = b.let("half", b.input(vec("f"), "x"), type=vec("f"))
-    return structural("half", b, [made], {"x": given.astype(np.float32)})
+    rounded = b.let("half", b.input(vec("f"), "x"), type=vec("f"))
+    return structural("half", b, [rounded], {"x": numbers.astype(np.float32)})
 
 
 def call_case() -> Case:
@@ -305,10 +307,10 @@ ROWS = rows()
 
 def cases() -> list[Case]:
     """Return every operation."""
-    found = list(ROWS)
-    found += [convert_case(a, b) for a in "fdhiub" for b in "fdhiub" if a != b]
+    all_cases = list(ROWS)
+    all_cases += [convert_case(a, b) for a in "fdhiub" for b in "fdhiub" if a != b]
     for make in (vector_case, constant_case, load_case, param_case):
-        found += [make(base) for base in "fdhiub"]
-    found += [table_case(base, size, rank) for base in "fiub" for size in (1, 2, 3, 4) for rank in (1, 2, 3)]
-    found += [table_case("d", 3, 2), table_case("h", 2, 1), *map(grid_case, (1, 2, 3, 4))]
-    return [*found, half_case(), call_case(), lanes_case()]
+        all_cases += [make(base) for base in "fdhiub"]
+    all_cases += [table_case(base, size, rank) for base in "fiub" for size in (1, 2, 3, 4) for rank in (1, 2, 3)]
+    all_cases += [table_case("d", 3, 2), table_case("h", 2, 1), *map(grid_case, (1, 2, 3, 4))]
+    return [*all_cases, half_case(), call_case(), lanes_case()]

@@ -90,13 +90,13 @@ def run(program: sh.Program, backend: str, *arrays: Any, out: Any = None, shape:
     return kernel(program, backend, **options).run(*arrays, out=out, shape=shape)
 
 
-def differs(found: Array, expected: Array, ulp: float = 0, absolute: float = 0) -> Array:
+def differs(results: Array, expected: Array, ulp: float = 0, absolute: float = 0) -> Array:
     """Return a mask of the elements that differ: in any bit but those of a NaN, or by more than the bound."""
-    wrong = differing(found, expected)
-    if found.dtype.kind == "f" and (ulp or absolute):
+    wrong = differing(results, expected)
+    if results.dtype.kind == "f" and (ulp or absolute):
         with np.errstate(all="ignore"):
             unit = np.spacing(np.maximum(np.abs(expected), TINY[expected.dtype])).astype(np.float64)
-            distance = np.abs(found.astype(np.float64) - expected.astype(np.float64))
+            distance = np.abs(results.astype(np.float64) - expected.astype(np.float64))
             wrong &= ~(distance <= np.maximum(ulp * unit, absolute))
     return wrong
 
@@ -135,13 +135,13 @@ class DenormalWatch:
         """Run the element; arguments are those of `Interpreter.run_element`."""
         if any(map(is_denormal, inputs)):
             return True
-        found: list[bool] = []
+        denormal: list[bool] = []
 
         def note(loc: Loc | None, name: str, value: Any, iterations: tuple[int, ...]) -> None:
-            found.append(is_denormal(value))
+            denormal.append(is_denormal(value))
 
         outputs, _ = self.interpreter.run_element(inputs, params, tables, index, shape, note)
-        return any(found) or any(map(is_denormal, outputs))
+        return any(denormal) or any(map(is_denormal, outputs))
 
 
 def _named(function: Function) -> Function:

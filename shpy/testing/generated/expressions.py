@@ -138,9 +138,9 @@ class Expressions:
         kept = self.names, self.arrays, self.matrices, self.indices, self.uniforms
         self.names, self.arrays, self.matrices = {n: self.names[n] for n in self.uniforms}, [], {}
         self.indices, self.uniforms = (), ()
-        made = self.choice(type, depth - 1) if depth and self.chance(50) else self.expr(type, depth)
+        expression = self.choice(type, depth - 1) if depth and self.chance(50) else self.expr(type, depth)
         self.names, self.arrays, self.matrices, self.indices, self.uniforms = kept
-        return made
+        return expression
 
     def edged(self, type: Type) -> Expr:
         """Return an int at the ends of its range for some elements, where C has another type than the language."""
@@ -228,12 +228,12 @@ class Expressions:
                 Apply(F, "cond", (Apply(B, "lt", (i, Const(I, (1,)))), Const(F, (0.0,)), Const(F, (2.0,)))),
             )
         )
-        known: Expr = number if type.size == 1 else Splat(type, number)
+        operand: Expr = number if type.size == 1 else Splat(type, number)
         other = self.expr(type, depth)
         op = self.pick(("mul", "add", "sub", "div", "mix"))
         if op == "mix":
-            return Apply(type, op, (other, self.expr(type, depth), known))
-        return Apply(type, op, (known, other) if type.size == 1 and self.chance(50) else (other, known))
+            return Apply(type, op, (other, self.expr(type, depth), operand))
+        return Apply(type, op, (operand, other) if type.size == 1 and self.chance(50) else (other, operand))
 
     def choice(self, type: Type, depth: int) -> Expr:
         """Return a `cond`, by one bool or by one for each component; now and then by a choice among bools."""
@@ -264,7 +264,7 @@ class Expressions:
 
     def moved(self, type: Type, depth: int) -> Expr:
         """Conversions, parts of vectors, vectors of parts, and what is read from arrays and tables."""
-        ways = (self.converted, self.part if type.size == 1 else self.made, self.made, self.read)
+        ways = (self.converted, self.part if type.size == 1 else self.built, self.built, self.read)
         return self.pick(ways)(type, depth)  # type: ignore[no-any-return]
 
     def converted(self, type: Type, depth: int) -> Expr:
@@ -291,7 +291,7 @@ class Expressions:
             return self.pick(there)  # type: ignore[no-any-return]
         return vec(base, self.draw(st.integers(2, 4)))
 
-    def made(self, type: Type, depth: int) -> Expr:
+    def built(self, type: Type, depth: int) -> Expr:
         """Return a vector out of parts."""
         if type.size == 1:
             return self.part(type, depth)

@@ -42,7 +42,7 @@ def inputs(program: Program, count: int = 64, seed: int = 0) -> list[Any]:
     check_count("seed", seed, 0)
     rng = np.random.default_rng((count, seed))
     sizes = {table.name: table.size for table in program.ir.tables}
-    found: list[Any] = []
+    arguments: list[Any] = []
     for name, layout in program.recorded.inputs.items():
         if isinstance(layout, TextureType):
             raise ShpyTypeError(
@@ -57,10 +57,10 @@ def inputs(program: Program, count: int = 64, seed: int = 0) -> list[Any]:
                 extents = sizes.get(leaf) or (5,) * layout.rank
                 tail = (cls.size,) if cls.size > 1 else ()
                 arrays.append(_array(cls.type, int(np.prod(extents)), rng).reshape(extents + tail))
-            found.append(build_arrays(whole, iter(arrays)))
+            arguments.append(build_arrays(whole, iter(arrays)))
         else:
-            found.append(build_arrays(layout, iter([_array(c.type, count, rng) for *_, c in leaves(layout, name)])))
-    return found
+            arguments.append(build_arrays(layout, iter([_array(c.type, count, rng) for *_, c in leaves(layout, name)])))
+    return arguments
 
 
 def elements(count: int) -> list[Any]:

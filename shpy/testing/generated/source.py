@@ -164,8 +164,8 @@ class _Writer:
         values = ", ".join(map(text, self.results))
         if word == "return":
             return f"return {values}".rstrip()
-        given = f"({values})" if len(self.results) > 1 else values or "None"
-        return f"{word}({given}{f', {condition}' if condition else ''})"
+        operands = f"({values})" if len(self.results) > 1 else values or "None"
+        return f"{word}({operands}{f', {condition}' if condition else ''})"
 
     def block(self, depth: int, block: Block) -> None:
         for statement in block:
@@ -232,8 +232,8 @@ class _Writer:
                 self.block(depth + 1, body) if body else None
                 self.line(depth + 1, f"SH_UNTIL({'lambda: ' if late else ''}{text(until)})")
             case For(index, bounds, body):
-                given = ", ".join(number(Base.I, b.values[0]) if isinstance(b, Const) else text(b) for b in bounds)
-                self.line(depth, f"with SH_FOR({given}) as {index}:")
+                limits = ", ".join(number(Base.I, b.values[0]) if isinstance(b, Const) else text(b) for b in bounds)
+                self.line(depth, f"with SH_FOR({limits}) as {index}:")
                 self.block(depth + 1, body)
 
 
@@ -281,6 +281,6 @@ def record(tree: Tree) -> Generated:
     linecache.cache[file] = (len(written), None, written.splitlines(True), file)
     names = {"sh": sh, "np": np, **TABLES, **PARAMS, **{n: getattr(sh, n) for n in sh.__all__ if n.startswith("SH_")}}
     exec(compile(written, file, "exec"), names)
-    made = Generated(names["generated"].recorded)
-    made.tree, made.text = tree, written
-    return made
+    program = Generated(names["generated"].recorded)
+    program.tree, program.text = tree, written
+    return program

@@ -52,15 +52,15 @@ class Statements(Expressions):
     def block(self, least: int = 1, goes_on: bool = False, most: int = 5) -> Block:
         """Statements; what they declare is gone behind them. `goes_on`: something follows, so no exit ends them."""
         names, stored, matrices = dict(self.names), list(self.stored), dict(self.matrices)
-        made: list[Stmt] = []
+        statements: list[Stmt] = []
         for _ in range(self.draw(st.integers(least, most))):
             if self.budget > 0:
                 self.budget -= 1
-                made.append(self.statement())
+                statements.append(self.statement())
         if self.depth and not goes_on and self.chance(25):
-            made.append(Exit(self.exit_kind()))
+            statements.append(Exit(self.exit_kind()))
         self.names, self.stored, self.matrices = names, stored, matrices
-        return tuple(made)
+        return tuple(statements)
 
     def statement(self) -> Stmt:
         """Draw one statement."""
@@ -88,11 +88,13 @@ class Statements(Expressions):
             most = 1 if name.endswith("]") else type.size
             picked = tuple(self.draw(st.permutations(range(type.size)))[: self.draw(st.integers(1, most))])
             part = type.sized(len(picked))
-            return Assign(name, self.given(part), picked, "add" if not type.is_bool and self.chance(30) else None)
+            return Assign(
+                name, self.assigned_value(part), picked, "add" if not type.is_bool and self.chance(30) else None
+            )
         op = self.pick(("add", "mul", "sub")) if not type.is_bool and self.chance(40) else None
-        return Assign(name, self.given(type), None, op)
+        return Assign(name, self.assigned_value(type), None, op)
 
-    def given(self, type: Type) -> Expr:
+    def assigned_value(self, type: Type) -> Expr:
         """Draw the value of a store: an expression of this type, or a scalar that is repeated."""
         return Splat(type, self.expr(type.scalar)) if type.size > 1 and self.chance(20) else self.expr(type)
 
@@ -142,7 +144,7 @@ class Statements(Expressions):
         if array.struct:
             return WriteStruct(array.name, self.index(1), tuple(self.expr(type) for type in FIELDS.values()))
         op = "add" if not array.type.is_bool and self.chance(30) else None
-        return Write(array.name, self.index(1), self.given(array.type), op)
+        return Write(array.name, self.index(1), self.assigned_value(array.type), op)
 
     def lanes(self) -> Stmt:
         """Return a store chosen by what other lanes do."""
@@ -199,9 +201,9 @@ class Statements(Expressions):
     def counted(self, start: Declare, step: Stmt, goes_on: bool = False) -> tuple[Block, bool]:
         """Return the body of a loop with a counter, and whether a continue may skip some of it."""
         outer, self.counters = self.counters, (*self.counters, start.name)
-        made = self.looped((step,), goes_on)
+        body = self.looped((step,), goes_on)
         self.counters = outer
-        return made
+        return body
 
     def counter(self) -> tuple[Declare, Stmt, Expr]:
         """Make the statements that keep a loop finite: a counter, its step, and the test whether it has room."""
@@ -262,27 +264,27 @@ class Statements(Expressions):
         """Draw a call of a subroutine, with arguments that fit."""
         function = self.pick(self.functions)
         args: list[Expr] = []
-        taken: set[str] = set()
+        stores: set[str] = set()
         for param in function.params:
             if param.length is not None:
                 array = next(a for a in self.arrays if (a.type, a.length) == (param.type, param.length))
                 args.append(Name(param.type, array.name))
             elif param.name in function.stored:
-                fitting = [n for n in self.stored if self.names[n] is param.type and n not in taken and n[-1] != "]"]
+                fitting = [n for n in self.stored if self.names[n] is param.type and n not in stores and n[-1] != "]"]
                 if not fitting:
                     return self.assign()
                 name = str(self.pick(fitting))
                 args.append(Name(param.type, name))
-                taken.add(name)
+                stores.add(name)
             else:
-                args.append(self.const(param.type) if self.chance(20) else self.value_argument(param.type, taken))
+                args.append(self.const(param.type) if self.chance(20) else self.value_argument(param.type, stores))
         fitting = [n for n in self.stored if function.results and self.names[n] is function.results[0].type]
         result = self.pick(fitting) if fitting and not self.chance(20) else None
         return Call(function.name, tuple(args), result)
 
-    def value_argument(self, type: Type, taken: set[str]) -> Expr:
+    def value_argument(self, type: Type, stores: set[str]) -> Expr:
         """Draw an argument that is only read: an expression, since a variable would be passed by reference."""
-        del taken
+        del stores
         value = self.expr(type, 1)
         return (
             value
@@ -300,19 +302,19 @@ class Sequence:
 
 def flat(block: Block) -> Block:
     """Return the block with its sequences spliced in."""
-    made: list[Stmt] = []
+    result: list[Stmt] = []
     for s in block:
         match s:
             case Sequence(statements):
-                made += flat(statements)
+                result += flat(statements)
             case If(branches, orelse):
-                made.append(If(tuple((c, flat(b)) for c, b in branches), None if orelse is None else flat(orelse)))
+                result.append(If(tuple((c, flat(b)) for c, b in branches), None if orelse is None else flat(orelse)))
             case While(condition, body):
-                made.append(While(condition, flat(body)))
+                result.append(While(condition, flat(body)))
             case Do(body, until, late):
-                made.append(Do(flat(body), until, late))
+                result.append(Do(flat(body), until, late))
             case For(index, bounds, body):
-                made.append(For(index, bounds, flat(body)))
+                result.append(For(index, bounds, flat(body)))
             case _:
-                made.append(s)
-    return tuple(made)
+                result.append(s)
+    return tuple(result)

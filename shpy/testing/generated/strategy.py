@@ -118,10 +118,10 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     functions: list[Function] = []
     for k in range(0 if shallow else draw(st.integers(0, 2))):
         functions.append(_function(draw, f"sub{k}", functions))
-    known = {v.name: v.type for v in (*INPUTS, *UNIFORMS)}
+    types_by_name = {v.name: v.type for v in (*INPUTS, *UNIFORMS)}
     # An input that is never stored into comes as it is to what uses it.
     stored = [i.name for i in INPUTS if draw(st.booleans())]
-    w = Statements(draw, known, stored, functions=functions, endless=endless, derives=derives)
+    w = Statements(draw, types_by_name, stored, functions=functions, endless=endless, derives=derives)
     w.uniforms = tuple(v.name for v in UNIFORMS)
     types = list(CORE)
     while len(types) < OUTPUTS:
