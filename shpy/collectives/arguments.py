@@ -33,12 +33,12 @@ def check_stream(value: Any, name: str) -> Stream:
     return value
 
 
-def element_of(program: Any, wanted: str, cure: str) -> Any:
+def element_of(program: Any, message: str, cure: str) -> Any:
     """Return the type of a program's first input; ShpyTypeError unless that is a scalar or vector."""
     types = list(program.recorded.inputs.values()) if isinstance(program, Program) else []
     if types and isinstance(types[0], Leaf):
         return types[0].cls
-    raise ShpyTypeError(f"{wanted}, not {program!r}", loc=here(), cure=cure)
+    raise ShpyTypeError(f"{message}, not {program!r}", loc=here(), cure=cure)
 
 
 def check_place(stream: Stream, place: Place, name: str) -> None:
@@ -65,9 +65,9 @@ def indices_at(place: Place, index: Any, name: str) -> tuple[Memory, Shape]:
         raise ShpyTypeError(f"{name} takes ints, not {array.dtype}", loc=here(), cure=f"np.asarray({name}, np.int32)")
     # An index beyond the range of int is out of range of the stream, and so is the nearest int.
     bounds = np.iinfo(np.int32)
-    held = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
-    made = Stream(held.astype(np.int32), Attrib1i, *place)
-    return made.leaf_entries()[0].memory, array.shape
+    indices = np.clip(array, max(bounds.min, np.iinfo(array.dtype).min), min(bounds.max, np.iinfo(array.dtype).max))
+    stream = Stream(indices.astype(np.int32), Attrib1i, *place)
+    return stream.leaf_entries()[0].memory, array.shape
 
 
 def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
@@ -86,8 +86,8 @@ def mask_at(place: Place, mask: Any, shape: Shape) -> Memory:
         raise ShpyTypeError(
             f"mask has the shape {mask.shape}, and the stream {shape}", loc=here(), cure="a bool for each element"
         )
-    found: Memory = mask.leaf_entries()[0].memory
-    return found
+    memory: Memory = mask.leaf_entries()[0].memory
+    return memory
 
 
 def shaped(stream: Stream, memories: list[Memory], shape: Shape) -> Stream:

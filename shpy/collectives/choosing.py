@@ -51,24 +51,26 @@ def unique(stream: Stream) -> Unique:
     Of equal elements the first in the stream is returned, in C order. Both results have the shape (n,) for n distinct
     elements, and the call waits for the device to know n. Raises ShpyTypeError for elements of several components.
     """
-    given = check_stream(stream, "unique")
-    (keys, *others) = [entry.memory for entry in given.leaf_entries()]
+    elements = check_stream(stream, "unique")
+    (keys, *others) = [entry.memory for entry in elements.leaf_entries()]
     if others or keys.type.size != 1:
         raise ShpyTypeError(
-            f"{given!r} has elements of several components, which have no order",
+            f"{elements!r} has elements of several components, which have no order",
             loc=here(),
             cure="sh.unique(number(stream)), where a program gives one number for an element",
         )
-    place, leaves = given.place, Leaves(given.place)
-    if not given.size:
-        return Unique(shaped(given, [keys], (0,)).copy(), Stream.empty(0, Attrib1i, *given.place))
+    place, leaves = elements.place, Leaves(elements.place)
+    if not elements.size:
+        return Unique(shaped(elements, [keys], (0,)).copy(), Stream.empty(0, Attrib1i, *elements.place))
     ordered = leaves.take(keys, leaves.order(keys, descending=False))
     element = element_class(ordered)
-    marks = run_over(place, _starting(element, is_mapped(place, element)), given.size, data=over_leaf(place, ordered))
+    marks = run_over(
+        place, _starting(element, is_mapped(place, element)), elements.size, data=over_leaf(place, ordered)
+    )
     index = leaves.select(marks.leaf_entries()[0].memory)
-    total = np.array([given.size], np.int32)
+    total = np.array([elements.size], np.int32)
     counts = run_over(place, _extents(), index.count, start=over_leaf(place, index), total=total)
-    return Unique(shaped(given, [leaves.take(ordered, index)], (index.count,)), counts)
+    return Unique(shaped(elements, [leaves.take(ordered, index)], (index.count,)), counts)
 
 
 @in_ieee_arithmetic
@@ -78,14 +80,14 @@ def top_k(stream: Stream, k: int, key: Program | None = None) -> TopK:
     Equal elements keep the order that they had, and a NaN is greater than every number. Raises ShpyTypeError as
     `sh.sort` does, and for a k that is no int from 0 to the number of elements.
     """
-    given = check_stream(stream, "top_k")
-    if not is_int(k) or not 0 <= k <= given.size:
-        raise ShpyTypeError(f"top_k of {given!r} with k={k!r}", loc=here(), cure=f"an int from 0 to {given.size}")
-    place, leaves = given.place, Leaves(given.place)
-    order = leaves.order(keys_of(given, key, "top_k"), descending=True)
+    elements = check_stream(stream, "top_k")
+    if not is_int(k) or not 0 <= k <= elements.size:
+        raise ShpyTypeError(f"top_k of {elements!r} with k={k!r}", loc=here(), cure=f"an int from 0 to {elements.size}")
+    place, leaves = elements.place, Leaves(elements.place)
+    order = leaves.order(keys_of(elements, key, "top_k"), descending=True)
     index = leaves.take(order, indices_at(place, np.arange(k, dtype=np.int32), "index")[0])
-    taken = [leaves.take(entry.memory, index) for entry in given.leaf_entries()]
-    return TopK(shaped(given, taken, (int(k),)), over_leaf(place, index))
+    memories = [leaves.take(entry.memory, index) for entry in elements.leaf_entries()]
+    return TopK(shaped(elements, memories, (int(k),)), over_leaf(place, index))
 
 
 @cache

@@ -57,16 +57,16 @@ def gather_chunks(table: Any, index: Any, type_: Any) -> Any:
     shape = shape_before_data("the table", cls, whole, dtypes_at("f32")[cls.base])
     if places.dtype.kind not in "iu" and places.size:
         raise ShpyTypeError(f"index takes ints, not {places.dtype}", loc=here(), cure="index.astype(np.int64)")
-    wanted = shape_before_data("index", scalar_of(np.dtype(np.int32), "gather"), places, np.int32)
+    index_shape = shape_before_data("index", scalar_of(np.dtype(np.int32), "gather"), places, np.int32)
     if not math.prod(shape):
         raise ShpyTypeError("gather from an array without elements", loc=here(), cure="an array of one element or more")
     meta = np.empty((0,) * (1 + (cls.size > 1)), dtypes_at("f32")[cls.base])
     flat = flattened(whole, len(shape)).rechunk({1: -1} if cls.size > 1 else {})
     flat = flat.map_blocks(_converted, dtype=meta.dtype, meta=meta, packed=pickle.dumps(cls))
     if not places.size:
-        return da.zeros((*wanted, *flat.shape[1:]), meta.dtype)
-    at = flattened(places, len(wanted)).map_blocks(_nearest, dtype=np.int64, last=len(flat) - 1)
-    return flat[at].reshape((*wanted, *flat.shape[1:]))
+        return da.zeros((*index_shape, *flat.shape[1:]), meta.dtype)
+    at = flattened(places, len(index_shape)).map_blocks(_nearest, dtype=np.int64, last=len(flat) - 1)
+    return flat[at].reshape((*index_shape, *flat.shape[1:]))
 
 
 def compact_chunks(array: Any, mask: Any) -> tuple[Any, Any]:
@@ -97,15 +97,15 @@ def scatter_chunks(
             "scatter of a Dask array makes a new one of a shape", loc=here(), cure="sh.scatter(values, index, shape)"
         )
     values, index, cls, inner = _beside(values, index, "index", "iu", "scatter", combine)
-    tail, wanted, dtype = values.shape[len(inner) :], given_shape(shape), dtypes_at("f32")[cls.base]
+    tail, target_shape, dtype = values.shape[len(inner) :], given_shape(shape), dtypes_at("f32")[cls.base]
     if combine is not None:
         check_combination(combine, Stream(np.zeros((1, *tail), dtype), cls, "numpy"), "scatter")
     flat = flattened(values, len(inner)).rechunk({1: -1} if tail else {})
     places = flattened(index, index.ndim).rechunk({0: flat.chunks[0]})
-    length = math.prod(wanted)
+    length = math.prod(target_shape)
     size = max(*flat.chunks[0], min(-(-length // _BLOCKS), _LARGE), 1)
     if not length:
-        return da.zeros((*wanted, *tail), dtype)
+        return da.zeros((*target_shape, *tail), dtype)
     bounds = [*range(0, length, size), length]
     split = dask.delayed(_split, pure=True, nout=len(bounds) - 1)
     pieces = [
@@ -119,7 +119,7 @@ def scatter_chunks(
         )
         for k, (first, past) in enumerate(pairwise(bounds))
     ]
-    return da.concatenate(blocks).reshape((*wanted, *tail))
+    return da.concatenate(blocks).reshape((*target_shape, *tail))
 
 
 def _beside(
@@ -132,15 +132,15 @@ def _beside(
     """
     import dask.array as da
 
-    given = ((array, "the array"), (other, what))
-    array, other = (whole if is_lazy(whole) else da.from_array(as_array(whole, said)) for whole, said in given)
+    pairs = ((array, "the array"), (other, what))
+    array, other = (whole if is_lazy(whole) else da.from_array(as_array(whole, label)) for whole, label in pairs)
     if other.dtype.kind not in kinds:
-        wanted = "bools" if kinds == "b" else "ints"
-        raise ShpyTypeError(f"{what} takes {wanted}, not {other.dtype}", loc=here(), cure=f"{what} as {wanted}")
+        kind = "bools" if kinds == "b" else "ints"
+        raise ShpyTypeError(f"{what} takes {kind}, not {other.dtype}", loc=here(), cure=f"{what} as {kind}")
     base = _base_of(array.dtype, name, combine)
-    for given, said in ((array, "the array"), (other, what)):
-        scalar = scalar_of(given.dtype, name)
-        shape_before_data(said, scalar, given, dtypes_at("f32")[scalar.base])
+    for part, label in ((array, "the array"), (other, what)):
+        scalar = scalar_of(part.dtype, name)
+        shape_before_data(label, scalar, part, dtypes_at("f32")[scalar.base])
     if other.shape not in (array.shape, array.shape[:-1]):
         raise ShpyTypeError(
             f"{what} has the shape {other.shape}, and the array {array.shape}",
@@ -162,14 +162,14 @@ def _base_of(dtype: np.dtype[Any], name: str, combine: Any) -> Base:
     """Return the base of elements of a dtype; floats are those that `combine` takes, as in `sh.reduce`."""
     base: Base = scalar_of(dtype, name).base
     first = next(iter(combine.recorded.inputs.values()), None) if isinstance(combine, Program) else None
-    taken: Base = first.cls.base if isinstance(first, Leaf) else base
-    return taken if {base, taken} <= FLOATS else base
+    input_base: Base = first.cls.base if isinstance(first, Leaf) else base
+    return input_base if {base, input_base} <= FLOATS else base
 
 
 def _converted(block: NDArray[Any], packed: bytes) -> NDArray[Any]:
     """Return the elements of a block as a stream holds them; ShpyTypeError for numbers that it does not hold."""
-    found: NDArray[Any] = Stream(block, pickle.loads(packed), "numpy").numpy()
-    return found
+    elements: NDArray[Any] = Stream(block, pickle.loads(packed), "numpy").numpy()
+    return elements
 
 
 def _nearest(index: NDArray[Any], last: int) -> NDArray[np.int64]:
@@ -181,8 +181,8 @@ def _nearest(index: NDArray[Any], last: int) -> NDArray[np.int64]:
 def _split(values: NDArray[Any], index: NDArray[Any], bounds: list[int]) -> tuple[Piece, ...]:
     """Return the values of a block, in order, split by the blocks of the result that they go to."""
     home = np.searchsorted(bounds, index, side="right") - 1
-    found = [np.flatnonzero(home == k) for k in range(len(bounds) - 1)]
-    return tuple((index[at].astype(np.int64) - first, values[at]) for at, first in zip(found, bounds, strict=False))
+    positions = [np.flatnonzero(home == k) for k in range(len(bounds) - 1)]
+    return tuple((index[at].astype(np.int64) - first, values[at]) for at, first in zip(positions, bounds, strict=False))
 
 
 def _put(pieces: list[Piece], length: int, scatter: Callable[..., Any], packed: bytes) -> NDArray[Any]:
@@ -190,5 +190,5 @@ def _put(pieces: list[Piece], length: int, scatter: Callable[..., Any], packed: 
     cls, combine = pickle.loads(packed)
     places, values = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     place = "numpy" if combine is None else None  # the default backend may have no float64
-    found: NDArray[Any] = scatter(Stream(values, cls, place), places, (length,), combine).numpy()
-    return found
+    block: NDArray[Any] = scatter(Stream(values, cls, place), places, (length,), combine).numpy()
+    return block

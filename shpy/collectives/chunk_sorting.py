@@ -110,8 +110,8 @@ def _element(array: Any, key: Any, name: str) -> Any:
     """Return the type of an element: the type of the key's input, or the scalar type that holds the array's numbers."""
     if key is None:
         return scalar_of(array.dtype, name)
-    wanted = f"sh.{name} over a Dask array takes a program of one scalar or vector as key"
-    return element_of(key, wanted, "@sh.program of one sh.Attrib3f that gives one number")
+    message = f"sh.{name} over a Dask array takes a program of one scalar or vector as key"
+    return element_of(key, message, "@sh.program of one sh.Attrib3f that gives one number")
 
 
 def _sorted(block: Any, start: int, packed: bytes, descending: bool, keeps: bool) -> Part:

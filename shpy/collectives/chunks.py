@@ -75,12 +75,12 @@ def scan_chunks(reduce: Reduce, scan: Callable[..., Any], program: Program, arra
     options = {"dtype": dtype, "meta": totals._meta, "scan": scan, "packed": packed}
     ends = da.blockwise(_scanned, labels, totals.rechunk(-1), labels, exclusive=False, **options).rechunk({0: 1})
     before = da.concatenate((ends[:1], ends[:-1]))
-    found = da.blockwise(
+    prefixes = da.blockwise(
         _scanned, labels, blocks, labels, before, labels, ends, labels, da.arange(len(ends), chunks=1), (0,),
         align_arrays=False, adjust_chunks={0: blocks.chunks[0]}, exclusive=exclusive,
         size=size, **options,
     )  # fmt: skip
-    return found.reshape(array.shape)
+    return prefixes.reshape(array.shape)
 
 
 def _scanned(
@@ -100,8 +100,8 @@ def _scanned(
         None if a is None else Stream(a, cls, "numpy")
         for a in (before if np.any(place) else None, last if len(block) == size else None)
     ]
-    found: NDArray[Any] = scan(program, Stream(block, cls, "numpy"), exclusive, *around)
-    return found
+    prefixes: NDArray[Any] = scan(program, Stream(block, cls, "numpy"), exclusive, *around)
+    return prefixes
 
 
 def _checked(program: Any, array: Any, name: str) -> tuple[Any, Shape, int]:
@@ -109,8 +109,8 @@ def _checked(program: Any, array: Any, name: str) -> tuple[Any, Shape, int]:
 
     Raises ShpyTypeError if the program does not fit the array, and for structs, which are several arrays.
     """
-    wanted = f"sh.{name} over a Dask array takes a program of two scalars or vectors"
-    cls = element_of(program, wanted, "add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it")
+    message = f"sh.{name} over a Dask array takes a program of two scalars or vectors"
+    cls = element_of(program, message, "add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f, with @sh.program before it")
     shape = shape_before_data("the array", cls, array, dtypes_at("f32")[cls.base])
     tail = array.ndim - len(shape)
     check_combination(program, Stream(np.zeros((1, cls.size)[: 1 + tail], array.dtype), cls, "numpy"), name)

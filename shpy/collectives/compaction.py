@@ -37,10 +37,10 @@ def compact(stream: Any, mask: Any) -> Compacted:
     """
     if is_lazy(stream):
         return Compacted(*compact_chunks(stream, mask))
-    given = check_stream(stream, "compact")
-    place = given.place
-    marks = mask_at(place, mask, given.shape)
+    elements = check_stream(stream, "compact")
+    place = elements.place
+    marks = mask_at(place, mask, elements.shape)
     leaves = Leaves(place)
     index = leaves.select(marks)
-    taken = [leaves.take(entry.memory, index) for entry in given.leaf_entries()]
-    return Compacted(shaped(given, taken, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))
+    memories = [leaves.take(entry.memory, index) for entry in elements.leaf_entries()]
+    return Compacted(shaped(elements, memories, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))

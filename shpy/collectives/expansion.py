@@ -43,25 +43,25 @@ def expand(stream: Stream, counts: Any) -> Expanded:
     the call waits for the device to know n; the elements stay there. Raises ShpyTypeError for counts of another type,
     shape or device, and for a sum of 2**31 - 1 or more.
     """
-    given = check_stream(stream, "expand")
-    memory, shape = indices_at(given.place, counts, "counts")
-    if shape != given.shape:
+    elements = check_stream(stream, "expand")
+    memory, shape = indices_at(elements.place, counts, "counts")
+    if shape != elements.shape:
         cure = "an int for each element"
-        raise ShpyTypeError(f"counts has the shape {shape}, and the stream {given.shape}", loc=here(), cure=cure)
-    leaves = Leaves(given.place)
-    ends, total = _ends(given, memory)
-    index = Stream.empty((0,), Attrib1i, *given.place)
+        raise ShpyTypeError(f"counts has the shape {shape}, and the stream {elements.shape}", loc=here(), cure=cure)
+    leaves = Leaves(elements.place)
+    ends, total = _ends(elements, memory)
+    index = Stream.empty((0,), Attrib1i, *elements.place)
     if total:
         index = _owners().compile_for(ends)(Table(ends), shape=(total,))
     source = index.leaf_entries()[0].memory
-    taken = [leaves.take(entry.memory, source) for entry in given.leaf_entries()]
-    return Expanded(shaped(given, taken, (total,)), index)
+    memories = [leaves.take(entry.memory, source) for entry in elements.leaf_entries()]
+    return Expanded(shaped(elements, memories, (total,)), index)
 
 
-def _ends(given: Stream, memory: Any) -> tuple[Stream, int]:
+def _ends(elements: Stream, memory: Any) -> tuple[Stream, int]:
     """Return where the copies of each element end, and the number of all."""
-    numbers = Stream.over(Attrib1i, (given.size,), given.place, [memory])
-    if not given.size:
+    numbers = Stream.over(Attrib1i, (elements.size,), elements.place, [memory])
+    if not elements.size:
         return numbers, 0
     ends = scan(_joined(), _kept().compile_for(numbers)(numbers))
     total = int(ends[-1])

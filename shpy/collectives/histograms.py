@@ -45,20 +45,20 @@ def histogram(stream: Stream, bins: int | Sequence[float], range: tuple[float, f
     The stream holds numbers of one component and may have several axes. Raises ShpyTypeError for other streams, edges
     that descend, are NaN or stand beside a range, and numbers of bins below 1.
     """
-    given = check_stream(stream, "histogram")
-    base = _base(given)
+    elements = check_stream(stream, "histogram")
+    base = _base(elements)
     try:
         with np.errstate(all="ignore"):  # the numbers beside the greatest and the least one overflow and underflow
-            return _histogram(given, base, bins, range)
+            return _histogram(elements, base, bins, range)
     except (MemoryError, OverflowError) as error:
         raise ShpyError(
             f"a histogram of {bins!r} bins needs more memory than there is", loc=here(), cure="fewer bins"
         ) from error
 
 
-def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
-    leaves = Leaves(given.place)
-    line = retyped(given, given.type, (given.size,))
+def _histogram(elements: Stream, base: Base, bins: Any, range: Any) -> Stream:
+    leaves = Leaves(elements.place)
+    line = retyped(elements, elements.type, (elements.size,))
     if isinstance(bins, int | np.integer) and range is None:
         count = _checked_count(bins)
         if base in (Base.F, Base.D, Base.H):
@@ -67,22 +67,22 @@ def _histogram(given: Stream, base: Base, bins: Any, range: Any) -> Stream:
             )
         numbers = _entry(line)
     else:
-        edges = _edges(bins, range, _entry(given).dtype)
+        edges = _edges(bins, range, _entry(elements).dtype)
         count = len(edges) - 1
-        lower, last = _exact(edges, _entry(given).dtype)
+        lower, last = _exact(edges, _entry(elements).dtype)
         if not len(lower) or not line.size:
-            return Stream.empty(count, Attrib1i, *given.place)
+            return Stream.empty(count, Attrib1i, *elements.place)
         edge: Any = CLASSES["Attrib", 1, base]
-        if is_mapped(given.place, edge):
+        if is_mapped(elements.place, edge):
             keys = mapping().compile("numpy")
             lower, last, edge = keys(lower), keys(last), Attrib1u
-        table = Stream(lower, edge, *given.place)
+        table = Stream(lower, edge, *elements.place)
         inputs = {"x": line, "edges": table, "last": last, "bins": np.array([count], np.int32)}
         equal = isinstance(bins, int | np.integer) and base is Base.F
         if equal:
             inputs |= _spacing(edges)
-        numbers = _entry(run_over(given.place, _locating(line.type, edge, equal), line.size, **inputs))
-    return Stream.over(Attrib1i, (count,), given.place, [leaves.tally(numbers, count)])
+        numbers = _entry(run_over(elements.place, _locating(line.type, edge, equal), line.size, **inputs))
+    return Stream.over(Attrib1i, (count,), elements.place, [leaves.tally(numbers, count)])
 
 
 def _entry(stream: Stream) -> Any:

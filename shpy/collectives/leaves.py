@@ -45,8 +45,8 @@ class Leaves:
             return self._own.select(mask)  # type: ignore[no-any-return]
         levels = [self._stream(mask)]
         while len(levels) == 1 or len(levels[-1]) > 1:
-            made = _counting(levels[-1].type)
-            levels.append(self._run(made, -(-len(levels[-1]) // _TILE), level=levels[-1]))
+            program = _counting(levels[-1].type)
+            levels.append(self._run(program, -(-len(levels[-1]) // _TILE), level=levels[-1]))
         total = int(levels[-1].numpy()[0])
         if not total:
             return self._ints(0)
@@ -63,8 +63,8 @@ class Leaves:
             return self._place.space.allocate(0, source.type, source.dtype)
         if self._own.take is not None:
             return self._own.take(source, index)  # type: ignore[no-any-return]
-        made = _taking(element_class(source), element_class(index))
-        return _memory(self._run(made, index.count, index=self._stream(index), source=self._stream(source)))
+        program = _taking(element_class(source), element_class(index))
+        return _memory(self._run(program, index.count, index=self._stream(index), source=self._stream(source)))
 
     def put(self, values: Memory, index: Memory, target: Memory) -> Memory:
         """Return memory, possibly the target, with each value at its index; the last of several values stays.
@@ -78,9 +78,9 @@ class Leaves:
             self._own.put(values, index, target)
             return target
         keys, order = self._in_order(index, False)
-        made = _putting(element_class(target), element_class(index))
-        old, given = self._stream(target), self._stream(values)
-        return _memory(self._run(made, target.count, old=old, keys=keys, order=order, given=given))
+        program = _putting(element_class(target), element_class(index))
+        old, source = self._stream(target), self._stream(values)
+        return _memory(self._run(program, target.count, old=old, keys=keys, order=order, given=source))
 
     def sort(self, keys: Memory, descending: bool) -> Memory:
         """Return the elements in order."""
@@ -96,8 +96,8 @@ class Leaves:
         if self._own.order is not None:
             return self._own.order(keys, descending, below)  # type: ignore[no-any-return]
         if below is not None:
-            given, last = self._stream(keys), np.array([below - 1], keys.dtype)
-            keys = _memory(self._run(_clamping(given.type), keys.count, key=given, last=last))
+            stream, last = self._stream(keys), np.array([below - 1], keys.dtype)
+            keys = _memory(self._run(_clamping(stream.type), keys.count, key=stream, last=last))
         return _memory(self._in_order(keys, descending)[1])
 
     def tally(self, numbers: Memory, bins: int) -> Memory:
@@ -121,35 +121,35 @@ class Leaves:
         if is_mapped(self._place, now.type):
             now = self._run(mapping(), keys.count, x=now)
         order = self._run(_numbering(), keys.count)
-        made = _merging(now.type, descending)
+        program = _merging(now.type, descending)
         length = 1
         while length < keys.count:
-            now, order = self._run(made, keys.count, length=np.array([length], np.int32), keys=now, order=order)
+            now, order = self._run(program, keys.count, length=np.array([length], np.int32), keys=now, order=order)
             length *= 2
         return now, order
 
     def _stream(self, memory: Memory) -> Stream:
         return over_leaf(self._place, memory)
 
-    def _run(self, made: Program, count: int, **inputs: Any) -> Any:
-        return run_over(self._place, made, count, **inputs)
+    def _run(self, program: Program, count: int, **inputs: Any) -> Any:
+        return run_over(self._place, program, count, **inputs)
 
     def _ints(self, count: int) -> Memory:
         return self._place.space.allocate(count, Attrib1i.type, np.dtype(np.int32))
 
 
-def run_over(place: Place, made: Program, count: int, out: Any = None, **inputs: Any) -> Any:
+def run_over(place: Place, program: Program, count: int, out: Any = None, **inputs: Any) -> Any:
     """Run a program over `count` elements at a place; a stream given for a Table is read as a Table.
 
     Returns the outputs; with `out`, into which they are written, the Result of the run.
     """
-    kernel = made.compile_at(place)
-    given = {n: Table(s) if isinstance(made.inputs[n], TableType) else s for n, s in inputs.items()}
+    kernel = program.compile_at(place)
+    arguments = {n: Table(s) if isinstance(program.inputs[n], TableType) else s for n, s in inputs.items()}
     if out is not None:
-        return kernel.run(**given, out=out, shape=(count,))
+        return kernel.run(**arguments, out=out, shape=(count,))
     if inputs:
-        return kernel(**given, shape=(count,))
-    (result,) = made.outputs.values()
+        return kernel(**arguments, shape=(count,))
+    (result,) = program.outputs.values()
     return kernel.run(out=Stream.fresh((count,), result, place)).outputs
 
 

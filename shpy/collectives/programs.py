@@ -47,7 +47,7 @@ def annotated(function: Callable[..., Any], **types: Any) -> Program:
 
 @lru_cache(maxsize=256)
 def folding(
-    combine: Program, element: Any, made: Any, lift: Lift | None, rank: int, width: int, fours: Any = None
+    combine: Program, element: Any, value_type: Any, lift: Lift | None, rank: int, width: int, fours: Any = None
 ) -> Program:
     """Record the program that combines `width` neighbours as a tree, on the only axis or on the middle one of 3.
 
@@ -75,7 +75,7 @@ def folding(
         def lifted(k: int, value: Any) -> Any:
             return value if lift is None else lift(value, first + k)
 
-        result = zeros(made)
+        result = zeros(value_type)
         with SH_IF(first + width <= extent):
             vectors = [whole[block * (width // 4) + k] for k in range(width // 4)]
             values = [lifted(k, vectors[k // 4][k % 4]) for k in range(width)]
@@ -86,28 +86,28 @@ def folding(
 
     table = TableType(element, rank)
     if fours is None:
-        return annotated(fold, data=table, out=made)
-    return annotated(fold_fours, data=table, whole=TableType(fours, 1), out=made)
+        return annotated(fold, data=table, out=value_type)
+    return annotated(fold_fours, data=table, whole=TableType(fours, 1), out=value_type)
 
 
 @lru_cache(maxsize=64)
-def lifting(lift: Lift, element: Any, made: Any) -> Program:
+def lifting(lift: Lift, element: Any, value_type: Any) -> Program:
     """Record the program that converts each element and its index to a value to combine."""
 
     def lifted(x: Any, i: Any) -> Any:
         return lift(x, i)
 
-    return annotated(lifted, x=element, i=Attrib1i, out=made)
+    return annotated(lifted, x=element, i=Attrib1i, out=value_type)
 
 
 @lru_cache(maxsize=64)
-def lifted_pairs(lift: Lift, combine: Program, element: Any, made: Any) -> Program:
+def lifted_pairs(lift: Lift, combine: Program, element: Any, value_type: Any) -> Program:
     """Record one program with two results: a lifted element, and two combined ones; devices use either."""
 
     def both(x: Any, i: Any, a: Any, b: Any) -> Any:
         return lift(x, i), combine(a, b)
 
-    return annotated(both, x=element, i=Attrib1i, a=made, b=made, out=tuple[made, made])
+    return annotated(both, x=element, i=Attrib1i, a=value_type, b=value_type, out=tuple[value_type, value_type])
 
 
 @lru_cache(maxsize=256)
@@ -223,7 +223,7 @@ class Reduction(NamedTuple):
     """
 
     combine: Program
-    made: Any
+    value_type: Any
     lift: Lift | None = None
     finish: Program | None = None
     leaf: int | None = None
@@ -240,13 +240,13 @@ def over_structs(combine: Program) -> tuple[Program, Any]:
     if not any(isinstance(part, Group) and part.form != "struct" for part in (layout, output)):
         return combine, element
     fields = {f"part{k}": cls for k, (_, _, cls) in enumerate(leaves(layout, ""))}
-    made = struct(type("Element", (), {"__annotations__": fields}))
+    structure = struct(type("Element", (), {"__annotations__": fields}))
 
     def combined(a: Any, b: Any) -> Any:
-        given = (build_values(layout, iter(leaves_of(x))) for x in (a, b))
-        return build_values(layout_of(made, "an element"), iter(leaves_of(combine(*given))))
+        arguments = (build_values(layout, iter(leaves_of(x))) for x in (a, b))
+        return build_values(layout_of(structure, "an element"), iter(leaves_of(combine(*arguments))))
 
-    return annotated(combined, a=made, b=made, out=made), made
+    return annotated(combined, a=structure, b=structure, out=structure), structure
 
 
 @lru_cache(maxsize=256)
@@ -276,12 +276,12 @@ def wide_sums(size: int, method: str) -> Reduction:
 @lru_cache(maxsize=16)
 def conversion(size: int, source: Base, target: Base) -> Program:
     """Record the program that converts scalars or vectors from one base to another."""
-    made = CLASSES["Attrib", size, target]
+    target_type = CLASSES["Attrib", size, target]
 
     def convert(x: Any) -> Any:
-        return made(x)
+        return target_type(x)
 
-    return annotated(convert, x=CLASSES["Attrib", size, source], out=made)
+    return annotated(convert, x=CLASSES["Attrib", size, source], out=target_type)
 
 
 def _compensated_sums(cls: Any) -> Reduction:

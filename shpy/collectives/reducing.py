@@ -103,13 +103,13 @@ def _float(size: int) -> Any:
     return CLASSES["Attrib", size, Base.F]
 
 
-def _narrowed(found: Any, stream: Stream, axis: int | None) -> Any:
+def _narrowed(results: Any, stream: Stream, axis: int | None) -> Any:
     """Return results in binary32, of a stream of binary16, rounded to binary16."""
     if axis is None:
         with np.errstate(over="ignore"):
-            return found.astype(np.float16)
+            return results.astype(np.float16)
     size, base = _element(stream, "sum")
-    halves = _half(_finished(conversion(size, Base.F, Base.H), found), size, stream.place)
+    halves = _half(_finished(conversion(size, Base.F, Base.H), results), size, stream.place)
     return halves if base is Base.H else _finished(conversion(size, Base.H, Base.F), halves)
 
 
@@ -136,7 +136,7 @@ def _mean(stream: Stream, axis: int | None) -> Any:
 def _wide_mean(stream: Stream, axis: int | None, size: int, count: int) -> Any:
     """Return the mean of binary16 in binary32."""
     kind, rows = wide_sums(size, "pairwise"), _rows(_widened(stream, size), axis)
-    total = _folded(rows, axis, kind.combine, kind.made, kind.lift)
+    total = _folded(rows, axis, kind.combine, kind.value_type, kind.lift)
     if not _holds(np.dtype(np.float32), count):
         return _result(_divided_on_host(total, count), stream, axis, total.type)
     return _result(_finished(quotient(size, Base.F), total, float(count)), stream, axis, total.type)
@@ -163,13 +163,13 @@ def _exact(stream: Stream, axis: int | None, size: int) -> Any:
     memory = stream.leaf_entries()[0].memory
     if size == 1 and memory.dtype == np.float32 and rows.size and not stream.place.space.on_host:
         words = _sums_on_device(rows).reshape(before, -1, after, WORDS + 1)
-        found = sums_of_blocks(np.moveaxis(words, 1, 2).reshape(before * after, -1, WORDS + 1))
+        exact = sums_of_blocks(np.moveaxis(words, 1, 2).reshape(before * after, -1, WORDS + 1))
     else:
         array = memory.read().reshape(*shape, size)
-        found = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, shape[1]))
+        exact = exact_sums(np.moveaxis(array, 1, -1).reshape(before * after * size, shape[1]))
     kept = (before * after, size) if size > 1 else (before * after,)
-    made = Stream(found.reshape(kept), stream.type, *stream.place)
-    return _result(made, stream, axis, stream.type)
+    result = Stream(exact.reshape(kept), stream.type, *stream.place)
+    return _result(result, stream, axis, stream.type)
 
 
 def _sums_on_device(rows: Stream) -> NDArray[Any]:
@@ -177,8 +177,8 @@ def _sums_on_device(rows: Stream) -> NDArray[Any]:
     axis = len(rows.shape) // 2
     shape = (*rows.shape[:axis], -(-rows.shape[axis] // BLOCK), *rows.shape[axis + 1 :])
     data = Table(retyped(rows, Attrib1f, rows.shape))
-    found = accumulating(len(rows.shape)).compile_for(rows)(data, shape=shape)
-    return np.concatenate([leaf.memory.read() for leaf in found.leaf_entries()], axis=-1)
+    words = accumulating(len(rows.shape)).compile_for(rows)(data, shape=shape)
+    return np.concatenate([leaf.memory.read() for leaf in words.leaf_entries()], axis=-1)
 
 
 def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
@@ -267,21 +267,21 @@ def _empty(name: str, cure: str) -> ShpyTypeError:
     return ShpyTypeError(f"{name} of no elements has no result", loc=here(), cure=cure)
 
 
-def _reduced(stream: Stream, axis: int | None, kind: Reduction, made: Any, empty: Any, name: str = "") -> Any:
+def _reduced(stream: Stream, axis: int | None, kind: Reduction, value_type: Any, empty: Any, name: str = "") -> Any:
     """Run a reduction; without elements return `empty`, or raise ShpyTypeError if that is None."""
     rows = _rows(stream, axis)
     if not rows.shape[len(rows.shape) // 2]:
         if empty is None:
             raise _empty(name, "a stream with elements")
-        return _filled(stream, axis, made, empty)
+        return _filled(stream, axis, value_type, empty)
     if not rows.size:  # another axis has no elements
-        return _filled(stream, axis, made, 0)
-    found = _folded(rows, axis, kind.combine, kind.made, kind.lift)
+        return _filled(stream, axis, value_type, 0)
+    results = _folded(rows, axis, kind.combine, kind.value_type, kind.lift)
     if kind.leaf is not None:
-        found = Stream.over(made, found.shape, found.place, [found.leaf_entries()[kind.leaf].memory])
+        results = Stream.over(value_type, results.shape, results.place, [results.leaf_entries()[kind.leaf].memory])
     if kind.finish is not None:
-        found = _finished(kind.finish, found)
-    return _result(found, stream, axis, made)
+        results = _finished(kind.finish, results)
+    return _result(results, stream, axis, value_type)
 
 
 def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
@@ -289,22 +289,22 @@ def _folded(rows: Stream, axis: int | None, *how: Any) -> Stream:
     return fold_to_host(rows, *how) if axis is None else fold(rows, *how)
 
 
-def _finished(program: Program, found: Stream, *others: Any) -> Stream:
+def _finished(program: Program, results: Stream, *others: Any) -> Stream:
     """Run the finishing program over the results."""
-    finished: Stream = program.compile_for(found)(found, *others)
+    finished: Stream = program.compile_for(results)(results, *others)
     return finished
 
 
-def _filled(stream: Stream, axis: int | None, made: Any, value: Any) -> Any:
-    shape = _left(stream, axis) + ((made.size,) if made.size > 1 else ())
-    array = np.full(shape, value, dtypes_at(stream.precision)[made.base])
-    return array[()] if axis is None else Stream(array, made, *stream.place)
+def _filled(stream: Stream, axis: int | None, value_type: Any, value: Any) -> Any:
+    shape = _left(stream, axis) + ((value_type.size,) if value_type.size > 1 else ())
+    array = np.full(shape, value, dtypes_at(stream.precision)[value_type.base])
+    return array[()] if axis is None else Stream(array, value_type, *stream.place)
 
 
-def _result(found: Stream, stream: Stream, axis: int | None, made: Any) -> Any:
+def _result(results: Stream, stream: Stream, axis: int | None, value_type: Any) -> Any:
     """Return the host's result for all elements, or a stream along an axis that shares no memory with the input."""
-    result = retyped(found, made, _left(stream, axis))
+    result = retyped(results, value_type, _left(stream, axis))
     if axis is None:
         return result[()]
     pairs = itertools.product(result.leaf_entries(), stream.leaf_entries())
-    return result.copy() if any(overlap(made.memory, given.memory) for made, given in pairs) else result
+    return result.copy() if any(overlap(output.memory, source.memory) for output, source in pairs) else result

@@ -67,10 +67,10 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
         return Stream.empty(stream.shape, stream.type, *stream.place)
     own = own_tree(stream.place, program, element, element, None)
     if own is not None:
-        found = _by(own, flat, exclusive)
+        prefixes = _by(own, flat, exclusive)
     else:
-        found = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
-    return retyped(found, stream.type, stream.shape)
+        prefixes = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
+    return retyped(prefixes, stream.type, stream.shape)
 
 
 def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:
@@ -78,9 +78,9 @@ def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:
     above = None
     if stream.size > own.each(stream.size):
         above = memories_of(_by(own, fold_parts(own, stream, stream.type), False))
-    made = Stream.fresh(stream.shape, stream.type, stream.place)
-    own.scan(memories_of(stream), above, memories_of(made), exclusive)
-    return made
+    prefixes = Stream.fresh(stream.shape, stream.type, stream.place)
+    own.scan(memories_of(stream), above, memories_of(prefixes), exclusive)
+    return prefixes
 
 
 def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
@@ -97,15 +97,15 @@ def _on_device(program: Program, stream: Stream, exclusive: bool) -> Stream:
 
 def _down_on_device(program: Program, level: Stream, above: Stream, exclusive: bool) -> Stream:
     """Run a pass of the down-sweep; one element of the run computes four scalars if memory can be read as vectors."""
-    found: Stream
+    prefixes: Stream
     fours = in_fours(level)
     if fours is None:
         down = scanning(program, level.type, exclusive).compile_for(level)
-        found = down(Table(level), Table(above), shape=level.shape)
-        return found
+        prefixes = down(Table(level), Table(above), shape=level.shape)
+        return prefixes
     down = scanning_fours(program, level.type, fours.type, exclusive).compile_for(level)
-    found = down(Table(level), Table(fours), Table(above), shape=(-(-level.size // 4),))
-    leaf = found.leaf_entries()[0]
+    prefixes = down(Table(level), Table(fours), Table(above), shape=(-(-level.size // 4),))
+    leaf = prefixes.leaf_entries()[0]
     memory = level.place.space.view(leaf.memory, leaf.memory.type.scalar, level.size)
     assert memory is not None
     return Stream.over(level.type, level.shape, level.place, [memory])
@@ -117,8 +117,8 @@ def _scan_block(
     """Scan a block on the host as a part of a longer stream: see `_on_host`."""
     program, element = combination(program, stream, "scan")
     around = [None if s is None else arrays_of(retyped(s, element, (1,))) for s in (before, last)]
-    found = _on_host(program, retyped(stream, element, (stream.size,)), exclusive, *around)
-    return np.asarray(retyped(found, stream.type, stream.shape))
+    prefixes = _on_host(program, retyped(stream, element, (stream.size,)), exclusive, *around)
+    return np.asarray(retyped(prefixes, stream.type, stream.shape))
 
 
 def _on_host(
@@ -146,12 +146,12 @@ def _on_host(
 def _down_on_host(program: Program, level: Arrays, above: Arrays, stream: Stream, before: Arrays | None) -> Arrays:
     n = level[0].shape[1]
     odd = run_pairs(program, [a[:, : (n - 1) // 2] for a in above], [a[:, 2::2] for a in level], stream.type, stream)
-    found = [np.empty_like(a) for a in level]
+    prefixes = [np.empty_like(a) for a in level]
     starts = [a[:, :1] for a in level]
     if before is not None:
         starts = run_pairs(program, before, starts, stream.type, stream)
-    for made, first, pair, rest in zip(found, starts, above, odd, strict=True):
-        made[:, 0] = first[:, 0]
-        made[:, 1::2] = pair[:, : n // 2]
-        made[:, 2::2] = rest
-    return found
+    for target, first, pair, rest in zip(prefixes, starts, above, odd, strict=True):
+        target[:, 0] = first[:, 0]
+        target[:, 1::2] = pair[:, : n // 2]
+        target[:, 2::2] = rest
+    return prefixes

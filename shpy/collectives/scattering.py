@@ -51,14 +51,16 @@ def gather(stream: Any, index: Any, type: Any = None) -> Any:
     """
     if is_lazy(stream) or is_lazy(index):
         return gather_chunks(stream, index, type)
-    given = check_stream(stream, "gather")
+    elements = check_stream(stream, "gather")
     if type is not None:
-        raise ShpyTypeError(f"type= beside {given!r}, which has its own", loc=here(), cure="sh.gather(stream, index)")
-    memory, shape = indices_at(given.place, index, "index")
-    if memory.count and not given.size:
+        raise ShpyTypeError(
+            f"type= beside {elements!r}, which has its own", loc=here(), cure="sh.gather(stream, index)"
+        )
+    memory, shape = indices_at(elements.place, index, "index")
+    if memory.count and not elements.size:
         raise ShpyTypeError("gather from a stream without elements", loc=here(), cure="a stream of one element or more")
-    leaves_at = Leaves(given.place)
-    return shaped(given, [leaves_at.take(entry.memory, memory) for entry in given.leaf_entries()], shape)
+    leaves_at = Leaves(elements.place)
+    return shaped(elements, [leaves_at.take(entry.memory, memory) for entry in elements.leaf_entries()], shape)
 
 
 @in_ieee_arithmetic
@@ -80,23 +82,23 @@ def scatter(
     """
     if is_lazy(values) or is_lazy(index):
         return scatter_chunks(scatter, values, index, shape, combine, out)
-    given = check_stream(values, "scatter")
-    memory, index_shape = indices_at(given.place, index, "index")
-    if index_shape != given.shape:
+    elements = check_stream(values, "scatter")
+    memory, index_shape = indices_at(elements.place, index, "index")
+    if index_shape != elements.shape:
         raise ShpyTypeError(
-            f"index has the shape {index_shape}, and the values {given.shape}", loc=here(), cure="an index a value"
+            f"index has the shape {index_shape}, and the values {elements.shape}", loc=here(), cure="an index a value"
         )
     if combine is not None:
-        check_combination(combine, given, "scatter")
-    target = _target(given, shape, out)
-    if combine is None or given.size == 0 or target.size == 0:
-        leaves_at = Leaves(given.place)
-        for entry, value in zip(target.leaf_entries(), given.leaf_entries(), strict=True):
+        check_combination(combine, elements, "scatter")
+    target = _target(elements, shape, out)
+    if combine is None or elements.size == 0 or target.size == 0:
+        leaves_at = Leaves(elements.place)
+        for entry, value in zip(target.leaf_entries(), elements.leaf_entries(), strict=True):
             put = leaves_at.put(value.memory, memory, entry.memory)
             if put is not entry.memory:
                 entry.replace(put)
     else:
-        _fold(given, memory, target, combine)
+        _fold(elements, memory, target, combine)
     return target
 
 
@@ -107,11 +109,11 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
         return Stream.empty(given_shape(shape), values.type, *values.place)
     check_place(check_stream(out, "out"), values.place, "out")
     if out.type is not values.type or (shape is not None and given_shape(shape) != out.shape):
-        wanted = out.shape if shape is None else given_shape(shape)
+        expected = out.shape if shape is None else given_shape(shape)
         raise ShpyTypeError(
-            f"out is {out!r}, not {values.type.__name__} of shape {wanted}",
+            f"out is {out!r}, not {values.type.__name__} of shape {expected}",
             loc=here(),
-            cure=f"sh.Stream.empty({wanted}, {spoken_type(values.type)}, {values.backend!r})",
+            cure=f"sh.Stream.empty({expected}, {spoken_type(values.type)}, {values.backend!r})",
         )
     return out
 
@@ -129,9 +131,9 @@ def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> No
     for k, entry in enumerate(values.leaf_entries()):
         inputs[f"given{k}"] = over_leaf(place, leaves_at.take(entry.memory, order))
     out = retyped(target, target.type, (target.size,))
-    made = _folding(combine, values.type)
+    program = _folding(combine, values.type)
     for first in range(0, values.size, _AT_ONCE):
-        result = run_over(place, made, out.size, out, before=out, first=np.array([first], np.int32), **inputs)
+        result = run_over(place, program, out.size, out, before=out, first=np.array([first], np.int32), **inputs)
         if not result.count:
             break
     for now, then in zip(out.leaf_entries(), target.leaf_entries(), strict=True):
@@ -158,22 +160,22 @@ def _adding() -> Program:
 def _folding(combine: Program, element: Any) -> Program:
     """Record the program that combines up to _AT_ONCE values of each place, from the one numbered `first`.
 
-    A place has `number` values, the last of which precedes index `end` in `given`, the tables of the leaves.
+    A place has `number` values, the last of which precedes index `end` in `tables`, those of the leaves.
     """
     layout = layout_of(element, "an element")
     inputs = {"before": element, "first": Attrib1i, "number": Attrib1i, "end": Attrib1i}
-    given = {f"given{k}": TableType(cls, 1) for k, (_, _, cls) in enumerate(leaves(layout, ""))}
+    tables = {f"given{k}": TableType(cls, 1) for k, (_, _, cls) in enumerate(leaves(layout, ""))}
 
-    def fold(before: Any, first: Any, number: Any, end: Any, **given: Any) -> Any:
+    def fold(before: Any, first: Any, number: Any, end: Any, **tables: Any) -> Any:
         SH_DISCARD(first >= number)
         begin = end - number + first
         with SH_IF(first == 0):
-            store(before, build_values(layout, (table[begin] for table in given.values())))
+            store(before, build_values(layout, (table[begin] for table in tables.values())))
             begin += 1
         with SH_FOR(0, _AT_ONCE) as k:
             SH_BREAK(begin + k >= end)
-            value = build_values(layout, (table[begin + k] for table in given.values()))
+            value = build_values(layout, (table[begin + k] for table in tables.values()))
             store(before, combine(before, value))
         return before
 
-    return annotated(fold, **inputs, **given, out=element)
+    return annotated(fold, **inputs, **tables, out=element)

@@ -46,13 +46,13 @@ def sort(stream: Any, key: Program | None = None, descending: bool = False) -> A
     descending = checked_bool(descending, "descending")
     if is_lazy(stream):
         return sort_chunks(partial(host_keys, key=key, name="sort"), stream, key, descending)
-    given = check_stream(stream, "sort")
-    leaves = Leaves(given.place)
-    keys = keys_of(given, key, "sort")
+    elements = check_stream(stream, "sort")
+    leaves = Leaves(elements.place)
+    keys = keys_of(elements, key, "sort")
     if key is None:
-        return shaped(given, [leaves.sort(keys, descending)], (given.size,))
+        return shaped(elements, [leaves.sort(keys, descending)], (elements.size,))
     order = leaves.order(keys, descending)
-    return shaped(given, [leaves.take(entry.memory, order) for entry in given.leaf_entries()], (given.size,))
+    return shaped(elements, [leaves.take(entry.memory, order) for entry in elements.leaf_entries()], (elements.size,))
 
 
 @in_ieee_arithmetic
@@ -68,17 +68,17 @@ def argsort(stream: Any, key: Program | None = None, descending: bool = False, *
     descending = checked_bool(descending, "descending")
     if is_lazy(stream):
         return argsort_chunks(partial(host_keys, key=key, name="argsort", below=below), stream, key, descending)
-    given = check_stream(stream, "argsort")
-    keys = keys_of(given, key, "argsort")
-    order = Leaves(given.place).order(keys, descending, _checked_below(below, keys))
-    return Stream.over(Attrib1i, (given.size,), given.place, [order])
+    elements = check_stream(stream, "argsort")
+    keys = keys_of(elements, key, "argsort")
+    order = Leaves(elements.place).order(keys, descending, _checked_below(below, keys))
+    return Stream.over(Attrib1i, (elements.size,), elements.place, [order])
 
 
 def host_keys(stream: Stream, key: Program | None, name: str, below: int | None = None) -> NDArray[Any]:
     """Return the keys, (n,), clamped to [0, below) if `below` is given."""
     keys = keys_of(stream, key, name)
-    found, below = np.asarray(keys.read()).reshape(-1), _checked_below(below, keys)
-    return found if below is None else np.clip(found, 0, below - 1)
+    values, below = np.asarray(keys.read()).reshape(-1), _checked_below(below, keys)
+    return values if below is None else np.clip(values, 0, below - 1)
 
 
 def _checked_below(below: int | None, keys: Memory) -> int | None:
@@ -95,8 +95,8 @@ def _checked_below(below: int | None, keys: Memory) -> int | None:
 
 def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
     """Return the memory of the keys: those of `key`, or the elements themselves."""
-    found = stream if key is None else _computed(stream, key, name)
-    entries = found.leaf_entries()
+    elements = stream if key is None else _computed(stream, key, name)
+    entries = elements.leaf_entries()
     if len(entries) != 1 or entries[0].memory.type.size != 1:
         raise ShpyTypeError(
             f"{stream!r} has elements of several components, which have no order",
@@ -109,9 +109,9 @@ def keys_of(stream: Stream, key: Program | None, name: str) -> Memory:
 
 def _computed(stream: Stream, key: Any, name: str) -> Any:
     """Return the key of each element; ShpyTypeError unless `key` is a program from an element to a scalar."""
-    wanted = f"@sh.program of one {spoken_type(stream.type)} that gives one number"
+    cure = f"@sh.program of one {spoken_type(stream.type)} that gives one number"
     if not isinstance(key, Program):
-        raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=wanted)
+        raise ShpyTypeError(f"sh.{name} takes a program as key, not {type(key).__name__}", loc=here(), cure=cure)
     inputs = list(key.inputs.values())
     if (
         len(inputs) != 1
@@ -119,5 +119,5 @@ def _computed(stream: Stream, key: Any, name: str) -> Any:
         or leaf_types(inputs[0]) != leaf_types(stream.type)
         or [cls.size for cls in key.outputs.values()] != [1]
     ):
-        raise ShpyTypeError(f"{key!r} is no key for {stream!r}", loc=here(), cure=wanted)
+        raise ShpyTypeError(f"{key!r} is no key for {stream!r}", loc=here(), cure=cure)
     return key.compile_for(stream)(stream)

@@ -66,12 +66,12 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
             cure="@sh.program before the function",
         )
     element = spoken_type(stream.type)
-    wanted = f"{program.name}(a: {element}, b: {element}) -> {element}"
+    signature = f"{program.name}(a: {element}, b: {element}) -> {element}"
     if not _fits(program, stream.type):
         raise ShpyTypeError(
             f"sh.{name} combines two elements of {stream!r} into one, and {program!r} does not",
             loc=here(),
-            cure=wanted,
+            cure=signature,
         )
     _check_body(program, name)
 
@@ -81,8 +81,8 @@ def _fits(program: Program, type_: Any) -> bool:
     """Return whether the program takes two elements of a type and returns one."""
     element = leaf_types(type_)
     inputs = program.inputs.values()
-    taken = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
-    return taken == [element, element] and [cls.type for cls in program.outputs.values()] == element
+    types = [None if isinstance(t, TableType | TextureType) or t is None else leaf_types(t) for t in inputs]
+    return types == [element, element] and [cls.type for cls in program.outputs.values()] == element
 
 
 def _check_body(program: Program, name: str) -> None:
@@ -102,39 +102,39 @@ def leaf_types(type_: Any) -> list[Any]:
     return [cls.type for _, _, cls in leaves(layout_of(type_, "an element"), "")]
 
 
-def fold(stream: Stream, combine: Program, made: Any = None, lift: Lift | None = None) -> Stream:
+def fold(stream: Stream, combine: Program, value_type: Any = None, lift: Lift | None = None) -> Stream:
     """Reduce a stream of shape (n,), or (a, n, b) along its middle axis, to (1,) or (a, 1, b); n is at least 1.
 
-    `lift` converts each element and its index along the axis to a value of type `made`, which `combine` takes.
+    `lift` converts each element and its index along the axis to a value of type `value_type`, which `combine` takes.
     """
-    made = stream.type if made is None else made
+    value_type = stream.type if value_type is None else value_type
     axis = len(stream.shape) // 2
     before, after = stream.shape[:axis], stream.shape[axis + 1 :]
     if not stream.size:
-        return Stream.empty((*before, 1, *after), made, *stream.place)
+        return Stream.empty((*before, 1, *after), value_type, *stream.place)
     if stream.shape[axis] == 1 and lift is None:
         return stream
     if stream.place.space.on_host:
-        return _fold_on_host(stream, combine, made, lift)
-    own = None if before else own_tree(stream.place, combine, stream.type, made, lift)
+        return _fold_on_host(stream, combine, value_type, lift)
+    own = None if before else own_tree(stream.place, combine, stream.type, value_type, lift)
     if own is not None:
-        return _fold_by(own, stream, combine, made)
+        return _fold_by(own, stream, combine, value_type)
     width = width_for(combine)
     while stream.shape[axis] > 1 or lift is not None:
         shape = (*before, -(-stream.shape[axis] // width), *after)
-        stream = run_level(stream, shape, combine, made, lift, width)
+        stream = run_level(stream, shape, combine, value_type, lift, width)
         lift = None
     return stream
 
 
 @lru_cache(maxsize=256)
-def own_tree(place: Place, combine: Program, element: Any, made: Any, lift: Lift | None) -> Tree | None:
+def own_tree(place: Place, combine: Program, element: Any, value_type: Any, lift: Lift | None) -> Tree | None:
     """Return the device's own implementation of fold and scan for a program; None if it has none."""
     tree = place.space.collectives.tree
     if tree is None:
         return None
-    types = NodeTypes(tuple(leaf_types(element)), tuple(leaf_types(made)), lift is not None)
-    both = combine if lift is None else lifted_pairs(lift, combine, element, made)
+    types = NodeTypes(tuple(leaf_types(element)), tuple(leaf_types(value_type)), lift is not None)
+    both = combine if lift is None else lifted_pairs(lift, combine, element, value_type)
     return tree(both.ir, types, place.precision)
 
 
@@ -143,39 +143,41 @@ def memories_of(stream: Stream) -> list[Memory]:
     return [leaf.memory for leaf in stream.leaf_entries()]
 
 
-def fold_parts(own: Tree, stream: Stream, made: Any) -> Stream:
+def fold_parts(own: Tree, stream: Stream, value_type: Any) -> Stream:
     """Reduce each part of a stream (n,) to one element, by the device's own kernels."""
-    parts = Stream.fresh((-(-stream.size // own.each(stream.size)),), made, stream.place)
+    parts = Stream.fresh((-(-stream.size // own.each(stream.size)),), value_type, stream.place)
     own.fold(memories_of(stream), memories_of(parts))
     return parts
 
 
-def _fold_by(own: Tree, stream: Stream, combine: Program, made: Any) -> Stream:
-    found = fold_parts(own, stream, made)
-    return found if found.size == 1 else fold(found, combine, made)
+def _fold_by(own: Tree, stream: Stream, combine: Program, value_type: Any) -> Stream:
+    parts = fold_parts(own, stream, value_type)
+    return parts if parts.size == 1 else fold(parts, combine, value_type)
 
 
-def fold_to_host(stream: Stream, combine: Program, made: Any = None, lift: Lift | None = None) -> Stream:
+def fold_to_host(stream: Stream, combine: Program, value_type: Any = None, lift: Lift | None = None) -> Stream:
     """Reduce a stream (n,) to a stream (1,) on the host: see `fold`."""
-    made = stream.type if made is None else made
+    value_type = stream.type if value_type is None else value_type
     place = stream.place
-    own = None if place.space.on_host or not stream.size else own_tree(place, combine, stream.type, made, lift)
+    own = None if place.space.on_host or not stream.size else own_tree(place, combine, stream.type, value_type, lift)
     if own is None:
-        return fold(stream, combine, made, lift).to("numpy")
+        return fold(stream, combine, value_type, lift).to("numpy")
     host = Place("numpy", 0, place.precision)
-    types = leaf_types(made)
+    types = leaf_types(value_type)
     arrays = own.reduce(memories_of(stream))
     memories = [host.space.wrap(a, t, a.dtype) for a, t in zip(arrays, types, strict=True)]
-    return Stream.over(made, (1,), host, memories)
+    return Stream.over(value_type, (1,), host, memories)
 
 
-def run_level(stream: Stream, shape: Shape, combine: Program, made: Any, lift: Lift | None, width: int) -> Stream:
+def run_level(stream: Stream, shape: Shape, combine: Program, value_type: Any, lift: Lift | None, width: int) -> Stream:
     """Run a pass that combines `width` neighbours on the only axis, or on the middle one of 3."""
     fours = in_fours(stream)
-    level = folding(combine, stream.type, made, lift, len(stream.shape), width, None if fours is None else fours.type)
+    level = folding(
+        combine, stream.type, value_type, lift, len(stream.shape), width, None if fours is None else fours.type
+    )
     tables = [Table(stream)] if fours is None else [Table(stream), Table(fours)]
-    found: Stream = level.compile_for(stream)(*tables, shape=shape)
-    return found
+    result: Stream = level.compile_for(stream)(*tables, shape=shape)
+    return result
 
 
 def in_fours(stream: Stream) -> Stream | None:
@@ -196,8 +198,8 @@ def in_fours(stream: Stream) -> Stream | None:
 def arrays_of(stream: Stream) -> list[NDArray[Any]]:
     """Return the arrays (a, n, b, N) of the leaves of a stream on the host."""
     whole = (1, *stream.shape, 1) if len(stream.shape) == 1 else stream.shape
-    found = [leaf.memory.native for leaf in stream.leaf_entries()]
-    return [array.reshape(*whole, *array.shape[1:]) for array in found]
+    arrays = [leaf.memory.native for leaf in stream.leaf_entries()]
+    return [array.reshape(*whole, *array.shape[1:]) for array in arrays]
 
 
 def over_arrays(arrays: list[NDArray[Any]], type_: Any, like: Stream) -> Stream:
@@ -224,19 +226,19 @@ def run_pairs(
     return arrays_of(kernel(*pairs))
 
 
-def _fold_on_host(stream: Stream, combine: Program, made: Any, lift: Lift | None) -> Stream:
+def _fold_on_host(stream: Stream, combine: Program, value_type: Any, lift: Lift | None) -> Stream:
     shape = stream.shape if len(stream.shape) == 3 else (1, *stream.shape, 1)
     if lift is not None:
         index = np.arange(shape[1], dtype=np.int32).reshape(1, -1, 1)
-        lifted = lifting(lift, stream.type, made).compile_for(stream)
+        lifted = lifting(lift, stream.type, value_type).compile_for(stream)
         places = over_arrays([np.broadcast_to(index, shape).copy()], Attrib1i, stream)
         stream = lifted(retyped(stream, stream.type, shape), places)
     arrays = arrays_of(stream)
     while arrays[0].shape[1] > 1:
         whole = arrays[0].shape[1] // 2 * 2
         firsts, seconds = ([a[:, k:whole:2] for a in arrays] for k in (0, 1))
-        made_pairs = run_pairs(combine, firsts, seconds, made, stream)
+        made_pairs = run_pairs(combine, firsts, seconds, value_type, stream)
         if whole < arrays[0].shape[1]:
             made_pairs = [np.concatenate((p, a[:, whole:]), axis=1) for p, a in zip(made_pairs, arrays, strict=True)]
         arrays = made_pairs
-    return over_arrays(arrays, made, stream)
+    return over_arrays(arrays, value_type, stream)
