@@ -93,17 +93,17 @@ def _accuracy(options: argparse.Namespace) -> int:
 
 def _tradeoff(options: argparse.Namespace) -> int:
     program = load(options.program)
-    found = tradeoff(
+    result = tradeoff(
         program,
         budget=options.error,
         elements=options.elements,
         progress=progress_lines("variants and rounds of timing"),
         **_shared(options, program),
     )
-    print(found.table())
-    _write(found, options.output)
+    print(result.table())
+    _write(result, options.output)
     try:
-        print(f"the pick for {options.error}: {found.pick}")
+        print(f"the pick for {options.error}: {result.pick}")
     except ShpyError as error:
         print(error, file=sys.stderr)
         return 1
@@ -122,13 +122,13 @@ def _shared(options: argparse.Namespace, program: Program | Choice) -> dict[str,
     }
 
 
-def _write(found: Any, path: Path | None) -> None:
+def _write(result: Any, path: Path | None) -> None:
     if path is None:
         return
     if path.suffix == ".json":
-        write_json(path, found.json())
+        write_json(path, result.json())
     else:
-        found.plot(path)
+        result.plot(path)
 
 
 def load(words: str) -> Program | Choice:
@@ -139,11 +139,11 @@ def load(words: str) -> Program | Choice:
     where, _, name = words.rpartition(":")
     if not where or not name:
         raise ShpyError(f"{words!r} names no program", cure="module:program, or path/to/file.py:program")
-    found = _run_module(where)
-    program = found.get(name)
+    namespace = _run_module(where)
+    program = namespace.get(name)
     if not isinstance(program, Program | Choice):
-        known = [n for n, v in found.items() if isinstance(v, Program | Choice)]
-        raise ShpyError(f"{where} has no program {name!r}", cure=", ".join(f"{where}:{n}" for n in known) or None)
+        programs = [n for n, v in namespace.items() if isinstance(v, Program | Choice)]
+        raise ShpyError(f"{where} has no program {name!r}", cure=", ".join(f"{where}:{n}" for n in programs) or None)
     return program
 
 
@@ -178,7 +178,7 @@ def _at_its_line(error: BaseException) -> ShpyError:
     return ShpyError(f"{lines[-1].filename}:{lines[-1].lineno}: {type(error).__name__}: {error}")
 
 
-def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
+def parse_domain(ranges: list[str], program: Program) -> dict[str, Any]:
     """Read each `NAME=LO:HI[:log]`; other inputs get -10 to 10, ints 0 to 100.
 
     Raises ShpyError for words that are no range of an input, and for a program that takes tables.
@@ -187,7 +187,7 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
     layouts = {name: t for name, t in inputs.items() if not isinstance(t, TableType | TextureType)}
     flat = [leaf for name, layout in layouts.items() for leaf, _, _ in leaves(layout, name)]
     domain: dict[str, Any] = {}
-    for words in said:
+    for words in ranges:
         name, _, spoken = words.partition("=")
         parts = spoken.split(":")
         try:
@@ -197,9 +197,9 @@ def parse_domain(said: list[str], program: Program) -> dict[str, Any]:
         except (ValueError, IndexError):
             raise ShpyError(f"--domain {words!r} is no range", cure="--domain x=1e-3:1e3:log") from None
         if name not in inputs and name not in flat:
-            known = f"whose inputs are {', '.join(flat)}" if flat else "which has none"
+            listing = f"whose inputs are {', '.join(flat)}" if flat else "which has none"
             raise ShpyError(
-                f"--domain {words!r}: {name or 'an empty name'} is no input of {program.name}, {known}",
+                f"--domain {words!r}: {name or 'an empty name'} is no input of {program.name}, {listing}",
                 cure=f"--domain {flat[0]}={spoken}" if flat else "no --domain",
             )
         domain[name] = (low, high, *parts[2:])

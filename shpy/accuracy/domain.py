@@ -94,8 +94,8 @@ def draw(
     types = dict(_leaves(program))
     _check(program, domain, set(types))
     _check_rank(program, 1 if types else 0)
-    found = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
-    count = max((len(a) for a in found.values()), default=1)
+    arrays = {name: _draw(_of(domain, name), type, count, rng, precision) for name, type in types.items()}
+    count = max((len(a) for a in arrays.values()), default=1)
     inside = np.ones(count, np.bool_)
     for name, type in types.items() if special else ():
         values = special_values(type, precision)
@@ -103,9 +103,9 @@ def draw(
         shape = extra[name].shape[1:]
         extra[name] = np.broadcast_to(values.reshape(-1, *(1,) * len(shape)), (len(values), *shape)).copy()
         within = _within(_of(domain, name), values)
-        found = {n: np.concatenate([found[n], extra[n][: len(values)]]) for n in types}
+        arrays = {n: np.concatenate([arrays[n], extra[n][: len(values)]]) for n in types}
         inside = np.concatenate([inside, within])
-    return Samples(_shaped(program, domain, found), found, inside)
+    return Samples(_shaped(program, domain, arrays), arrays, inside)
 
 
 def _leaves(program: Program) -> list[tuple[str, Type]]:
@@ -134,12 +134,12 @@ def _check(program: Program, domain: Domain, names: set[str]) -> None:
 
 def _check_rank(program: Program, rank: int) -> None:
     """Raise ShpyTypeError for a program whose elements have another number of axes than those of a domain."""
-    wanted = grid_rank(program.ir)
-    if wanted is not None and wanted != rank:
+    own_rank = grid_rank(program.ir)
+    if own_rank is not None and own_rank != rank:
         raise ShpyTypeError(
-            f"{program.name} uses grid_index({wanted}), and the elements of this domain have {rank} axes",
+            f"{program.name} uses grid_index({own_rank}), and the elements of this domain have {rank} axes",
             loc=here(),
-            cure=f"an input of type Attrib{wanted}i in place of sh.grid_index({wanted})",
+            cure=f"an input of type Attrib{own_rank}i in place of sh.grid_index({own_rank})",
         )
 
 
@@ -149,27 +149,27 @@ def _of(domain: Domain, name: str) -> Any:
     return domain.get(name, domain.get(head))
 
 
-def _draw(said: Any, type: Type, count: int, rng: np.random.Generator, precision: str) -> Array:
+def _draw(entry: Any, type: Type, count: int, rng: np.random.Generator, precision: str) -> Array:
     dtype = dtypes_at(precision)[type.base]
     shape = (count, type.size) if type.size > 1 else (count,)
-    if callable(said):
-        return _numbers(_sampled(said, rng, count), type, shape).astype(dtype)
-    if not isinstance(said, tuple):
-        given = _numbers(said, type, (-1, *shape[1:])).astype(dtype)
-        return given if count == len(given) else given[rng.integers(0, len(given), count)]
-    low, high, *scale = _ends(said, type)
+    if callable(entry):
+        return _numbers(_sampled(entry, rng, count), type, shape).astype(dtype)
+    if not isinstance(entry, tuple):
+        numbers = _numbers(entry, type, (-1, *shape[1:])).astype(dtype)
+        return numbers if count == len(numbers) else numbers[rng.integers(0, len(numbers), count)]
+    low, high, *scale = _ends(entry, type)
     if type.is_bool:
         return rng.integers(0, 2, shape).astype(np.bool_)
     if type.is_int:
         low, high = math.ceil(low), math.floor(high)
         if low > high:
-            raise ShpyTypeError(f"{said!r} is a range without an int", loc=here(), cure="(0, 10)")
+            raise ShpyTypeError(f"{entry!r} is a range without an int", loc=here(), cure="(0, 10)")
     if not scale and type.is_int:
         return rng.integers(low, high, shape, np.int64, endpoint=True).astype(dtype)
     if not scale:
         return rng.uniform(low, high, shape).astype(dtype)
     if scale != ["log"] or low <= 0 <= high:
-        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
+        raise ShpyTypeError(f"{entry!r} is no range", loc=here(), cure='(1e-3, 1e3, "log"), both of one sign')
     least, most = sorted((np.log(abs(low)), np.log(abs(high))))
     sizes = np.exp(rng.uniform(least, most, shape))
     drawn = np.asarray(np.copysign(sizes, low))
@@ -187,63 +187,63 @@ def _sampled(sampler: Callable[..., Any], rng: np.random.Generator, count: int) 
         raise ShpyTypeError(f"a function of a domain takes rng and count: {error}", loc=here(), cure=cure) from None
 
 
-def _numbers(said: Any, type: Type, shape: tuple[int, ...]) -> Array:
+def _numbers(entry: Any, type: Type, shape: tuple[int, ...]) -> Array:
     """Return the numbers of an array in a shape, -1 being any length above 0; raise ShpyTypeError if it has none."""
     try:
-        given = np.asarray(said)
-        found = given.reshape(shape) if given.size and given.dtype.kind in "biuf" else None
+        array = np.asarray(entry)
+        numbers = array.reshape(shape) if array.size and array.dtype.kind in "biuf" else None
     except ValueError:
-        found = None
-    if found is None:
-        wanted = f"{shape[0]} elements" if shape[0] >= 0 else "one or more elements"
-        message = f"{reprlib.repr(said)} in a domain is no array of {wanted} of type {type}"
+        numbers = None
+    if numbers is None:
+        amount = f"{shape[0]} elements" if shape[0] >= 0 else "one or more elements"
+        message = f"{reprlib.repr(entry)} in a domain is no array of {amount} of type {type}"
         raise ShpyTypeError(message, loc=here(), cure="(-1, 1), a range, or an array of numbers")
-    _check_held(found.min(), found.max(), type, reprlib.repr(said))
-    return found
+    _check_held(numbers.min(), numbers.max(), type, reprlib.repr(entry))
+    return numbers
 
 
-def _ends(said: tuple[Any, ...], type: Type) -> tuple[Any, ...]:
+def _ends(entry: tuple[Any, ...], type: Type) -> tuple[Any, ...]:
     """Return the ends of a range and its scale; raise ShpyTypeError if it has none, or they are in the wrong order."""
-    if len(said) not in (2, 3) or not all(isinstance(end, float | int | np.number) for end in said[:2]):
-        raise ShpyTypeError(f"{said!r} is no range", loc=here(), cure="(-1, 1)")
-    low, high = said[:2]
+    if len(entry) not in (2, 3) or not all(isinstance(end, float | int | np.number) for end in entry[:2]):
+        raise ShpyTypeError(f"{entry!r} is no range", loc=here(), cure="(-1, 1)")
+    low, high = entry[:2]
     if not np.isfinite(float(high) - float(low)):
-        raise ShpyTypeError(f"{said!r} is no range: its length is not finite", loc=here(), cure="(-1e30, 1e30)")
+        raise ShpyTypeError(f"{entry!r} is no range: its length is not finite", loc=here(), cure="(-1e30, 1e30)")
     if low > high:
         raise ShpyTypeError(
-            f"{said!r} is no range: its ends are in the wrong order", loc=here(), cure=f"({high}, {low})"
+            f"{entry!r} is no range: its ends are in the wrong order", loc=here(), cure=f"({high}, {low})"
         )
-    _check_held(low, high, type, repr(said))
-    return said
+    _check_held(low, high, type, repr(entry))
+    return entry
 
 
-def _check_held(low: Any, high: Any, type: Type, said: str) -> None:
+def _check_held(low: Any, high: Any, type: Type, text: str) -> None:
     """Raise ShpyTypeError if numbers from `low` to `high` are more than an int type holds."""
     if not type.is_int:
         return
-    held = np.iinfo(np.int32 if type.base is Base.I else np.uint32)
-    if not held.min <= low <= high <= held.max:
+    limits = np.iinfo(np.int32 if type.base is Base.I else np.uint32)
+    if not limits.min <= low <= high <= limits.max:
         raise ShpyTypeError(
-            f"{said} in a domain is not in the range of type {type}", loc=here(), cure=f"({held.min}, {held.max})"
+            f"{text} in a domain is not in the range of type {type}", loc=here(), cure=f"({limits.min}, {limits.max})"
         )
 
 
-def _within(said: Any, values: Array) -> Array:
+def _within(entry: Any, values: Array) -> Array:
     """Return which special values are in the domain's range, (n,) bools; an array or a function adds none."""
-    if not isinstance(said, tuple):
+    if not isinstance(entry, tuple):
         return np.zeros(len(values), np.bool_)
     if values.dtype == np.bool_:
         return np.ones(len(values), np.bool_)
-    low, high = said[:2]
+    low, high = entry[:2]
     with np.errstate(invalid="ignore"):
         return np.asarray((values >= low) & (values <= high))
 
 
-def _shaped(program: Program, domain: Domain, found: dict[str, Array]) -> tuple[Any, ...]:
-    given = []
+def _shaped(program: Program, domain: Domain, arrays: dict[str, Array]) -> tuple[Any, ...]:
+    inputs = []
     for name, layout in program.recorded.inputs.items():
         if isinstance(layout, TableType | TextureType):
-            given.append(domain[name])
+            inputs.append(domain[name])
         else:
-            given.append(build_arrays(layout, iter([found[leaf] for leaf, _, _ in leaves(layout, name)])))
-    return tuple(given)
+            inputs.append(build_arrays(layout, iter([arrays[leaf] for leaf, _, _ in leaves(layout, name)])))
+    return tuple(inputs)

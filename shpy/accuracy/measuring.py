@@ -58,9 +58,9 @@ def variants(
 
     Raises ShpyTypeError for an unknown mode or precision, BackendUnavailable for an unknown backend.
     """
-    for what, given, known in (("precision", precision, PRECISIONS), ("math", math, MODES)):
-        for unknown in [x for x in _several(given, (), what) if x not in known]:
-            raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, known)))
+    for what, values, choices in (("precision", precision, PRECISIONS), ("math", math, MODES)):
+        for unknown in [x for x in _several(values, (), what) if x not in choices]:
+            raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, choices)))
     for name in _several(backends, (), "backends"):
         backend(name)
     modes: list[str | None] = list(_several(math, MODES, "math"))
@@ -70,12 +70,12 @@ def variants(
     return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"], "precision")]
 
 
-def _several(given: Iterable[str] | str | None, default: Iterable[str], what: str) -> list[str]:
-    if not isinstance(given, Iterable | None):
+def _several(names: Iterable[str] | str | None, default: Iterable[str], what: str) -> list[str]:
+    if not isinstance(names, Iterable | None):
         raise ShpyTypeError(
-            f"{what}={given!r} is no name and no list of names", loc=here(), cure=f"{what}=None for all"
+            f"{what}={names!r} is no name and no list of names", loc=here(), cure=f"{what}=None for all"
         )
-    return list(default) if given is None else [given] if isinstance(given, str) else list(given)
+    return list(default) if names is None else [names] if isinstance(names, str) else list(names)
 
 
 def measure(
@@ -115,16 +115,16 @@ def measure(
 
 def _rows(program: Program, variant: Variant, drawn: Samples, truth: Truth) -> Iterator[Row]:
     setting = Setting(program, drawn.inputs, {}, None, variant.options)
-    found = run(setting, variant.backend)
-    flushed = meets_denormals(setting) if found.flushes else np.zeros(drawn.count, np.bool_)
+    results = run(setting, variant.backend)
+    flushed = meets_denormals(setting) if results.flushes else np.zeros(drawn.count, np.bool_)
     for k, name in enumerate(program.outputs):
-        yield _row(variant, name, drawn, found, truth, k, flushed)
+        yield _row(variant, name, drawn, results, truth, k, flushed)
 
 
-def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, output: int, flushed: Array) -> Row:
+def _row(variant: Variant, name: str, drawn: Samples, results: Run, truth: Truth, output: int, flushed: Array) -> Row:
     exact = truth.outputs[output]
-    errors, off = error_of(found, truth, output)
-    counted = drawn.inside & ~flushed & (found.written | truth.written)
+    errors, off = error_of(results, truth, output)
+    counted = drawn.inside & ~flushed & (results.written | truth.written)
     kept, kept_off = errors[counted], off[counted]
     outside = ~drawn.inside & ~flushed
     largest = float(kept.max(initial=0.0))
@@ -143,7 +143,7 @@ def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, 
         ulp=_three(kept),
         relative=_three(kept_off),
         worst=inputs(worst),
-        found=_value(found.outputs[output][worst]),
+        found=_value(results.outputs[output][worst]),
         exact=_value(exact.high[worst]),
         histogram=tuple(int(n) for n in np.bincount(np.searchsorted(BINS, kept), minlength=len(BINS) + 1)),
         specials=int(outside.sum()),
@@ -154,26 +154,26 @@ def _row(variant: Variant, name: str, drawn: Samples, found: Run, truth: Truth, 
     )
 
 
-def error_of(found: Run, truth: Truth, output: int, dtype: Any = None) -> tuple[Array, Array]:
+def error_of(results: Run, truth: Truth, output: int, dtype: Any = None) -> tuple[Array, Array]:
     """Return the errors of one output in ULP and relative, each (n,): the largest of the components.
 
     ULP are those of the output's own type, or of `dtype`. The error of ints and bools is their difference. It is
     infinite where only one of the two runs wrote the element, and 0 where neither did.
     """
-    exact, given = truth.outputs[output], found.outputs[output]
-    if given.dtype.kind == "f":
-        errors, off = _float_errors(given, exact, np.dtype(dtype or given.dtype))
+    exact, values = truth.outputs[output], results.outputs[output]
+    if values.dtype.kind == "f":
+        errors, off = _float_errors(values, exact, np.dtype(dtype or values.dtype))
     else:
-        errors = off = np.abs(given.astype(np.float64) - exact.high.astype(np.float64))
-    ended = found.written != truth.written
-    unwritten = ~found.written & ~truth.written
+        errors = off = np.abs(values.astype(np.float64) - exact.high.astype(np.float64))
+    ended = results.written != truth.written
+    unwritten = ~results.written & ~truth.written
     whole = np.where(ended, np.inf, np.where(unwritten, 0.0, errors.max(axis=1)))
     return whole, np.where(ended, np.inf, np.where(unwritten, 0.0, off.max(axis=1)))
 
 
-def _float_errors(given: Array, exact: Exact, dtype: Any) -> tuple[Array, Array]:
-    low = exact.low if given.dtype == np.float64 else None
-    return ulps(given, exact.high, dtype=dtype, rest=low), relative(given, exact.high)
+def _float_errors(values: Array, exact: Exact, dtype: Any) -> tuple[Array, Array]:
+    low = exact.low if values.dtype == np.float64 else None
+    return ulps(values, exact.high, dtype=dtype, rest=low), relative(values, exact.high)
 
 
 def _three(errors: Array) -> tuple[float, float, float]:

@@ -153,9 +153,9 @@ def array(values: list[Any]) -> Any:
     """Return an object array, or one of bools."""
     if all(isinstance(v, bool | np.bool_) for v in values):
         return np.array(values, np.bool_)
-    made = np.empty(len(values), object)
-    made[:] = values
-    return made
+    objects = np.empty(len(values), object)
+    objects[:] = values
+    return objects
 
 
 _UNKNOWN: Any = MP.nan
@@ -173,7 +173,7 @@ def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
     """
     compares = OPS[name].gives in ("B", "b")
 
-    def known(*args: Any) -> Any:
+    def extension(*args: Any) -> Any:
         if name != "cond" and any(map(_is_unknown, args)):
             if compares:
                 raise Unsayable(name)
@@ -183,7 +183,7 @@ def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
         except Unsayable:
             return _UNKNOWN
 
-    return _by_component(known)
+    return _by_component(extension)
 
 
 _WITHIN = {name: _within(name, f) for name, f in _SCALAR.items()}

@@ -72,11 +72,11 @@ def frontier(candidates: Iterable[Measured], error: Callable[[Measured], float])
     >>> frontier([(1, 0.5), (2, 0.7), (3, 0.1)], lambda c: c[1])
     ((1, 0.5), (3, 0.1))
     """
-    found: list[Measured] = []
+    front: list[Measured] = []
     for candidate in candidates:
-        if not found or error(candidate) < error(found[-1]):
-            found.append(candidate)
-    return tuple(found)
+        if not front or error(candidate) < error(front[-1]):
+            front.append(candidate)
+    return tuple(front)
 
 
 def separable(one: Spread, two: Spread) -> bool:
@@ -99,8 +99,8 @@ def rivals(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> tu
 
 def choose(kept: Iterable[Candidate], error: Callable[[Candidate], float]) -> Candidate | None:
     """Return the most exact of the `rivals`, since their times do not decide; None if no candidate is kept."""
-    found = rivals(kept, error)
-    return found[-1] if found else None
+    choices = rivals(kept, error)
+    return choices[-1] if choices else None
 
 
 def timed(
@@ -112,17 +112,17 @@ def timed(
     call has left them. Runs that take less than `enough` seconds are timed several at once. `tell` is called with
     the number of finished rounds.
     """
-    taken: list[list[float]] = [[] for _ in calls]
+    times: list[list[float]] = [[] for _ in calls]
     for done in range(rounds):
         if tell is not None:
             tell(done)
-        for call, seconds in zip(calls, taken, strict=True):
+        for call, seconds in zip(calls, times, strict=True):
             count = max(1, int(enough / _seconds(call, 1)))
             seconds.append(_seconds(call, count) / count)
     if tell is not None:
         tell(rounds)
-    found = (np.quantile(seconds, (0.25, 0.5, 0.75)).tolist() for seconds in taken)
-    return [(middle, (low, high)) for low, middle, high in found]
+    quartiles = (np.quantile(seconds, (0.25, 0.5, 0.75)).tolist() for seconds in times)
+    return [(middle, (low, high)) for low, middle, high in quartiles]
 
 
 def _seconds(call: Callable[[], object], count: int) -> float:
@@ -185,8 +185,8 @@ class Comparison:
     @cached_property
     def picked(self) -> int | None:
         """The place of the choice: of the points that may be chosen and are as fast as `kept`, the closest."""
-        found = choose((p for p in self.points if p.kept), _error)
-        return None if found is None else self._places([found])[0]
+        choice = choose((p for p in self.points if p.kept), _error)
+        return None if choice is None else self._places([choice])[0]
 
     @cached_property
     def like(self) -> frozenset[int]:
@@ -217,16 +217,18 @@ class Comparison:
 
     def _legend(self) -> Iterator[str]:
         """Explain the marks, the columns and the short names."""
-        said = {}
+        meanings = {}
         if self.picked is not None:
-            said[PICK] = f"the pick: of the variants {self.budget} that are as fast as the fastest of them, the closest"
-        said[FRONT] = "the frontier: no other variant is both faster and closer"
+            meanings[PICK] = (
+                f"the pick: of the variants {self.budget} that are as fast as the fastest of them, the closest"
+            )
+        meanings[FRONT] = "the frontier: no other variant is both faster and closer"
         if self.kept is not None and self.like:
             fastest = self.points[self.kept].name
-            said[LIKE] = f"not separable in time from {fastest}, the fastest {self.budget}: their quartiles overlap"
-        said |= self.meanings
-        width = max(map(len, said))
-        for name, meaning in said.items():
+            meanings[LIKE] = f"not separable in time from {fastest}, the fastest {self.budget}: their quartiles overlap"
+        meanings |= self.meanings
+        width = max(map(len, meanings))
+        for name, meaning in meanings.items():
             yield from textwrap.wrap(
                 meaning, _WIDTH, initial_indent=f"  {name:{width}}  ", subsequent_indent=" " * (width + 4)
             )

@@ -92,9 +92,9 @@ def _entries() -> Any:
     return entry
 
 
-def _in_order(names: Iterable[str], known: tuple[str, ...]) -> dict[str, int]:
-    """Return a number for each name; if one is in `known`, all known names keep their numbers."""
-    every = [*(known if set(names) & set(known) else ()), *sorted(set(names) - set(known))]
+def _in_order(names: Iterable[str], usual: tuple[str, ...]) -> dict[str, int]:
+    """Return a number for each name; if one is in `usual`, all usual names keep their numbers."""
+    every = [*(usual if set(names) & set(usual) else ()), *sorted(set(names) - set(usual))]
     return {name: n for n, name in enumerate(every) if name in names}
 
 

@@ -60,8 +60,8 @@ def evaluate(setting: Setting, kind: Kind = "mpmath") -> Truth:
     Raises ShpyError where mpmath is asked for and not there.
     """
     if kind == "f64":
-        found = run(replace(setting, options={**setting.options, **_DOUBLE}, watches={}), "numpy")
-        return Truth(tuple(Exact(a, np.zeros(a.shape)) for a in found.outputs), found.written)
+        results = run(replace(setting, options={**setting.options, **_DOUBLE}, watches={}), "numpy")
+        return Truth(tuple(Exact(a, np.zeros(a.shape)) for a in results.outputs), results.written)
     if kind != "mpmath":
         raise ShpyTypeError(f"reference={kind!r} is not a reference", loc=here(), cure='reference="mpmath" or "f64"')
     return _Multiprecision(setting).run()
@@ -110,27 +110,29 @@ class _Multiprecision:
         return high, float(value - self.mp.MP.mpf(high)) if np.isfinite(high) else 0.0
 
     def element(self, n: int) -> tuple[list[Any], bool]:
-        given = list(self.setting.element(n).values())
+        inputs = list(self.setting.element(n).values())
         try:
-            return self.exactly(given, n)
+            return self.exactly(inputs, n)
         except self.mp.Unsayable:  # the sign of a zero, an infinity: binary64 says it, and docs/accuracy.md says so
             index = self.setting.index(n)
-            values, status = self.double.run_element(given, self.params, self.tables, index, self.setting.element_shape)
+            values, status = self.double.run_element(
+                inputs, self.params, self.tables, index, self.setting.element_shape
+            )
             return values, status == Status.WRITTEN
 
-    def exactly(self, given: list[Any], n: int) -> tuple[list[Any], bool]:
+    def exactly(self, inputs: list[Any], n: int) -> tuple[list[Any], bool]:
         compiled, entry = self.compiled, self.module.entry
         index, shape = self.setting.index(n), self.setting.element_shape
         arrays = {name: getattr(t, "array", t) for name, t in self.tables.items()}
         frame = compiled.frame(Run(self.params, arrays, index, shape, None, None))
-        for port, value in zip(entry.inputs, given, strict=True):
+        for port, value in zip(entry.inputs, inputs, strict=True):
             assert isinstance(port, Value)
-            frame[compiled.places[port.id]] = self.given(port.type, value)
+            frame[compiled.places[port.id]] = self.exact_input(port.type, value)
         status = compiled.run(frame)
         slots = entry.outputs[: len(self.module.outputs)]
         return [frame[compiled.slots[slot.id]] for slot in slots], status == Status.WRITTEN
 
-    def given(self, type: Type, value: Any) -> Any:
+    def exact_input(self, type: Type, value: Any) -> Any:
         return exact(self.mp, value) if type.is_float else value
 
 
@@ -185,16 +187,16 @@ class _Exactly(Compiler):
 
         if any(v != v for v in numbers):
             return unsayable
-        made = [mp.MP.mpf(v) for v in numbers]
-        value = mp.array(made) if type.size > 1 else made[0]
+        parts = [mp.MP.mpf(v) for v in numbers]
+        value = mp.array(parts) if type.size > 1 else parts[0]
         return lambda frame: value
 
-    def convert(self, given: Type, type: Type, place: int) -> Callable[[Any], Any]:
+    def convert(self, source: Type, type: Type, place: int) -> Callable[[Any], Any]:
         """Return the conversion: a float stays exact for any type of float, and an int is taken as it is."""
         mp, dtype = self.mp, DTYPES[type.base]
-        if given.is_float and type.is_float:
+        if source.is_float and type.is_float:
             return lambda frame: frame[place]
-        if given.is_float:
+        if source.is_float:
             if type.is_bool:
                 return lambda frame: _mapped(lambda x: x != 0, frame[place], np.bool_)
             info = np.iinfo(dtype)

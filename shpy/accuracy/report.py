@@ -90,9 +90,9 @@ class Report:
             )
             for row in self.rows
         ]
-        said = [f"{self.program}, against {self.reference}", *columns([head, *body], left=(0, 1, 2, 3, 9))]
-        said += [f"  not measured: {what}: {why}" for what, why in self.skipped]
-        return "\n".join(said)
+        lines = [f"{self.program}, against {self.reference}", *columns([head, *body], left=(0, 1, 2, 3, 9))]
+        lines += [f"  not measured: {what}: {why}" for what, why in self.skipped]
+        return "\n".join(lines)
 
     def __str__(self) -> str:
         return self.table()
@@ -101,8 +101,8 @@ class Report:
         """Everything but the single elements, for `json.dump`."""
         rows = []
         for row in self.rows:
-            said = {k: v for k, v in asdict(row).items() if k != "errors"}
-            rows.append({**said, "bins": [*BINS, None]})
+            fields = {k: v for k, v in asdict(row).items() if k != "errors"}
+            rows.append({**fields, "bins": [*BINS, None]})
         return {"program": self.program, "reference": self.reference, "rows": rows, "skipped": list(self.skipped)}
 
     def plot(self, path: str | Path) -> None:

@@ -213,12 +213,12 @@ def tradeoff(
     check_count("rounds", rounds, 1)
     check_count("seed", seed, 0)
     tell = _checked_progress(progress)
-    made = list(combinations(program))
-    tried = [(picks, one, variant) for picks, one in made for variant in variants(backends, math, precision)]
+    programs = list(combinations(program))
+    tried = [(picks, one, variant) for picks, one in programs for variant in variants(backends, math, precision)]
     steps = len(tried) + rounds
-    first = _first_of(made)
+    first = _first_of(programs)
     search = _Search(first, domain, budget, reference, samples, seed)
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     skipped: list[tuple[str, str]] = []
     for done, (picks, one, variant) in enumerate(tried):
         tell(done, steps)
@@ -226,16 +226,16 @@ def tradeoff(
             kernel = one.compile(variant.backend, **variant.options)
             candidate = Candidate(variant, picks, one, kernel, code=len(kernel.source))
             candidate.error = search.error(candidate)
-            found.append(candidate)
+            candidates.append(candidate)
         except (BackendUnavailable, CompileError) as error:
             skipped.append((" ".join([str(variant), *picks.values()]), error.message))
-    if not found:
+    if not candidates:
         raise ShpyError(f"no variant of {first.name} can be run", loc=here(), cure=skipped[0][1] if skipped else None)
     timed = draw(first, domain, elements, np.random.default_rng(seed + 2), special=False)
-    _time(found, timed, rounds, lambda done: tell(len(tried) + done, steps))
-    found.sort(key=lambda c: c.ns)
-    _hold([c for c in found if c.error <= budget.limit], search)
-    return Tradeoff(first.name, budget, tuple(found), tuple(skipped))
+    _time(candidates, timed, rounds, lambda done: tell(len(tried) + done, steps))
+    candidates.sort(key=lambda c: c.ns)
+    _hold([c for c in candidates if c.error <= budget.limit], search)
+    return Tradeoff(first.name, budget, tuple(candidates), tuple(skipped))
 
 
 def _check_budget(budget: object) -> None:
@@ -255,20 +255,22 @@ def _checked_progress(progress: Any) -> Callable[[int, int], None]:
     return progress or (lambda done, total: None)
 
 
-def _first_of(made: list[tuple[dict[str, str], Program]]) -> Program:
+def _first_of(programs: list[tuple[dict[str, str], Program]]) -> Program:
     """Return the program that the others are judged by; ShpyTypeError for outputs of other sizes among them."""
-    for _, one in made:
+    for _, one in programs:
         check_program(one)
-    signatures = {" and ".join(picks.values()): [out.type.size for out in one.ir.entry.outputs] for picks, one in made}
-    (first, wanted), *others = signatures.items()
+    signatures = {
+        " and ".join(picks.values()): [out.type.size for out in one.ir.entry.outputs] for picks, one in programs
+    }
+    (first, expected), *others = signatures.items()
     for other, sizes in others:
-        if sizes != wanted:
+        if sizes != expected:
             raise ShpyTypeError(
-                f"{first} and {other} give outputs of {wanted} and {sizes} components",
+                f"{first} and {other} give outputs of {expected} and {sizes} components",
                 loc=here(),
                 cure="alternatives that give the same",
             )
-    return made[0][1]
+    return programs[0][1]
 
 
 def _rounded_up(number: float) -> str:
@@ -333,14 +335,14 @@ class _Search:
 
     def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
         setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
-        found = run(setting, candidate.variant.backend)
-        counted = drawn.inside & (found.written | truth.written)
-        if found.flushes:
+        results = run(setting, candidate.variant.backend)
+        counted = drawn.inside & (results.written | truth.written)
+        if results.flushes:
             counted &= ~meets_denormals(setting)
         largest = 0.0
         for output, slot in enumerate(self.program.ir.entry.outputs[: len(truth.outputs)]):
             dtype = {"d": np.float64, "h": np.float16}.get(slot.type.base.value, np.float32)
-            errors = error_of(found, truth, output, dtype)[self.budget.unit != "ulp"]
+            errors = error_of(results, truth, output, dtype)[self.budget.unit != "ulp"]
             largest = max(largest, float(errors[counted].max(initial=0.0)))
         return largest
 
