@@ -38,11 +38,16 @@ def test_cases_are_different_and_cover_what_is_studied(full):
     cubes = [c for c in found if c.accel == "ldc"]
     for model in full:
         assert {c.resolution for c in cubes if c.model == model.name} >= {512, 1024}
-    studied = {(c.hit, c.resolution, c.tolerance) for c in cubes if c.model == studying.FULL.studied}
+    of_studied = [c for c in cubes if c.model == studying.FULL.studied]
+    studied = {(c.hit, c.resolution, c.tolerance) for c in of_studied}
     sizes = (128, 256, 512, 1024, 2048)
     assert studied == {(hit, n, None) for hit in ("sample", "plane", "triangle") for n in sizes} | {
         ("sample", n, tolerance) for n in sizes for tolerance in (1e-4, 1e-3, 1e-2)
     }
+    halves = {(c.hit, c.resolution) for c in of_studied if c.depths == "half"}
+    assert halves == {(hit, n) for hit in ("sample", "plane") for n in sizes}
+    blocks = [(c.hit, c.resolution, c.block) for c in of_studied if c.block is not None]
+    assert blocks == [("plane", 512, block) for block in (1, 4, 16, 64, 512)]
 
 
 def test_models_have_the_triangles_of_the_paper_and_sides_of_length_1(full):
@@ -79,6 +84,16 @@ def test_the_study_measures_every_case_and_writes_them(few, tmp_path):
     text = found.markdown()
     assert "| knot | 82 | 8² triangle |" in text
     assert "| sample | 8 |" in text
+    assert "Blocks" not in text
+    of_block, of_half = (
+        dataclasses.replace(rough, case=dataclasses.replace(rough.case, **options))
+        for options in ({"block": 4}, {"depths": "half"})
+    )
+    more = dataclasses.replace(found, measured=(*found.measured, of_block, of_half))
+    _, blocks = more.markdown().split("**Blocks of the coarse level, knot, 8² plane, numpy**")
+    assert "| block | build ms | MiB | secondary rays | mirrored ms | shadow ms | scattered ms |" in blocks
+    assert blocks.count("\n| 4 |") == 1
+    assert [str(m.case) for m in more.studied("numpy")] == ["8² triangle", "8² sample", "8² sample half"]
 
 
 def test_a_study_ends_in_time(few):
