@@ -59,7 +59,7 @@ def view(options: argparse.Namespace) -> int:
     state = {"size": list(options.size), "backend": options.backend, "playing": False}
     report = partial(print, f"raytracer view {options.scene}:", flush=True)
     shown = sh.view.View("raytracer.view.session", request, state, (PAGE, sh.view.PAGE))
-    sh.view.serve(shown, address=options.listen, port=options.port, said=report)
+    sh.view.serve(shown, address=options.listen, port=options.port, report=report)
     return 0
 
 

@@ -101,10 +101,10 @@ class Worker:
         """Send the next frame; return whether another one may follow at once."""
         if self.session is None or self.faulty or self.sent - self.acknowledged >= _AHEAD:
             return False
-        found: list[Any] = []
-        if not self._guarded(lambda: found.append(self.session.next()), None) or found[0] is None:
+        frames: list[Any] = []
+        if not self._guarded(lambda: frames.append(self.session.next()), None) or frames[0] is None:
             return False
-        header, rest = found[0]
+        header, rest = frames[0]
         self.sent += 1
         self.line.send(
             {"kind": "frame", "worker": self.number, "number": self.sent, **header}, memoryview(rest).cast("B")

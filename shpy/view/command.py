@@ -68,10 +68,10 @@ def add_serving(command: argparse.ArgumentParser) -> None:
 
 def size(text: str) -> tuple[int, int]:
     """Read WIDTHxHEIGHT, for the `type` of an argument."""
-    found = re.fullmatch(r"([1-9][0-9]{0,3})x([1-9][0-9]{0,3})", text)
-    if found is None or max(int(found[1]), int(found[2])) > SIDE:
+    match = re.fullmatch(r"([1-9][0-9]{0,3})x([1-9][0-9]{0,3})", text)
+    if match is None or max(int(match[1]), int(match[2])) > SIDE:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 640x360, of at most {SIDE}x{SIDE}")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def view(options: argparse.Namespace) -> int:
@@ -80,8 +80,8 @@ def view(options: argparse.Namespace) -> int:
         path, program = _file(options.file)
         request = {"path": str(path), "given": str(path), "name": path.name, "program": program}
         state = {"size": list(options.size), "backend": options.backend, "math": options.math, "playing": True}
-        said = partial(print, f"shpy view {path.name}:", flush=True)
-        serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, said=said)
+        report = partial(print, f"shpy view {path.name}:", flush=True)
+        serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, report=report)
     except ShpyError as error:
         print(f"shpy view: {error}", file=sys.stderr)
         return 2

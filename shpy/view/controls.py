@@ -71,19 +71,19 @@ class Controls:
 
 def _described(name: str, param: Any) -> dict[str, Any]:
     value = np.atleast_1d(param.value)
-    made = {
+    description = {
         "name": name,
         "title": param.title or name,
         "description": param.description,
         "value": value.tolist(),
         "form": _form(param),
     }
-    if made["form"] in ("number", "color"):
+    if description["form"] in ("number", "color"):
         low, high = param.range or _guess(value)
         whole = not param.type.is_float
         step = param.step or (1 if whole else _round_step((high - low) / _STEPS))
-        made |= {"range": [low, high], "step": step, "whole": whole, "bounded": param.range is not None}
-    return made
+        description |= {"range": [low, high], "step": step, "whole": whole, "bounded": param.range is not None}
+    return description
 
 
 def _form(param: Any) -> str:

@@ -70,10 +70,10 @@ def draw(
 
 
 def _assign(controls: Controls, params: Mapping[str, Any]) -> None:
-    known = controls.values()
+    values = controls.values()
     for name, value in params.items():
-        if name not in known:
-            raise ShpyError(f"there is no Param {name}", cure=f"one of {', '.join(known)}" if known else None)
+        if name not in values:
+            raise ShpyError(f"there is no Param {name}", cure=f"one of {', '.join(values)}" if values else None)
         refused = controls.assign({name: np.atleast_1d(value).tolist()})
         if refused:
             raise ShpyError(refused[0])

@@ -40,6 +40,6 @@ class Frame:
     params: dict[str, list[Any]]
     stepped: dict[str, list[Any]]
     """The values of the Params in the step before the picture."""
-    held: Any
+    state: Any
     form: Form
     history: History

@@ -85,8 +85,8 @@ class Hub:
 
     def _changed(self) -> bool:
         """Return whether the time or size of a file has changed; a missing file counts as unchanged."""
-        found = {path: _stamp(path) for path in self._watched}
-        changed = {path: stamp for path, stamp in found.items() if stamp not in (None, self._watched[path])}
+        stamps = {path: _stamp(path) for path in self._watched}
+        changed = {path: stamp for path, stamp in stamps.items() if stamp not in (None, self._watched[path])}
         self._watched.update(changed)
         return bool(changed)
 
@@ -288,11 +288,11 @@ class Hub:
     def _ask(self, question: dict[str, Any]) -> None:
         """Let the worker answer whose frame the question is about; without one, the workers that there are."""
         named = question.get("worker")
-        found = [one for one in (self._drawing, self._recording) if one is not None and named in (None, one.number)]
-        for worker in found:
+        workers = [one for one in (self._drawing, self._recording) if one is not None and named in (None, one.number)]
+        for worker in workers:
             worker.send(question)
         page = self.pages.get(question["page"])
-        if not found and page is not None:
+        if not workers and page is not None:
             told = {"about": question["about"], "page": question["page"], "at": question.get("at")}
             page.send(wire.pack({"kind": "answer", **told, "problem": "the file was recorded again; ask once more"}))
 

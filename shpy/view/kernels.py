@@ -44,47 +44,47 @@ class Kernels:
         self.program = program
         self._wake = wake
         self._done = threading.Condition()
-        self._found: dict[Form, Any] = {}
+        self._results: dict[Form, Any] = {}
         self._begun: set[Form] = set()
         self._later: dict[Form, threading.Timer] = {}
 
-    def best(self, wanted: Form) -> tuple[Any, Form]:
+    def best(self, choice: Form) -> tuple[Any, Form]:
         """Return the wanted kernel if compiled, else wait for the quick one; raise if both are refused."""
-        there, quick = self._found.get(wanted), Form(QUICK, wanted.math)
+        there, quick = self._results.get(choice), Form(QUICK, choice.math)
         if there is None or isinstance(there, Exception):
             meanwhile = self._wait(quick)
             if not isinstance(meanwhile, Exception):
-                self._begin_later(wanted)
+                self._begin_later(choice)
                 return meanwhile, quick
-        return self.exactly(wanted), wanted
+        return self.exactly(choice), choice
 
-    def wait_for_any(self, wanted: Form) -> None:
+    def wait_for_any(self, choice: Form) -> None:
         """Wait until the wanted form or the quick one is compiled, or is refused."""
-        if wanted not in self._found:
-            self._wait(Form(QUICK, wanted.math))
+        if choice not in self._results:
+            self._wait(Form(QUICK, choice.math))
 
     def exactly(self, form: Form) -> Any:
         """Return the kernel of a form, after compiling it if need be; raise the error if it is refused."""
-        found = self._wait(form)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        kernel = self._wait(form)
+        if isinstance(kernel, Exception):
+            raise kernel
+        return kernel
 
     def refused(self, form: Form) -> Exception | None:
         """Return the error with which the target refused a form, else None."""
-        found = self._found.get(form)
-        return found if isinstance(found, Exception) else None
+        result = self._results.get(form)
+        return result if isinstance(result, Exception) else None
 
     def is_awaited(self, form: Form) -> bool:
         """Return whether a form is compiling, or about to."""
-        return form not in self._found and (form in self._begun or form in self._later)
+        return form not in self._results and (form in self._begun or form in self._later)
 
     def _wait(self, form: Form) -> Any:
         """Wait for a form; return its kernel or the error with which it was refused."""
         self.begin(form)
         with self._done:
-            self._done.wait_for(lambda: form in self._found)
-        return self._found[form]
+            self._done.wait_for(lambda: form in self._results)
+        return self._results[form]
 
     def _begin_later(self, form: Form) -> None:
         """Begin to compile a form at the second call, after a frame of the quick one, or `_HEAD_START` later."""
@@ -105,11 +105,11 @@ class Kernels:
 
     def _compile(self, form: Form) -> None:
         try:
-            made: Any = self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
+            result: Any = self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
         except Exception as error:  # also from a driver: the page shows it, and other forms continue
-            made = error
+            result = error
         with self._done:
-            self._found[form] = made
+            self._results[form] = result
             self._done.notify_all()
         self._wake()
 

@@ -106,11 +106,11 @@ def checked(text: str | bytes) -> dict[str, Any]:
         raise Refused("it is no JSON") from error
     if not isinstance(message, dict) or not isinstance(message.get("do"), str) or message["do"] not in _MESSAGES:
         raise Refused("it asks for nothing that there is")
-    known = _MESSAGES[message["do"]]
+    fields = _MESSAGES[message["do"]]
     for name, value in message.items():
-        if name != "do" and not (name in known and known[name](value)):
+        if name != "do" and not (name in fields and fields[name](value)):
             raise Refused(f"{message['do']}: {name}")
-    missing = [name for name in known if name not in message and name not in _OPTIONAL]
+    missing = [name for name in fields if name not in message and name not in _OPTIONAL]
     if missing:
         raise Refused(f"{message['do']} without {missing[0]}")
     return message

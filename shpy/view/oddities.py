@@ -34,35 +34,35 @@ def _kinds(output: Any) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
 
 def counts(output: Any) -> dict[str, int]:
     """Return how many pixels are NaN, and how many others infinite."""
-    found = _kinds(output)
-    nan, infinite = (int(kind.sum()) for kind in found) if found else (0, 0)
+    kinds = _kinds(output)
+    nan, infinite = (int(kind.sum()) for kind in kinds) if kinds else (0, 0)
     return {"nan": nan, "infinite": infinite}
 
 
 def first(output: Any) -> tuple[int, int] | None:
     """Return the row and column of the first pixel that is not finite, row by row; None if all are."""
-    found = _kinds(output)
-    if found is None:
+    kinds = _kinds(output)
+    if kinds is None:
         return None
-    row, column = np.unravel_index(int(np.argmax(found[0] | found[1])), found[0].shape)
+    row, column = np.unravel_index(int(np.argmax(kinds[0] | kinds[1])), kinds[0].shape)
     return int(row), int(column)
 
 
 def marked(pixels: NDArray[np.uint8], output: Any) -> NDArray[np.uint8]:
     """Return pixels (height, width, 4) with marks of NaN and infinite ones, which cover some of their neighbours."""
-    found = _kinds(output)
-    made = pixels.copy()
-    made[..., :3] //= _DARK
-    for kind, color in zip(found or (), (_NAN, _INFINITE), strict=False):
-        made[_spread(kind, max(pixels.shape[:2]) // _SPREAD)] = (*color, 255)
-    return made
+    kinds = _kinds(output)
+    picture = pixels.copy()
+    picture[..., :3] //= _DARK
+    for kind, color in zip(kinds or (), (_NAN, _INFINITE), strict=False):
+        picture[_spread(kind, max(pixels.shape[:2]) // _SPREAD)] = (*color, 255)
+    return picture
 
 
 def _spread(places: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Return the places with their neighbours along both axes, up to a distance."""
-    made = places
+    mask = places
     for axis in (0, 1):
-        padded = np.pad(made, [(by, by) if k == axis else (0, 0) for k in (0, 1)])
+        padded = np.pad(mask, [(by, by) if k == axis else (0, 0) for k in (0, 1)])
         windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * by + 1, axis=axis)
-        made = np.asarray(windows.any(axis=-1))
-    return made
+        mask = np.asarray(windows.any(axis=-1))
+    return mask

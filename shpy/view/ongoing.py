@@ -57,7 +57,7 @@ class Ongoing:
         self.kernels = Kernels(show, wake) if isinstance(show, Program) else None
         self.shown = last_stream(chain)
         programs = [kernel.recorded for kernel in chain.kernels]
-        self.takes_mouse = any("mouse" in names for names in (*(p.inputs for p in programs), self.taken))
+        self.takes_mouse = any("mouse" in names for names in (*(p.inputs for p in programs), self.show_inputs))
         self.read = {name for step in chain.steps for name, type_ in step.inputs.items() if _is_filled(name, type_)}
         """The inputs of the chain that are filled by their names."""
         self.stepping = {name: p for recorded in programs for name, p in recorded.params.items()}
@@ -65,30 +65,30 @@ class Ongoing:
         self.params = self.stepping | (self.kernels.program.params if self.kernels else {})
         self._in_form = cache(self._compiled)
         self._wake = wake
-        self._held: Held | None = None
+        self._state: Held | None = None
         self._size: tuple[int, int] | None = None
         self._own: tuple[int, int] | None = None
         """The size of the streams, which `start` may choose itself."""
         self._ready: dict[Key, Exception | bool] = {}
 
     @property
-    def taken(self) -> Mapping[str, Any]:
+    def show_inputs(self) -> Mapping[str, Any]:
         """The inputs of `show`."""
         return self.kernels.program.inputs if self.kernels else {}
 
     @property
     def fresh(self) -> bool:
         """True while the streams are those of `start`."""
-        return self._held is None or self._held.before is None
+        return self._state is None or self._state.before is None
 
     # Pictures
 
-    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+    def draw(self, moment: Moment, choice: Form) -> tuple[Any, Form]:
         """Return the colours of the current streams."""
-        held = self._present(moment.size)
+        state = self._present(moment.size)
         if self.kernels is None:
-            return np.asarray(held.streams[self.shown]), held.form or wanted
-        kernel, form = self.kernels.best(wanted)
+            return np.asarray(state.streams[self.shown]), state.form or choice
+        kernel, form = self.kernels.best(choice)
         return self._shown(kernel, moment, form), form
 
     def exactly(self, moment: Moment, form: Form) -> Any:
@@ -98,8 +98,8 @@ class Ongoing:
         return self._shown(self.kernels.exactly(form), moment, form)
 
     def _shown(self, kernel: Any, moment: Moment, form: Form) -> Any:
-        given = _placed(values_of(self.taken, moment, self._present(moment.size).streams), form)
-        return np.asarray(first_output(kernel(**given, shape=moment.shape)))
+        inputs = _placed(values_of(self.show_inputs, moment, self._present(moment.size).streams), form)
+        return np.asarray(first_output(kernel(**inputs, shape=moment.shape)))
 
     def extent(self, size: tuple[int, int]) -> tuple[int, int]:
         """Return the width and height of the streams, which `start` may choose itself."""
@@ -107,18 +107,18 @@ class Ongoing:
 
     def lacks_picture(self, size: tuple[int, int]) -> bool:
         """Return whether the picture is of streams that the chain has yet to write."""
-        filled = {name for name, type_ in self.taken.items() if is_filled(name, type_)}
-        read = self.taken if self.kernels else [self.shown]
+        filled = {name for name, type_ in self.show_inputs.items() if is_filled(name, type_)}
+        read = self.show_inputs if self.kernels else [self.shown]
         return bool((set(read) & self.chain.outputs.keys()) - filled - self._present(size).streams.keys())
 
     # Steps
 
-    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+    def advance(self, moment: Moment, choice: Form, steps: int) -> bool:
         """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
-        held = self._present(moment.size)
-        forms = tuple(dict.fromkeys((wanted, Form(QUICK, wanted.math))))
+        start = self._present(moment.size)
+        forms = tuple(dict.fromkeys((choice, Form(QUICK, choice.math))))
         for form in reversed(forms):
-            self._prepare((form, moment.size), moment, held.streams)
+            self._prepare((form, moment.size), moment, start.streams)
         states = [(form, self._ready[form, moment.size]) for form in forms]
         ready = [form for form, state in states if state is True]
         if not ready:
@@ -131,11 +131,11 @@ class Ongoing:
 
     def run_on(self, moment: Moment, form: Form, steps: int) -> None:
         """Run some steps in a form; compile it first if it is new."""
-        held = self._present(moment.size)
+        state = self._present(moment.size)
         for _ in range(steps):
-            written = self._run(moment, form, held.streams)
-            held = Held({**held.streams, **written}, held.streams, moment, form)
-        self._held = held
+            written = self._run(moment, form, state.streams)
+            state = Held({**state.streams, **written}, state.streams, moment, form)
+        self._state = state
 
     def _prepare(self, key: Key, moment: Moment, streams: Mapping[str, Any]) -> None:
         """Begin to compile a form, if that has not begun."""
@@ -160,21 +160,21 @@ class Ongoing:
         if form.math == "strict":
             return self.chain
 
-        def made(node: Any) -> Any:
+        def compile_members(node: Any) -> Any:
             if isinstance(node, Chain):
-                return node.with_members(tuple(map(made, node.members)))
+                return node.with_members(tuple(map(compile_members, node.members)))
             if isinstance(node.kernel, Program):
                 return replace(node, kernel=node.kernel.compile(form.backend, math=form.math))  # type: ignore[arg-type]
             return node
 
-        return made(self.chain)  # type: ignore[no-any-return]
+        return compile_members(self.chain)  # type: ignore[no-any-return]
 
     def _present(self, size: tuple[int, int]) -> Held:
         """Return what is shown; restart from the first streams if the size has changed."""
-        if self._held is None or size not in (self._size, self._own):
-            self._held, self._size = Held(self._begin(size)), size
-            self._own = extent(self.chain, self._held.streams, size)
-        return self._held
+        if self._state is None or size not in (self._size, self._own):
+            self._state, self._size = Held(self._begin(size)), size
+            self._own = extent(self.chain, self._state.streams, size)
+        return self._state
 
     def _begin(self, size: tuple[int, int]) -> dict[str, Any]:
         if self.start is None:
@@ -182,75 +182,75 @@ class Ongoing:
             raise ShpyError(
                 f"{self.chain} needs streams to begin with", cure=f"def {START}(height, width): return {{{names}}}"
             )
-        made = self.start(size[1], size[0])
-        if not isinstance(made, dict):
-            raise ShpyError(f"{START}(height, width) gives {type(made).__name__}", cure="a dict of arrays by name")
-        return dict(made)
+        streams = self.start(size[1], size[0])
+        if not isinstance(streams, dict):
+            raise ShpyError(f"{START}(height, width) gives {type(streams).__name__}", cure="a dict of arrays by name")
+        return dict(streams)
 
     def reset(self) -> None:
         """Restart from the first streams."""
-        self._held = None
+        self._state = None
 
     # What the page asks
 
-    def is_awaited(self, wanted: Form) -> bool:
+    def is_awaited(self, choice: Form) -> bool:
         """Return whether the chain or `show` is compiled for the wanted form."""
-        key = wanted, self._own or (0, 0)
-        return self._ready.get(key, True) is False or (self.kernels is not None and self.kernels.is_awaited(wanted))
+        key = choice, self._own or (0, 0)
+        return self._ready.get(key, True) is False or (self.kernels is not None and self.kernels.is_awaited(choice))
 
-    def refused(self, wanted: Form) -> Exception | None:
+    def refused(self, choice: Form) -> Exception | None:
         """Return the error with which a target refuses the chain or `show`; a quick form draws in its place."""
-        state = self._ready.get((wanted, self._own or (0, 0)))
+        state = self._ready.get((choice, self._own or (0, 0)))
         if isinstance(state, Exception):
             return state
-        return self.kernels.refused(wanted) if self.kernels else None
+        return self.kernels.refused(choice) if self.kernels else None
 
-    def held(self) -> Held | None:
+    def state(self) -> Held | None:
         """Return what the present picture was made of."""
-        return self._held
+        return self._state
 
-    def stepped(self, held: Held, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def stepped(self, state: Held, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the kernel that wrote the element `at` of what is shown, and its steps in the last round.
 
         In a loop they are those of the last round that wrote the element. None before the first step, and for a kernel
         that runs over other elements than the pixels.
         """
         member = self._writer()
-        if member is None or held.before is None or held.moment is None or held.form is None:
+        if member is None or state.before is None or state.moment is None or state.form is None:
             return None
-        program, shown = Program(member.recorded), held.streams[member.outputs[-1][0]]
-        if shown.shape != held.moment.shape:
+        program, shown = Program(member.recorded), state.streams[member.outputs[-1][0]]
+        if shown.shape != state.moment.shape:
             return None
-        streams, backend = _placed(held.before, held.form), held.form.backend
+        streams, backend = _placed(state.before, state.form), state.form.backend
         before = _before(self.chain, member)
         if before is None:
-            streams |= read_before(self.chain, member, at, held.moment, streams, backend)
+            streams |= read_before(self.chain, member, at, state.moment, streams, backend)
         else:
             prefix, numbers = before
-            streams |= stepped(Sequence(tuple(prefix)), held.moment, streams, backend) if prefix else {}
+            streams |= stepped(Sequence(tuple(prefix)), state.moment, streams, backend) if prefix else {}
             streams |= numbers
-        given = given_to(Sequence((member,)), held.moment, streams)
-        given = {name: value for name, value in given.items() if name in program.inputs}
-        return program, program.trace(**given, shape=held.moment.shape, at=at)
+        inputs = given_to(Sequence((member,)), state.moment, streams)
+        inputs = {name: value for name, value in inputs.items() if name in program.inputs}
+        return program, program.trace(**inputs, shape=state.moment.shape, at=at)
 
     def _writer(self) -> Member | None:
         """Return the kernel that writes last what the picture is made of; None if it shows what no kernel writes."""
-        names = self.taken.keys() if self.kernels else {self.shown}
+        names = self.show_inputs.keys() if self.kernels else {self.shown}
         return next((k for k in reversed(self.chain.kernels) if names & {name for name, _ in k.outputs}), None)
 
-    def drawn(self, held: Held, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def drawn(self, state: Held, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return `show` and the steps of one pixel in it; None without it."""
         if self.kernels is None:
             return None
         program = self.kernels.program
-        given = values_of(program.inputs, moment, held.streams)
-        return program, program.trace(**given, shape=moment.shape, at=at)
+        inputs = values_of(program.inputs, moment, state.streams)
+        return program, program.trace(**inputs, shape=moment.shape, at=at)
 
     def sources(self, form: Form) -> list[tuple[str, str]]:
         """Return the name of each program and the text that is emitted for it in a form."""
         programs = {kernel.name: kernel.kernel for kernel in self.chain.kernels}
-        found = [(name, _source(kernel, form)) for name, kernel in programs.items()]
-        return found + ([(SHOW, self.kernels.exactly(form).source)] if self.kernels else [])
+        texts = [(name, _source(kernel, form)) for name, kernel in programs.items()]
+        return texts + ([(SHOW, self.kernels.exactly(form).source)] if self.kernels else [])
 
 
 def _is_filled(name: str, type_: Any) -> bool:

@@ -69,8 +69,8 @@ def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], An
         case {"about": "recipe"}:
             return recipe(session, frame), b""
         case {"about": "text"}:
-            found = session.subject.sources(frame.form)
-            return {"form": str(frame.form), "texts": [{"name": name, "text": text} for name, text in found]}, b""
+            texts = session.subject.sources(frame.form)
+            return {"form": str(frame.form), "texts": [{"name": name, "text": text} for name, text in texts]}, b""
         case {"about": "compare", "with": {"backend": backend, "math": math}}:
             return compare(session, frame, Form(backend, math), question["page"])
         case _:
@@ -86,8 +86,8 @@ def shown(session: Asked, question: dict[str, Any]) -> Any:
 def value(frame: Any, at: list[int]) -> dict[str, Any]:
     """Return the numbers of a pixel in a frame."""
     row, column = _scaled(at, frame)
-    found = np.atleast_1d(np.asarray(frame.output)[row, column])
-    return {"at": at, "value": found, "coarse": frame.moment.size != frame.whole.size, "frame": frame.moment.frame}
+    numbers = np.atleast_1d(np.asarray(frame.output)[row, column])
+    return {"at": at, "value": numbers, "coarse": frame.moment.size != frame.whole.size, "frame": frame.moment.frame}
 
 
 def _scaled(at: list[int], frame: Any) -> tuple[int, int]:
@@ -128,14 +128,14 @@ def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:
     """
     place, subject = _scaled(at, frame), session.subject
     with session.controls.at(frame.stepped):
-        stepped = subject.stepped(frame.held, place)
+        stepped = subject.stepped(frame.state, place)
     with session.controls.at(frame.params):
-        drawn = subject.drawn(frame.held, frame.moment, place)
+        drawn = subject.drawn(frame.state, frame.moment, place)
     parts = [part for part in (stepped, drawn) if part is not None]
     if not parts:
         raise ShpyError("no kernel has written this picture yet", cure=_SHOW)
-    found = [step for _, steps in parts for step in steps]
-    own = [step for step in found if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
+    all_steps = [step for _, steps in parts for step in steps]
+    own = [step for step in all_steps if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
     odd = next((k for k, step in enumerate(own) if not _is_finite(step.value)), None)
     kept, cut = _kept(len(own), odd)
     return {
@@ -147,7 +147,7 @@ def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:
         "steps": [_spoken(own[k]) for k in kept],
         "cut": cut,
         "left_out": len(own) - len(kept),
-        "inside": len(found) - len(own),
+        "inside": len(all_steps) - len(own),
         "odd": kept.index(odd) if odd is not None else None,
     }
 

@@ -55,17 +55,17 @@ def files_read() -> tuple[Path, ...]:
     return tuple(Path(file) for file in sorted(_read - _written) if not os.path.isdir(file))
 
 
-def _heard(event: str, given: tuple[Any, ...]) -> None:
+def _heard(event: str, arguments: tuple[Any, ...]) -> None:
     """Handle an audit event of Python: a file is opened, or renamed to replace another."""
     folder = _folder  # read once, since another thread may end the block meanwhile
     if folder is None:
         return
-    if event == "open" and isinstance(given[0], str):
-        file = os.path.abspath(given[0])
+    if event == "open" and isinstance(arguments[0], str):
+        file = os.path.abspath(arguments[0])
         if _is_of_user(file, folder):
-            (_written if given[2] & (os.O_WRONLY | os.O_RDWR) else _read).add(file)
-    elif event == "os.rename" and isinstance(given[1], str):
-        _written.add(os.path.abspath(given[1]))
+            (_written if arguments[2] & (os.O_WRONLY | os.O_RDWR) else _read).add(file)
+    elif event == "os.rename" and isinstance(arguments[1], str):
+        _written.add(os.path.abspath(arguments[1]))
 
 
 def _is_of_user(file: str, folder: str) -> bool:

@@ -38,7 +38,7 @@ def _inputs(subject: Any) -> set[str]:
     """Return the names of the inputs of all programs of a subject."""
     if not isinstance(subject, Ongoing):
         return set(subject.program.inputs)
-    return {name for step in subject.chain.steps for name in step.inputs} | set(subject.taken)
+    return {name for step in subject.chain.steps for name in step.inputs} | set(subject.show_inputs)
 
 
 def _target(session: Any) -> tuple[str, str | None]:

@@ -42,7 +42,7 @@ class Searches:
 
         def work() -> None:
             try:
-                text = _found(program, moment, forms, element, check)
+                text = _find_divergence(program, moment, forms, element, check)
                 check()
             except Cancelled:
                 return
@@ -59,13 +59,17 @@ class Searches:
                 self._cancelled.pop(number).set()
 
 
-def _found(program: Program, moment: Moment, forms: tuple[Form, Form], element: int, check: Callable[[], None]) -> str:
+def _find_divergence(
+    program: Program, moment: Moment, forms: tuple[Form, Form], element: int, check: Callable[[], None]
+) -> str:
     """Return the first statement at which an element diverges, in words."""
     from shpy.testing.divergence import search  # here: it takes long to import, and few pictures are compared
     from shpy.testing.observers import Setting
 
-    given = filled(program.inputs, moment)
-    one, two = (Setting(program, (), given, moment.shape, {"math": form.math}, check=check) for form in forms)
+    inputs = filled(program.inputs, moment)
+    one, two = (Setting(program, (), inputs, moment.shape, {"math": form.math}, check=check) for form in forms)
     names = tuple(f"{form.backend}-1" if form.backend == "opencl" else form.backend for form in forms)
-    found = search(one, (names[0], names[1]), element, other=two)
-    return str(found) if found else "No statement diverges while it is watched: a contraction, or a lane width."
+    divergence = search(one, (names[0], names[1]), element, other=two)
+    return (
+        str(divergence) if divergence else "No statement diverges while it is watched: a contraction, or a lane width."
+    )

@@ -64,8 +64,8 @@ class View:
 
     def files(self) -> dict[str, Path]:
         """Return the files of the page by their paths; no other path is served."""
-        found = {f"/{p.name}": p for folder in reversed(self.pages) for p in folder.iterdir() if p.suffix in _TYPES}
-        return {**found, "/": found["/index.html"]}
+        paths = {f"/{p.name}": p for folder in reversed(self.pages) for p in folder.iterdir() if p.suffix in _TYPES}
+        return {**paths, "/": paths["/index.html"]}
 
 
 class _Page:
@@ -121,10 +121,10 @@ def allowed_host(host: str, *, beyond: bool) -> bool:
 
 def _name(host: str) -> str:
     """Return the name or address of a Host header; empty where the header is malformed."""
-    found = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9._-]+))(?::([0-9]{0,5}))?", host)
-    if found is None or int(found[3] or 0) > 65535:
+    match = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9._-]+))(?::([0-9]{0,5}))?", host)
+    if match is None or int(match[3] or 0) > 65535:
         return ""
-    return (found[1] or found[2]).lower()
+    return (match[1] or match[2]).lower()
 
 
 def _is_own(origin: str, host: str) -> bool:
@@ -212,8 +212,8 @@ def missing() -> ShpyError:
     )
 
 
-def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callable[[str], None] = print) -> None:
-    """Serve the view until Ctrl-C; `said` is called with each line to print.
+def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, report: Callable[[str], None] = print) -> None:
+    """Serve the view until Ctrl-C; `report` is called with each line to print.
 
     Port 0 takes a free one. An address beyond loopback is warned of: whoever reaches it sees and changes the view.
     Raises ShpyError where the port is taken or a package is missing.
@@ -241,9 +241,9 @@ def serve(view: View, *, address: str = LOOPBACK, port: int = 8000, said: Callab
     with listening:
         try:
             server = uvicorn.Server(config)
-            said(f"http://{host}:{port}/   (Ctrl-C ends it)")
+            report(f"http://{host}:{port}/   (Ctrl-C ends it)")
             if beyond:
-                said("warning: everybody who reaches this machine sees the view and changes it, without a password")
+                report("warning: everybody who reaches this machine sees the view and changes it, without a password")
             with _signals_kept(server):
                 server.run(sockets=[listening])
         except KeyboardInterrupt as error:
@@ -260,10 +260,10 @@ def _signals_kept(server: uvicorn.Server) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    taken: list[int] = []
+    signals: list[int] = []
 
     def take(number: int, frame: object) -> None:
-        taken.append(number)
+        signals.append(number)
         server.should_exit = True
 
     before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -272,7 +272,7 @@ def _signals_kept(server: uvicorn.Server) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for one in taken[:1]:
+    for one in signals[:1]:
         signal.raise_signal(one)
 
 
@@ -286,14 +286,14 @@ def _is_loopback(address: str) -> bool:
 def _listen(address: str, port: int) -> socket.socket:
     """Return a listening socket; raise ShpyError if the address or port cannot be bound."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    made = socket.socket(family)
+    listener = socket.socket(family)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((address, port))
-        made.listen()
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((address, port))
+        listener.listen()
     except OSError as error:
-        made.close()
+        listener.close()
         others = f"--port {port + 1}" if port < 65535 else f"--port {port - 1}"
         cure = others if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--listen 127.0.0.1"
         raise ShpyError(f"{address}:{port}: {error.strerror or error}", cure=cure) from error
-    return made
+    return listener

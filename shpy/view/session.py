@@ -144,8 +144,8 @@ class Session:
         self._changed, self._single = False, False
         self._refine = moment.size != extent
         self._drawn = form
-        made = (self.controls.values(), self._stepped, self.subject.held(), form, self._history)
-        self._keep(Frame(output, moment, self._moment(extent), *made))
+        state = (self.controls.values(), self._stepped, self.subject.state(), form, self._history)
+        self._keep(Frame(output, moment, self._moment(extent), *state))
         header = self._header(output, moment, form, seconds)
         shown = pixels(output, encode=self.encode)
         return header, oddities.marked(shown, output) if self.mark else shown
@@ -229,10 +229,10 @@ class Session:
         count = full[0] * full[1]
         if not self.subject.coarse:
             return full
-        known = [self._cost[form] for form in (self.form, *self._cost) if form in self._cost]
+        costs = [self._cost[form] for form in (self.form, *self._cost) if form in self._cost]
         scale = least = min(1.0, _FIRST / max(full))
-        if known:
-            cost = known[0] * count
+        if costs:
+            cost = costs[0] * count
             quick = 2 * _QUICK if self.playing and self.subject.moves else _QUICK
             # A few pixels take as long as the call itself, so fewer would not be faster.
             scale = 1.0 if cost < quick else min(1.0, max(least, (_COARSE / cost) ** 0.5))

@@ -38,21 +38,21 @@ class Opened:
     @property
     def start(self) -> Any:
         """The function of (height, width) that returns a chain's first streams; None if the file has none."""
-        found = self.names.get(START)
-        return found if callable(found) and not isinstance(found, Program) else None
+        function = self.names.get(START)
+        return function if callable(function) and not isinstance(function, Program) else None
 
     @property
     def shown(self) -> dict[str, Program | Chain]:
         """All programs and chains in the file that can be shown, by name."""
-        found: dict[str, Program | Chain] = {}
+        entries: dict[str, Program | Chain] = {}
         for name, value in self.names.items():
-            if name.startswith("_") or value in found.values():
+            if name.startswith("_") or value in entries.values():
                 continue
             if isinstance(value, Chain) or (isinstance(value, Program) and name != SHOW and self._evolves(value)):
-                found[name] = value if isinstance(value, Chain) else sequence(value)
+                entries[name] = value if isinstance(value, Chain) else sequence(value)
             elif isinstance(value, Program) and not unfilled(value):
-                found[name] = value
-        return found
+                entries[name] = value
+        return entries
 
     def in_order(self, params: Mapping[str, Any]) -> dict[str, Any]:
         """Return Params in the order in which the file names them; those of other files follow."""
@@ -129,10 +129,10 @@ def _place(error: BaseException, path: Path) -> Loc | None:
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         return Loc(error.filename, error.lineno, latest(error.filename))
     frames = list(traceback.walk_tb(error.__traceback__))
-    known = {os.path.realpath(p) for p in (path, *files_read())}
+    files = {os.path.realpath(p) for p in (path, *files_read())}
     # The file name in a traceback may be relative, or that of a link.
     passed = ((os.path.realpath(f.f_code.co_filename), line, text_of(f.f_code)) for f, line in reversed(frames))
-    return next((Loc(file, line, text) for file, line, text in passed if file in known and line), None)
+    return next((Loc(file, line, text) for file, line, text in passed if file in files and line), None)
 
 
 def lines_around(place: Loc, count: int = 2) -> list[tuple[int, str]]:
@@ -140,5 +140,5 @@ def lines_around(place: Loc, count: int = 2) -> list[tuple[int, str]]:
     if place.text is None:
         return []
     first = max(1, place.line - count)
-    found = [(n, place.text.line(n).rstrip("\n")) for n in range(first, place.line + count + 1)]
-    return found[: max((k + 1 for k, (n, text) in enumerate(found) if text or n <= place.line), default=0)]
+    lines = [(n, place.text.line(n).rstrip("\n")) for n in range(first, place.line + count + 1)]
+    return lines[: max((k + 1 for k, (n, text) in enumerate(lines) if text or n <= place.line), default=0)]

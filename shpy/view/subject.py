@@ -46,31 +46,31 @@ class Subject(Protocol):
     def kernels(self) -> Kernels | None:
         """The kernels that compute the colours; None if the numbers of a stream are shown directly."""
 
-    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+    def draw(self, moment: Moment, choice: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
 
     def exactly(self, moment: Moment, form: Form) -> Any:
         """Return the output at a moment in a form; compile the form first if it is new."""
 
-    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+    def advance(self, moment: Moment, choice: Form, steps: int) -> bool:
         """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
 
     def reset(self) -> None:
         """Restart from the first streams."""
 
-    def is_awaited(self, wanted: Form) -> bool:
+    def is_awaited(self, choice: Form) -> bool:
         """Return whether something is compiled for the wanted form."""
 
-    def refused(self, wanted: Form) -> Exception | None:
+    def refused(self, choice: Form) -> Exception | None:
         """Return the error with which a target refuses the wanted form; a quick form draws in its place."""
 
-    def held(self) -> Any:
+    def state(self) -> Any:
         """Return what the present picture was made of, besides its moment and Params, for a trace of it."""
 
-    def stepped(self, held: Any, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def stepped(self, state: Any, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the program that wrote the element `at` of what is shown, and its steps; None for no such program."""
 
-    def drawn(self, held: Any, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def drawn(self, state: Any, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the program that computed a pixel and its steps; None where a stream is shown as it is."""
 
     def sources(self, form: Form) -> list[tuple[str, str]]:
@@ -92,16 +92,16 @@ class Still:
         self.moves = moves(program)
         self.params = program.params
 
-    def draw(self, moment: Moment, wanted: Form) -> tuple[Any, Form]:
+    def draw(self, moment: Moment, choice: Form) -> tuple[Any, Form]:
         """Return the output for a moment and the form that computed it: the wanted one, or a quick one before."""
-        kernel, form = self.kernels.best(wanted)
+        kernel, form = self.kernels.best(choice)
         return run_at(kernel, self.program.inputs, moment), form
 
     def exactly(self, moment: Moment, form: Form) -> Any:
         """Return the output at a moment in a form; compile the form first if it is new."""
         return run_at(self.kernels.exactly(form), self.program.inputs, moment)
 
-    def advance(self, moment: Moment, wanted: Form, steps: int) -> bool:
+    def advance(self, moment: Moment, choice: Form, steps: int) -> bool:
         """Return True: time alone goes on, and no stream is kept."""
         return True
 
@@ -116,21 +116,21 @@ class Still:
         """Return False: a program of pixels needs no step."""
         return False
 
-    def is_awaited(self, wanted: Form) -> bool:
+    def is_awaited(self, choice: Form) -> bool:
         """Return whether something is compiled for the wanted form."""
-        return self.kernels.is_awaited(wanted)
+        return self.kernels.is_awaited(choice)
 
-    def refused(self, wanted: Form) -> Exception | None:
+    def refused(self, choice: Form) -> Exception | None:
         """Return the error with which the target refuses the wanted form."""
-        return self.kernels.refused(wanted)
+        return self.kernels.refused(choice)
 
-    def held(self) -> None:
+    def state(self) -> None:
         """Return None: the moment and the Params tell all."""
 
-    def stepped(self, held: None, at: tuple[int, int]) -> None:
+    def stepped(self, state: None, at: tuple[int, int]) -> None:
         """Return None: no step precedes a picture."""
 
-    def drawn(self, held: None, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
+    def drawn(self, state: None, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]]:
         """Return the program and the steps of one pixel."""
         return self.program, self.program.trace(**filled(self.program.inputs, moment), shape=moment.shape, at=at)
 

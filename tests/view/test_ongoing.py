@@ -59,7 +59,7 @@ class Gate(Ongoing):
         if what == "chain":
             self._ready[form, self.extent(SIZE)] = True
         elif self.kernels:
-            self.kernels._found[form] = self.kernels.program.compile(form.backend, math=form.math)
+            self.kernels._results[form] = self.kernels.program.compile(form.backend, math=form.math)
 
 
 ORDERS = list(itertools.permutations([("show", False), ("show", True), ("chain", False), ("chain", True)]))
@@ -79,7 +79,7 @@ def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, t
         subject.let(what, wanted if is_wanted else QUICK)
         for _ in range(2):
             number += subject.advance(moments[number], wanted, 1)
-            ready = subject.kernels is None or subject.kernels._found
+            ready = subject.kernels is None or subject.kernels._results
             if ready and not subject.lacks_picture(SIZE):
                 output, form = subject.draw(moments[number], wanted)
                 assert form in (wanted, QUICK)
@@ -132,7 +132,7 @@ def test_the_trace_of_a_chain_is_of_the_streams_before_its_last_step(opened, mon
     moments = [Moment(subject.extent(SIZE), 0.25 * k, k, (3.0, 2.0, 1.0, 1.0)) for k in range(4)]
     for moment in moments[:3]:
         subject.advance(moment, QUICK, 2)
-    held, at = subject.held(), (5, 3)
+    held, at = subject.state(), (5, 3)
     interpreted, run = [], Interpreter.run_element
 
     def kept(interpreter, *given, **options):
