@@ -92,8 +92,8 @@ def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return importlib.import_module(f"shpy.{name}")
     if name in _LATER:
-        found = globals()[name] = getattr(importlib.import_module(f"shpy.{_LATER[name]}"), name)
-        return found
+        value = globals()[name] = getattr(importlib.import_module(f"shpy.{_LATER[name]}"), name)
+        return value
     if name == "__version__":
         from shpy.packages import DISTRIBUTION, installed  # here: importing shpy asks for no package
 

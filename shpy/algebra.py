@@ -63,9 +63,9 @@ def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, A
     return {names[n]: default for n, default in defaults.items() if n in names}
 
 
-def _free(name: str, taken: Mapping[str, Any]) -> str:
+def _free(name: str, names: Mapping[str, Any]) -> str:
     fresh, count = name, 2
-    while fresh in taken:
+    while fresh in names:
         fresh, count = f"{name}_{count}", count + 1
     return fresh
 
@@ -86,11 +86,11 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     left_over = [part for part, name in zip(parts, fed, strict=True) if name is None]
     layout = g.output if not left_over else _join(_parts(g.output) + left_over)
 
-    def body(given: Mapping[str, Any]) -> Any:
-        result = call_recorded(f, {n: given[n] for n in f.inputs})
+    def body(arguments: Mapping[str, Any]) -> Any:
+        result = call_recorded(f, {n: arguments[n] for n in f.inputs})
         results = [result] if whole else _values(f.output, result, fields=True)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
-        to_g |= {name: given[fresh] for name, fresh in extra.items()}
+        to_g |= {name: arguments[fresh] for name, fresh in extra.items()}
         last = call_recorded(g, to_g)
         if not left_over:
             return last
@@ -103,25 +103,25 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
 
 def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
     """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
-    wanted = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
+    inputs = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
     parts = _parts(f.output, fields=True)
-    fed = [name if name in wanted else None for name, _ in parts]
-    first = next(iter(wanted), None)
-    whole = isinstance(f.output, Group) and first is not None and alike(f.output, wanted[first])
+    fed = [name if name in inputs else None for name, _ in parts]
+    first = next(iter(inputs), None)
+    whole = isinstance(f.output, Group) and first is not None and alike(f.output, inputs[first])
     if any(fed):
-        _check_one_reading(g, f, parts, fed, wanted, whole)
+        _check_one_reading(g, f, parts, fed, inputs, whole)
         whole = False
     elif whole:
         parts, fed = [(None, f.output)], [first]
     else:
-        names = [*wanted, *[None] * len(parts)]
+        names = [*inputs, *[None] * len(parts)]
         fed = list(names[: len(parts)])
     for (name, layout), target in zip(parts, fed, strict=True):
-        if target is not None and not _fits(layout, wanted[target]):
+        if target is not None and not _fits(layout, inputs[target]):
             spoken = f"the output {name}" if name is not None else "an output"
             raise ShpyTypeError(
                 f"{spoken} of {f.module.name} is {with_article(layout)} and cannot be the input {target} of "
-                f"{g.module.name}, {with_article(wanted[target])}: {signature(f)} goes into {signature(g)}",
+                f"{g.module.name}, {with_article(inputs[target])}: {signature(f)} goes into {signature(g)}",
                 loc=here(),
                 cure="a program between the two that converts"
                 + (f", or {f.module.name}.rename({name}=…), so that names join as they are meant" if name else ""),
@@ -134,11 +134,11 @@ def _check_one_reading(
     f: Recorded,
     parts: list[_Part],
     fed: list[str | None],
-    wanted: Mapping[str, Layout],
+    inputs: Mapping[str, Layout],
     whole: bool,
 ) -> None:
     """Error where some names match and what is left could go on by position."""
-    free = {name: type_ for name, type_ in wanted.items() if name not in fed}
+    free = {name: type_ for name, type_ in inputs.items() if name not in fed}
     for (name, layout), target in zip(parts, fed, strict=True):
         fitting = next((n for n, t in free.items() if target is None and alike(layout, t)), None)
         if fitting is not None:
@@ -150,7 +150,7 @@ def _check_one_reading(
                 f"that calls {f.module.name} and {g.module.name}",
             )
     if whole:
-        first = next(iter(wanted))
+        first = next(iter(inputs))
         raise ShpyTypeError(
             f"{g.module.name} << {f.module.name} can be read in two ways: all of it could be {first}, and a part "
             f"of it is named as an input: {signature(f)} goes into {signature(g)}",
@@ -171,12 +171,12 @@ def alike(a: Layout, b: Layout) -> bool:
     return same_form and names and _leaf_types(a) == _leaf_types(b)
 
 
-def _fits(given: Layout, wanted: Layout) -> bool:
+def _fits(source: Layout, target: Layout) -> bool:
     """Return whether an input takes a value: an equal structure, or a leaf that widens or is a scalar."""
-    if isinstance(given, Leaf) and isinstance(wanted, Leaf):
-        old, new = given.cls.type, wanted.cls.type
+    if isinstance(source, Leaf) and isinstance(target, Leaf):
+        old, new = source.cls.type, target.cls.type
         return old.size in (1, new.size) and widens(old.base, new.base)
-    return alike(given, wanted)
+    return alike(source, target)
 
 
 def with_article(layout: InputType) -> str:
@@ -217,9 +217,9 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
             types[names[name]] = type_
     layout = _join(_parts(f.output) + _parts(g.output))
 
-    def body(given: Mapping[str, Any]) -> Any:
-        first = _values(f.output, call_recorded(f, {n: given[n] for n in f.inputs}))
-        second = _values(g.output, call_recorded(g, {n: given[fresh] for n, fresh in names.items()}))
+    def body(arguments: Mapping[str, Any]) -> Any:
+        first = _values(f.output, call_recorded(f, {n: arguments[n] for n in f.inputs}))
+        second = _values(g.output, call_recorded(g, {n: arguments[fresh] for n, fresh in names.items()}))
         return tuple(first + second)
 
     defaults = _under(g.defaults, names) | f.defaults
@@ -230,7 +230,7 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
     """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
     parts = _parts(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
-    _known(p, names, [*p.inputs, *outputs], "input or output")
+    _check_names(p, names, [*p.inputs, *outputs], "input or output")
     for name in names.values():
         if not isinstance(name, str) or not name.isidentifier():
             raise ShpyTypeError(f"{name!r} is no name", loc=here(), cure='rename(old="new")')
@@ -238,35 +238,37 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
             raise ShpyTypeError(f"{name} is a reserved name for an input", loc=here(), cure=f"{name}_")
     types = {names.get(n, n): t for n, t in p.inputs.items()}
     fresh = tuple(names.get(n, n) for n in outputs)
-    for what, count, made in (("inputs", len(p.inputs), types), ("outputs", len(outputs), set(fresh))):
-        if len(made) != count:
+    for what, count, distinct in (("inputs", len(p.inputs), types), ("outputs", len(outputs), set(fresh))):
+        if len(distinct) != count:
             raise ShpyTypeError(f"two {what} would have one name", loc=here(), cure="names that differ")
     changed = fresh != tuple(outputs)
     layout = p.output
     if changed:
         layout = Group("namedtuple", fresh, tuple(part for _, part in parts), _tuple_class("Outputs", fresh))
 
-    def body(given: Mapping[str, Any]) -> Any:
-        result = call_recorded(p, {n: given[names.get(n, n)] for n in p.inputs})
+    def body(arguments: Mapping[str, Any]) -> Any:
+        result = call_recorded(p, {n: arguments[names.get(n, n)] for n in p.inputs})
         return tuple(_values(p.output, result, fields=True)) if changed else result
 
     return rerecorded(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
 
-def _known(p: Recorded, given: Mapping[str, Any], known: list[str], what: str) -> None:
-    for name in given:
-        if name not in known:
+def _check_names(p: Recorded, names: Mapping[str, Any], choices: list[str], what: str) -> None:
+    for name in names:
+        if name not in choices:
             raise ShpyTypeError(
-                f"{name} is no {what} of {p.module.name}", loc=here(), cure=f"one of {', '.join(known) or 'none'}"
+                f"{name} is no {what} of {p.module.name}", loc=here(), cure=f"one of {', '.join(choices) or 'none'}"
             )
 
 
 def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     """Return the program with inputs replaced by uniforms: Params, Tables and textures that hold these values."""
-    _known(p, values, list(p.inputs), "input")
+    _check_names(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
     types = {n: t for n, t in p.inputs.items() if n not in fixed}
-    return rerecorded(p.module.name, p, types, p.output, lambda given: call_recorded(p, {**given, **fixed}), p.defaults)
+    return rerecorded(
+        p.module.name, p, types, p.output, lambda arguments: call_recorded(p, {**arguments, **fixed}), p.defaults
+    )
 
 
 def _uniform(name: str, type_: InputType, value: Any) -> Any:
@@ -285,21 +287,21 @@ def _uniform(name: str, type_: InputType, value: Any) -> Any:
 def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
     """Fold inputs and params, given as constants."""
     uniforms = {**p.params, **listed(p.params)}
-    _known(p, values, [*p.inputs, *uniforms], "input or param")
+    _check_names(p, values, [*p.inputs, *uniforms], "input or param")
     types = {n: t for n, t in p.inputs.items() if n not in values}
     constants: dict[Same, tuple[int, ...]] = {}
     for name, value in values.items():
         if name not in p.inputs:
             constants |= constants_for(name, uniforms[name], value)
 
-    def body(given: Mapping[str, Any]) -> Any:
+    def body(arguments: Mapping[str, Any]) -> Any:
         fixed = {n: _constant(p.inputs[n], n, v) for n, v in values.items() if n in p.inputs}
-        return call_recorded(p, {**given, **fixed}, constants)
+        return call_recorded(p, {**arguments, **fixed}, constants)
 
-    made = rerecorded(p.module.name, p, types, p.output, body, p.defaults)
+    recorded = rerecorded(p.module.name, p, types, p.output, body, p.defaults)
     from shpy.passes.pipeline import optimise  # here: a program that is only recorded needs no passes
 
-    return replace(made, module=optimise(made.module, fixed=False))
+    return replace(recorded, module=optimise(recorded.module, fixed=False))
 
 
 def _constant(type_: InputType, name: str, value: Any) -> Any:
@@ -332,20 +334,20 @@ def recorded_from(module: Module) -> Recorded:
 
 def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
     """Return the layouts that dotted and indexed names of ports stand for."""
-    found: dict[str, Layout] = {}
+    layouts: dict[str, Layout] = {}
     for head, group in groupby(ports, key=lambda port: port.name.partition(".")[0].partition("[")[0]):
         members = list(group)
         first = members[0]
         if first.name == head:
-            found[head] = Leaf(_class_named(first.kind))
+            layouts[head] = Leaf(_class_named(first.kind))
         elif first.name.startswith(f"{head}["):
-            found[head] = Rows(MATRICES[first.kind.partition("[")[0]])
+            layouts[head] = Rows(MATRICES[first.kind.partition("[")[0]])
         else:
             inner = _tree(tuple(Port(m.name.partition(".")[2], m.kind) for m in members))
             names = tuple(inner)
             cls = _tuple_class(head, names)
-            found[head] = Group("namedtuple", names, tuple(inner.values()), cls)
-    return found
+            layouts[head] = Group("namedtuple", names, tuple(inner.values()), cls)
+    return layouts
 
 
 def _tuple_class(name: str, names: tuple[str, ...]) -> Any:

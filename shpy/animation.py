@@ -116,8 +116,8 @@ class _Still:
         moment = Moment(self.size, number / self._fps, number)
         for name, param in self._params.items():
             param.value = _now(self._values[name], moment)
-        given = {n: _now(v, moment) for n, v in self._values.items() if n not in self._params}
-        return run_at(self._kernel, self._program.inputs, moment, given)
+        values = {n: _now(v, moment) for n, v in self._values.items() if n not in self._params}
+        return run_at(self._kernel, self._program.inputs, moment, values)
 
 
 def _now(value: Any, moment: Moment) -> Any:

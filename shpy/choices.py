@@ -94,13 +94,13 @@ def _recorded(program: Program | Choice, picks: Mapping[str, str]) -> tuple[Prog
     token = _picking.set(picking)
     try:
         if isinstance(program, Choice):
-            made: Any = program.picked()
-            made = made if isinstance(made, Program) else record_program(made)
+            result: Any = program.picked()
+            result = result if isinstance(result, Program) else record_program(result)
         else:
             # Joined and specialised programs have no function: what they were made of is fixed.
             function = getattr(program, "__wrapped__", None)
-            made = program if function is None else record_program(function)
-        return made, picking.met
+            result = program if function is None else record_program(function)
+        return result, picking.met
     finally:
         _picking.reset(token)
 
@@ -109,10 +109,10 @@ def combinations(program: Program | Choice) -> Iterator[tuple[dict[str, str], Pr
     """Yield every combination of alternatives with its program; one without picks where there is no choice."""
 
     def inner(picks: dict[str, str]) -> Iterator[tuple[dict[str, str], Program]]:
-        made, met = _recorded(program, picks)
+        candidate, met = _recorded(program, picks)
         open_ = next((c for name, c in met.items() if name not in picks), None)
         if open_ is None:
-            yield picks, made
+            yield picks, candidate
             return
         for alternative in open_.alternatives:
             yield from inner({**picks, open_.name: alternative})

@@ -170,8 +170,8 @@ def _examine(backend: sh.BackendInfo) -> str | None:
         fault = try_out(backend.name)
     print(f"  {backend.name:{_WIDTH}} {'works' if fault is None else fault}")
     for number, device in enumerate(backend.devices):
-        said = [f"device {number}: {device.name}", device.version, ", ".join(device.features), *device.notes]
-        print("\n".join(f"{'':{_WIDTH + 3 + (2 if k else 0)}}{line}" for k, line in enumerate(said) if line))
+        lines = [f"device {number}: {device.name}", device.version, ", ".join(device.features), *device.notes]
+        print("\n".join(f"{'':{_WIDTH + 3 + (2 if k else 0)}}{line}" for k, line in enumerate(lines) if line))
     if cure:
         print(f"{'':{_WIDTH + 3}}to mend it: {cure}")
     return fault
@@ -186,7 +186,7 @@ def try_out(backend: str) -> str | None:
 
     # Drivers fail in ways of their own, and a doctor that fails with them is of no use.
     try:
-        found = line.compile(backend)(np.arange(5))
+        values = line.compile(backend)(np.arange(5))
     except Exception as error:
         return f"{type(error).__name__}: {error}"
-    return None if np.array_equal(found, [1, 3, 5, 7, 9]) else f"2 * x + 1 of 0 to 4 gave {found}"
+    return None if np.array_equal(values, [1, 3, 5, 7, 9]) else f"2 * x + 1 of 0 to 4 gave {values}"

@@ -69,9 +69,9 @@ class ShpyError(Exception):
         """Return the lines that IPython prints in place of its own traceback: the user's lines, then the error."""
         steps = traceback.extract_tb(self.__traceback__)
         users = [s for s in steps if not (_is_passed(s.filename) or s.filename.startswith(_shells()))]
-        said = traceback.format_exception_only(type(self), self)
+        lines = traceback.format_exception_only(type(self), self)
         return "".join(
-            ["Traceback of your lines (most recent call last):\n", *traceback.format_list(users), *said]
+            ["Traceback of your lines (most recent call last):\n", *traceback.format_list(users), *lines]
         ).splitlines()
 
 

@@ -65,9 +65,9 @@ class Evolution:
         """Return the output of `show` for the present streams; without it the last stream that the chain writes."""
         if self._show is None:
             return np.asarray(self._streams[last_stream(self._chain)])
-        given = values_of(self._show.inputs, moment, self._streams)
-        check_pictures(self._show, moment.size, given)
-        return np.asarray(first_output(self._show(**given, shape=moment.shape)))
+        inputs = values_of(self._show.inputs, moment, self._streams)
+        check_pictures(self._show, moment.size, inputs)
+        return np.asarray(first_output(self._show(**inputs, shape=moment.shape)))
 
 
 def last_stream(chain: Chain) -> str:
@@ -80,10 +80,10 @@ def given_to(chain: Chain, moment: Moment, streams: Mapping[str, Any]) -> dict[s
 
     A stream that the chain writes before it reads it is given, too: its shape tells that of the kernel.
     """
-    held = {name: streams[name] for name in stream_names(chain.steps) if name in streams}
-    written = {*held, *chain.outputs} - chain.inputs.keys()
+    inputs = {name: streams[name] for name in stream_names(chain.steps) if name in streams}
+    written = {*inputs, *chain.outputs} - chain.inputs.keys()
     types = {name: getattr(t, "cls", t) for step in chain.steps for name, t in step.inputs.items()}
-    return held | filled(types, moment, given={*held, *written})
+    return inputs | filled(types, moment, names={*inputs, *written})
 
 
 def stepped(chain: Chain, moment: Moment, streams: Mapping[str, Any], backend: str | None) -> dict[str, Any]:
@@ -91,16 +91,16 @@ def stepped(chain: Chain, moment: Moment, streams: Mapping[str, Any], backend: s
 
     A kernel whose streams do not tell how many elements there are runs over the pixels of the picture.
     """
-    given, shape = arguments_of(chain, moment, streams)
-    return chain.run(backend=backend, shape=shape, **given).streams
+    inputs, shape = arguments_of(chain, moment, streams)
+    return chain.run(backend=backend, shape=shape, **inputs).streams
 
 
 def arguments_of(
     chain: Chain, moment: Moment, streams: Mapping[str, Any]
 ) -> tuple[dict[str, Any], tuple[int, int] | None]:
     """Return the streams of a run of a chain, by name, and its `shape=`."""
-    given = given_to(chain, moment, streams)
-    return given, moment.shape if _lacks_shape(chain, shapes_of(chain, given)) else None
+    inputs = given_to(chain, moment, streams)
+    return inputs, moment.shape if _lacks_shape(chain, shapes_of(chain, inputs)) else None
 
 
 def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:
@@ -120,13 +120,13 @@ def shapes_of(chain: Chain, streams: Mapping[str, Any]) -> dict[str, Shape]:
     """Return the shape of the elements of each stream that a chain has; raise ShpyTypeError for no such stream."""
     named = (pair for step in chain.steps for pair in (*step.inputs.items(), *step.kernel.outputs))
     layouts = {name: element_layout(type_) for name, type_ in named}
-    found = {}
+    shapes = {}
     for name, value in streams.items():
         if isinstance(value, Stream):
-            found[name] = value.shape
+            shapes[name] = value.shape
         elif name in layouts and not isinstance(value, Table | Texture2D):
-            found[name] = common_shape(host_inputs({name: layouts[name]}, {name: value}, "f32"), None)
-    return found
+            shapes[name] = common_shape(host_inputs({name: layouts[name]}, {name: value}, "f32"), None)
+    return shapes
 
 
 def extent(chain: Chain, streams: Mapping[str, Any], otherwise: tuple[int, int] = (512, 512)) -> tuple[int, int]:

@@ -86,11 +86,11 @@ def _library() -> Any:
     if sys.platform != "linux":
         return None
     try:
-        found = ctypes.PyDLL(None)
-        found.fegetenv.argtypes = found.fesetenv.argtypes = [ctypes.c_void_p]
+        library = ctypes.PyDLL(None)
+        library.fegetenv.argtypes = library.fesetenv.argtypes = [ctypes.c_void_p]
     except (OSError, AttributeError, TypeError):
         return None
-    return found
+    return library
 
 
 def _set_default() -> Any:

@@ -31,9 +31,9 @@ def check_file(path: Path) -> None:
 def check_output(path: Path) -> None:
     """Raise ShpyError for a path that neither JSON nor a picture can be written to: before anything is measured."""
     if path.suffix != ".json":
-        known = sorted(new_figure(1, 1).canvas.get_supported_filetypes())
-        if path.suffix[1:].lower() not in known:
-            raise ShpyError(f"{path} is no picture", cure=f"a path that ends in .{', .'.join(known)}; or in .json")
+        formats = sorted(new_figure(1, 1).canvas.get_supported_filetypes())
+        if path.suffix[1:].lower() not in formats:
+            raise ShpyError(f"{path} is no picture", cure=f"a path that ends in .{', .'.join(formats)}; or in .json")
         check_file(path.with_suffix(".json"))
     check_file(path)
 

@@ -55,11 +55,11 @@ def extras() -> dict[str, list[str]]:
     >>> extras()["opencl"]
     ['pyopencl']
     """
-    found: dict[str, list[str]] = {}
+    packages: dict[str, list[str]] = {}
     for requirement, extra in _requirements():
         if extra and extra not in _BUNDLES:
-            found.setdefault(extra, []).append(_name(requirement))
-    return found
+            packages.setdefault(extra, []).append(_name(requirement))
+    return packages
 
 
 def _requirements() -> Iterator[tuple[str, str | None]]:
@@ -83,8 +83,8 @@ def _holds(condition: str) -> bool:
 
 def _name(requirement: str) -> str:
     """Return the name in a requirement such as `numpy>=2.0`."""
-    found = re.match(r"[\w.-]+", requirement)
-    return found[0] if found else requirement
+    match = re.match(r"[\w.-]+", requirement)
+    return match[0] if match else requirement
 
 
 def _normal(requirement: str) -> str:

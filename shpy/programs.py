@@ -308,9 +308,9 @@ def program(function: Any) -> Any:
         function = function.__func__
     if is_method(function):
         return Method(function)
-    made: Program[Any, Any] = Program(record(function))
-    functools.update_wrapper(made, function, updated=())
-    return made
+    result: Program[Any, Any] = Program(record(function))
+    functools.update_wrapper(result, function, updated=())
+    return result
 
 
 class Method(PerInstance):
@@ -318,10 +318,10 @@ class Method(PerInstance):
 
     def record_for(self, instance: Any) -> Program:
         """Return the program of the method bound to this instance."""
-        made = Program(record(MethodType(self.function, instance)))
+        result = Program(record(MethodType(self.function, instance)))
         # Not the bound method, which would keep the instance alive.
-        functools.update_wrapper(made, self.function, updated=())
-        return made
+        functools.update_wrapper(result, self.function, updated=())
+        return result
 
 
 class ClassMethod(Method):

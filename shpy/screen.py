@@ -85,12 +85,12 @@ def is_filled(name: str, type_: Any) -> bool:
     return numeric and type_.type.size in SIZES.get(name, ())
 
 
-def filled(inputs: Mapping[str, Any], moment: Moment, *, given: Iterable[str] = ()) -> dict[str, Any]:
-    """Return the values of the inputs that have a filled name, except those that are `given` in another way.
+def filled(inputs: Mapping[str, Any], moment: Moment, *, names: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the values of the inputs that have a filled name, except `names`, which get their values in another way.
 
     `inputs` are types by name, as `Program.inputs` has them. Inputs of other names are left out.
     """
-    left = set(given)
+    left = set(names)
     return {
         name: _as(type_, moment.value(name, type_.type.size))
         for name, type_ in inputs.items()
@@ -100,8 +100,8 @@ def filled(inputs: Mapping[str, Any], moment: Moment, *, given: Iterable[str] = 
 
 def values_of(inputs: Mapping[str, Any], moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
     """Return the value of each input: the stream of its name, or else the value that its name is filled with."""
-    given = {name: streams[name] for name in inputs if name in streams}
-    return given | filled(inputs, moment, given=given)
+    values = {name: streams[name] for name in inputs if name in streams}
+    return values | filled(inputs, moment, names=values)
 
 
 def _as(type_: Any, value: Any) -> Any:
@@ -123,9 +123,9 @@ def _pixel(size: tuple[int, int]) -> NDArray[np.int32]:
 
 
 def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
-    made = np.ascontiguousarray(array, dtype)
-    made.flags.writeable = False  # runs share it
-    return made
+    copy = np.ascontiguousarray(array, dtype)
+    copy.flags.writeable = False  # runs share it
+    return copy
 
 
 def moves(program: Program) -> bool:
@@ -133,21 +133,21 @@ def moves(program: Program) -> bool:
     return any(name in MOVING and is_filled(name, type_) for name, type_ in program.inputs.items())
 
 
-def unfilled(program: Program, given: Iterable[str] = ()) -> dict[str, Any]:
-    """Return the types, by name, of the inputs that nothing fills: no name, no default, and not `given` either."""
-    known = {*program.recorded.defaults, *given}
-    return {n: t for n, t in program.inputs.items() if n not in known and not is_filled(n, t)}
+def unfilled(program: Program, names: Iterable[str] = ()) -> dict[str, Any]:
+    """Return the types, by name, of the inputs that nothing fills: no name, no default, and not in `names` either."""
+    filled_names = {*program.recorded.defaults, *names}
+    return {n: t for n, t in program.inputs.items() if n not in filled_names and not is_filled(n, t)}
 
 
-def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str] = ()) -> None:
+def check_pictures(program: Program, size: tuple[int, int], names: Iterable[str] = ()) -> None:
     """Raise ShpyTypeError where a program of pixels lacks inputs, or `size` is no (width, height).
 
-    An input is filled by its name, by its default, or `given` in another way.
+    An input is filled by its name, by its default, or named in `names`.
     """
     whole = isinstance(size, tuple | list) and all(is_int(n) and n > 0 for n in size)
     if not (whole and len(size) == 2):
         raise ShpyTypeError(f"size={size!r} is no width and height", loc=here(), cure="size=(640, 360)")
-    types = unfilled(program, given)
+    types = unfilled(program, names)
     if types:
         spoken = ", ".join(f"{name}: {getattr(t, '__name__', t)}" for name, t in types.items())
         raise ShpyTypeError(
@@ -156,7 +156,7 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
             cure=f"uv: sh.TexCoord2f, pixel: sh.Attrib2i, resolution, time, frame or mouse; a default; or "
             f"{program.name}.bind({next(iter(types))}=…)",
         )
-    unknown = [n for n in given if n not in program.inputs and n not in program.params]
+    unknown = [n for n in names if n not in program.inputs and n not in program.params]
     if unknown:
         raise ShpyTypeError(
             f"{unknown[0]} is neither an input nor a Param of {program.name}",
@@ -166,23 +166,23 @@ def check_pictures(program: Program, size: tuple[int, int], given: Iterable[str]
 
 
 def drawn(
-    program: Program, moment: Moment, *, backend: str | None = None, math: Math = "strict", **given: Any
+    program: Program, moment: Moment, *, backend: str | None = None, math: Math = "strict", **arguments: Any
 ) -> NDArray[Any]:
     """Run a program of pixels at a moment; return its output, (height, width) or (height, width, components).
 
-    `given` are the inputs that no name such as `uv` or `time` fills. Raises ShpyTypeError as `check_pictures` does.
+    `arguments` are the inputs that no name such as `uv` or `time` fills. Raises ShpyTypeError as `check_pictures` does.
     """
-    check_pictures(program, moment.size, given)
-    output: NDArray[Any] = run_at(program.compile(backend, math=math), program.inputs, moment, given)
+    check_pictures(program, moment.size, arguments)
+    output: NDArray[Any] = run_at(program.compile(backend, math=math), program.inputs, moment, arguments)
     return output
 
 
 def run_at(
-    kernel: Callable[..., Any], inputs: Mapping[str, Any], moment: Moment, given: Mapping[str, Any] | None = None
+    kernel: Callable[..., Any], inputs: Mapping[str, Any], moment: Moment, arguments: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return the picture of a program's kernel at a moment: `inputs` are filled by their names, but those `given`."""
-    values = dict(given or {})
-    return first_output(kernel(**values, **filled(inputs, moment, given=values), shape=moment.shape))
+    """Return the picture of a program's kernel at a moment: `arguments`, and the inputs that their names fill."""
+    values = dict(arguments or {})
+    return first_output(kernel(**values, **filled(inputs, moment, names=values), shape=moment.shape))
 
 
 def first_output(outputs: Any) -> Any:
@@ -210,15 +210,15 @@ def pixels(output: Any, *, encode: bool = False) -> NDArray[np.uint8]:
     count = array.shape[2]
     color = array[..., :3]
     levels = _levels(srgb(color) if encode else color)
-    made = np.full((*array.shape[:2], 4), 255, np.uint8)
+    picture = np.full((*array.shape[:2], 4), 255, np.uint8)
     # Plane by plane: numpy spends as much on each three bytes as on a long row.
     for plane, component in enumerate((0, 0, 0) if count == 1 else range(min(count, 3))):
-        made[..., plane] = levels[..., component]
+        picture[..., plane] = levels[..., component]
     if count == 2:
-        made[..., 2] = 0
+        picture[..., 2] = 0
     elif count == 4:
-        made[..., 3] = _levels(array[..., 3])
-    return made
+        picture[..., 3] = _levels(array[..., 3])
+    return picture
 
 
 def _levels(numbers: NDArray[Any]) -> NDArray[np.uint8]:

@@ -51,16 +51,16 @@ class Step:
 
 def trace(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any], shape: Any, at: Any) -> list[Step]:
     """Run the element at index `at` of a run over these inputs and give its steps, as `Program.trace` describes."""
-    given = {
+    inputs = {
         name: value.numpy() if isinstance(value, Stream) and not _is_table(recorded, name) else value
         for name, value in bind(recorded, args, named).items()
     }
     dtypes = dtypes_at("f32")
-    leaves = streams(recorded.inputs, given, "f32")
+    leaves = streams(recorded.inputs, inputs, "f32")
     whole = common_shape(leaves, shape)
     index = _index(recorded, whole, at)
     flat = [np.broadcast_to(leaf.array, whole + leaf.array.shape[len(leaf.shape) :])[index] for leaf in leaves]
-    data = {n: t.data(dtypes[t.type.base]) for n, t in tables(recorded.inputs, given, recorded.tables).items()}
+    data = {n: t.data(dtypes[t.type.base]) for n, t in tables(recorded.inputs, inputs, recorded.tables).items()}
     params = uniforms(recorded.params, "f32", "strict")
     steps: list[Step] = []
 

@@ -57,10 +57,10 @@ def ulp(found: Any, exact: Any = None) -> Budget | Array:
     """
     if exact is None:
         return Budget(found)
-    given = np.asarray(exact)
+    reference = np.asarray(exact)
     with np.errstate(all="ignore"):
-        high = given.astype(np.float64)
-        rest = np.where(np.isfinite(high), given - high, 0).astype(np.float64)
+        high = reference.astype(np.float64)
+        rest = np.where(np.isfinite(high), reference - high, 0).astype(np.float64)
     judged = np.asarray(found)
     return ulps(judged.astype(np.float64) if judged.dtype.kind in "iu" else judged, high, rest=rest)
 
@@ -93,9 +93,9 @@ def relative(found: Array, exact: Array) -> Array:
     0 where both are equal, both NaN, or infinite as `exact` rounds; infinite where only one is 0 or NaN or infinite.
     """
     with np.errstate(all="ignore"):
-        wide, given = exact.astype(np.float64), found.astype(np.float64)
-        away = np.abs(given - wide) / np.abs(wide)
-        same = (given == wide) | (np.isnan(given) & np.isnan(wide))
+        wide, values = exact.astype(np.float64), found.astype(np.float64)
+        away = np.abs(values - wide) / np.abs(wide)
+        same = (values == wide) | (np.isnan(values) & np.isnan(wide))
         same |= ~np.isfinite(found) & (found == exact.astype(found.dtype))
     return np.asarray(np.where(same, 0.0, np.where(np.isnan(away), np.inf, away)))
 

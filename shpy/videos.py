@@ -129,8 +129,8 @@ def _size_of(pillow: Any, path: Path) -> tuple[int, int] | None:
     try:
         with pillow.open(path) as picture:
             picture.verify()
-            found: tuple[int, int] = picture.size
-            return found
+            size: tuple[int, int] = picture.size
+            return size
     except (OSError, SyntaxError):
         return None
 
@@ -147,14 +147,14 @@ def _as_picture(path: Path, frames: int, fps: float, drawn: _Drawn) -> Iterator[
     lasting = [max(end - start, unit) for start, end in pairwise(ends)]
 
     def run() -> Iterator[int]:
-        held = []
+        pictures = []
         for number, pixels in enumerate(drawn(range(frames))):
             picture = pillow.fromarray(np.ascontiguousarray(pixels))
-            held.append(_in_256_colors(pillow, picture) if kind == "GIF" else picture)
+            pictures.append(_in_256_colors(pillow, picture) if kind == "GIF" else picture)
             if number + 1 < frames:
                 yield number + 1
         with replacing(path) as temporary:
-            held[0].save(str(temporary), kind, save_all=True, append_images=held[1:], duration=lasting, loop=0)
+            pictures[0].save(str(temporary), kind, save_all=True, append_images=pictures[1:], duration=lasting, loop=0)
         yield frames
 
     return run()
@@ -168,23 +168,23 @@ def _in_256_colors(pillow: Any, picture: Any) -> Any:
 
 def _ffmpeg(path: Path, size: tuple[int, int]) -> str:
     """Return the program that writes MP4; VideoError where there is none, or it cannot write this size."""
-    found = shutil.which("ffmpeg")
-    if found is None:
+    program = shutil.which("ffmpeg")
+    if program is None:
         raise VideoError(
             f"{path}: .mp4 files are written by ffmpeg, which is not installed: write a .webp or .gif file"
         )
     if size[0] % 2 or size[1] % 2:
         raise VideoError(f"an .mp4 file has an even width and height, not {size[0]} x {size[1]}")
-    return found
+    return program
 
 
 def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], drawn: _Drawn, ffmpeg: str) -> Iterator[int]:
     """Write an MP4 file: frames go to ffmpeg as they are drawn."""
     width, height = size
-    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
-    made = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]
+    input_options = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
+    output_options = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]
     with replacing(path) as temporary:
-        words = [ffmpeg, "-y", "-loglevel", "error", *given, *made, str(temporary)]
+        words = [ffmpeg, "-y", "-loglevel", "error", *input_options, *output_options, str(temporary)]
         with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             assert process.stdin is not None
             assert process.stderr is not None
@@ -199,7 +199,7 @@ def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], drawn: _
             except BaseException:
                 process.kill()
                 raise
-            said = process.stderr.read().decode(errors="replace").strip()
+            message = process.stderr.read().decode(errors="replace").strip()
         if process.returncode:
-            raise VideoError(f"{path}: ffmpeg failed: {said or process.returncode}")
+            raise VideoError(f"{path}: ffmpeg failed: {message or process.returncode}")
     yield frames

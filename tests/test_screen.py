@@ -34,7 +34,7 @@ def test_inputs_are_filled_by_name():
 
 def test_other_types_of_the_same_size_take_the_same_numbers():
     inputs = {"pixel": sh.Attrib2f, "mouse": sh.Attrib2f, "resolution": sh.Attrib2i, "time": sh.Attrib1f}
-    values = filled(inputs, MOMENT, given=["time"])
+    values = filled(inputs, MOMENT, names=["time"])
     assert values["mouse"] == (4, 2)
     assert values["resolution"].tolist() == [5, 3]
     assert "time" not in values

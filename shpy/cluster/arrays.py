@@ -45,17 +45,17 @@ class Cut:
     """False for an array of this process."""
 
 
-def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[Any]:
+def cut_leaves(layout: Layout, value: Any, name: str, precision: str) -> list[Any]:
     """Return each leaf of an input: a Cut for a Dask array, and for an array of several elements; others as they are.
 
     Raises ShpyTypeError for dtypes and component axes that do not fit, and for chunks across components or of unknown
     sizes.
     """
-    found = []
-    for (path, _, cls), entry in zip(leaves(layout, name), host.entries_of_input(layout, given, name), strict=True):
+    parts = []
+    for (path, _, cls), entry in zip(leaves(layout, name), host.entries_of_input(layout, value, name), strict=True):
         if not is_lazy(entry) and not _has_elements(entry, cls.size):
             InputLeaf(path, cls, host.exact(entry, precision, "strict"), _dtype(cls, precision))
-            found.append(entry)
+            parts.append(entry)
             continue
         array = entry if is_lazy(entry) else dask_array().from_array(np.asarray(entry), chunks=-1)
         shape = shape_before_data(path, cls, array, _dtype(cls, precision))
@@ -66,8 +66,8 @@ def cut_leaves(layout: Layout, given: Any, name: str, precision: str) -> list[An
                 loc=here(),
                 cure=f"{path.partition('[')[0]}.rechunk({{-1: -1}})",  # m[0] is a row of an input m
             )
-        found.append(Cut(path, cls.size, array, shape, is_lazy(entry)))
-    return found
+        parts.append(Cut(path, cls.size, array, shape, is_lazy(entry)))
+    return parts
 
 
 def _dtype(cls: Any, precision: str) -> Any:
@@ -78,16 +78,16 @@ def _has_elements(entry: Any, size: int) -> bool:
     return isinstance(entry, np.ndarray | list) and np.ndim(entry) > (size > 1)
 
 
-def has_lazy(given: Any) -> bool:
+def has_lazy(value: Any) -> bool:
     """Return whether an input is or has a Dask array."""
-    if isinstance(given, dict):
-        return any(map(has_lazy, given.values()))
-    return any(map(has_lazy, given)) if isinstance(given, tuple) else is_lazy(given)
+    if isinstance(value, dict):
+        return any(map(has_lazy, value.values()))
+    return any(map(has_lazy, value)) if isinstance(value, tuple) else is_lazy(value)
 
 
-def check_whole(name: str, given: Any, instead: str) -> None:
+def check_whole(name: str, value: Any, instead: str) -> None:
     """Raise ShpyTypeError for a Dask array as the input `name`, which a kernel reads at any index; name `instead`."""
-    if has_lazy(given):
+    if has_lazy(value):
         raise ShpyTypeError(
             f"{name} is read at any index, and a worker has one block of a Dask array",
             loc=here(),
@@ -95,14 +95,14 @@ def check_whole(name: str, given: Any, instead: str) -> None:
         )
 
 
-def whole_leaves(type_: TableType, given: Any, name: str, precision: str) -> list[Any]:
+def whole_leaves(type_: TableType, value: Any, name: str, precision: str) -> list[Any]:
     """Return the arrays of a Table that is a Dask array, or has some, leaf by leaf; each becomes one chunk.
 
     Raises ShpyTypeError for dtypes, axes and chunks of unknown sizes that do not fit.
     """
     arrays, shapes = [], {}
     layout = layout_of(type_.cls, "an element")
-    for (path, _, cls), entry in zip(leaves(layout, name), flatten(layout, given, name), strict=True):
+    for (path, _, cls), entry in zip(leaves(layout, name), flatten(layout, value, name), strict=True):
         array = entry if is_lazy(entry) else dask_array().from_array(as_array(entry, path), chunks=-1)
         shapes[path] = shape = shape_before_data(path, cls, array, _dtype(cls, precision))
         if len(shape) != type_.rank or 0 in shape:
@@ -121,9 +121,9 @@ def whole_leaves(type_: TableType, given: Any, name: str, precision: str) -> lis
     return arrays
 
 
-def check_hosted(given: Mapping[str, Any], what: str) -> None:
+def check_hosted(inputs: Mapping[str, Any], what: str) -> None:
     """Raise ShpyTypeError for streams: they lie on one device of this process."""
-    stream = next(streams_in(iter(given.values())), None)
+    stream = next(streams_in(iter(inputs.values())), None)
     if stream is not None:
         raise ShpyTypeError(
             f"{stream!r} lies on a device of this process, and sh.{what} runs on others",

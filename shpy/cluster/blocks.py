@@ -43,29 +43,29 @@ def map_blocks(kernel: Kernel | Program, *arrays: Any, shape: Any = None, chunks
     _check_kernel(kernel)
     recorded = kernel.recorded
     precision = kernel.options.precision if isinstance(kernel, Kernel) else "f32"
-    given = host.bind(recorded, arrays, named)
-    check_hosted({**given, **recorded.tables}, "map_blocks")
-    types = {n: t for n, t in recorded.inputs.items() if isinstance(t, TableType) and has_lazy(given[n])}
-    joined = {name: whole_leaves(type_, given[name], name, precision) for name, type_ in types.items()}
+    arguments = host.bind(recorded, arrays, named)
+    check_hosted({**arguments, **recorded.tables}, "map_blocks")
+    types = {n: t for n, t in recorded.inputs.items() if isinstance(t, TableType) and has_lazy(arguments[n])}
+    joined = {name: whole_leaves(type_, arguments[name], name, precision) for name, type_ in types.items()}
     indexed = [name for name, t in recorded.inputs.items() if isinstance(t, TableType | TextureType)]
-    tables = {name: given[name] for name in indexed if name not in types}
+    tables = {name: arguments[name] for name in indexed if name not in types}
     for name, table in tables.items():
         check_whole(name, table, "a sh.Table, which takes one")
     inputs, cuts = {}, []
     for name, type_ in recorded.inputs.items():
         if not isinstance(type_, TableType | TextureType):
-            entries = cut_leaves(type_, given[name], name, precision)
+            entries = cut_leaves(type_, arguments[name], name, precision)
             inputs[name] = type_, [None if isinstance(entry, Cut) else entry for entry in entries]
             cuts += [entry for entry in entries if isinstance(entry, Cut)]
     whole = host.common_shape(cuts, shape)
     if shape is None and not any(cut.lazy for cut in cuts) and not (joined and cuts):
         raise _no_shape(recorded.module.name, joined)
-    made, sizes = unified(cuts, whole)
+    unified_arrays, sizes = unified(cuts, whole)
     if chunks is not None or any(not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)):
         sizes = _chosen(sizes, whole, chunks, da)
     job = Blockwise(kernel, whole, inputs, tables, types)
     tails = [cut.array.ndim > len(cut.shape) for cut in cuts]
-    return over_blocks(job, made, tails, whole_places(sizes), sizes, recorded.output, precision, joined)
+    return over_blocks(job, unified_arrays, tails, whole_places(sizes), sizes, recorded.output, precision, joined)
 
 
 def _no_shape(name: str, joined: Mapping[str, Any]) -> ShpyTypeError:
@@ -88,9 +88,9 @@ def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
     try:
         asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
     except (TypeError, ValueError, ZeroDivisionError) as error:
-        said = "a chunk has elements" if isinstance(error, ZeroDivisionError) else error  # Python's words differ
+        reason = "a chunk has elements" if isinstance(error, ZeroDivisionError) else error  # Python's words differ
         raise ShpyTypeError(
-            f"chunks={chunks!r} of the shape {whole}: {said}", loc=here(), cure="chunks=(512, 512), one for each axis"
+            f"chunks={chunks!r} of the shape {whole}: {reason}", loc=here(), cure="chunks=(512, 512), one for each axis"
         ) from error
     open_axes = [not n or sum(n) != extent for n, extent in zip(sizes, whole, strict=True)]
     if chunks is not None and not all(open_axes):

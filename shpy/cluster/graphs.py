@@ -51,13 +51,13 @@ def over_blocks(
     for axis, blocks in enumerate(places):
         table = np.array(blocks, np.int64).reshape(-1, 3)
         pairs += [da.from_array(table, chunks=(1, 3)), (axis, rank + len(arrays) + axis)]
-    made = list(leaves(output, "output"))
+    output_leaves = list(leaves(output, "output"))
     tables = {name: [leaf.to_delayed().item() for leaf in parts] for name, parts in (joined or {}).items()}
     options: dict[str, Any] = {
         "joined": tables, "align_arrays": False, "concatenate": True, "packed": sent, "rank": rank,
         "adjust_chunks": dict(zip(axes, chunks, strict=True)),
     }  # fmt: skip
-    parts = [_meta(cls, rank, precision) for _, _, cls in made]
+    parts = [_meta(cls, rank, precision) for _, _, cls in output_leaves]
     if len(parts) == 1:
         components, meta = parts[0]
         new = {rank + len(pairs): components} if components else {}
@@ -65,13 +65,13 @@ def over_blocks(
         return build_arrays(output, iter([whole]))
     several = np.empty((0,) * rank, object)
     whole = da.blockwise(run_job, axes, *pairs, dtype=object, meta=several, **options)
-    found = []
+    outputs = []
     for k, (components, meta) in enumerate(parts):
         new = {rank: components} if components else {}
-        found.append(
+        outputs.append(
             da.blockwise(piece, axes + tuple(new), whole, axes, new_axes=new, k=k, dtype=meta.dtype, meta=meta)
         )
-    return build_arrays(output, iter(found))
+    return build_arrays(output, iter(outputs))
 
 
 def _meta(cls: Any, rank: int, precision: str) -> tuple[int, Any]:

@@ -37,7 +37,7 @@ class Job(ABC):
     """The work that a worker does for each block."""
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: held for name, held in vars(self).items() if name != "_ready"}  # each thread makes its own
+        return {name: value for name, value in vars(self).items() if name != "_ready"}  # each thread makes its own
 
     @abstractmethod
     def run(
@@ -134,8 +134,8 @@ class Blockwise(Job):
     @cached_property
     def _ready(self) -> tuple[Grid, Kernel, dict[str, tuple[list[Any], Table]]]:
         grid = Grid(self.shape)
-        made = again(self.kernel, grid.placed(self.kernel.recorded, ()))
-        return grid, made if isinstance(made, Kernel) else made.compile(), {}
+        copy = again(self.kernel, grid.placed(self.kernel.recorded, ()))
+        return grid, copy if isinstance(copy, Kernel) else copy.compile(), {}
 
     def _joined_table(self, name: str, arrays: list[Any]) -> Table:
         """Return the Table of arrays that a worker holds; it is made, and copied to a device, once."""
@@ -153,11 +153,11 @@ class Blockwise(Job):
         grid, kernel, _ = self._ready
         grid.move(origin)
         cut = iter(blocks)
-        given = {**self.tables, **{name: self._joined_table(name, arrays) for name, arrays in joined.items()}}
+        arguments = {**self.tables, **{name: self._joined_table(name, arrays) for name, arrays in joined.items()}}
         for name, (layout, entries) in self.inputs.items():
-            given[name] = build_arrays(layout, (next(cut) if entry is None else entry for entry in entries))
+            arguments[name] = build_arrays(layout, (next(cut) if entry is None else entry for entry in entries))
         shape = tuple(part.stop for part in kept)
-        result = kernel(*(given[name] for name in kernel.recorded.inputs), shape=shape)
+        result = kernel(*(arguments[name] for name in kernel.recorded.inputs), shape=shape)
         return [np.asarray(leaf) for leaf in flatten(kernel.recorded.output, result, "output")]
 
 
@@ -191,10 +191,10 @@ class Stencil(Job):
             name: build_arrays(layout, (next(cut) for _ in leaves(layout, name))) for name, layout in self.cut.items()
         }
         shape = blocks[0].shape[: len(self.shape)]
-        found = chain.run(shape=shape, **streams, **self.whole).streams
+        results = chain.run(shape=shape, **streams, **self.whole).streams
         arrays = []
         for name, layout in self.outputs.items():
-            parts = flatten(layout, found[name].numpy(), name)
+            parts = flatten(layout, results[name].numpy(), name)
             arrays += [np.ascontiguousarray(np.asarray(part)[kept]) for part in parts]
         return arrays
 
@@ -209,8 +209,8 @@ def _placed(node: Chain | Member, grid: Grid, local: set[str], distances: Iterat
 
 def cut_tables(recorded: Recorded, local: Collection[str]) -> frozenset[str]:
     """Return the names in the module of the tables that are cut: an input of structs is a table for each leaf."""
-    found: set[str] = set()
+    names: set[str] = set()
     for name, type_ in recorded.inputs.items():
         if name in local and isinstance(type_, TableType):
-            found |= {path for path, _, _ in leaves(layout_of(type_.cls, name), name)}
-    return frozenset(found)
+            names |= {path for path, _, _ in leaves(layout_of(type_.cls, name), name)}
+    return frozenset(names)

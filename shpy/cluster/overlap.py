@@ -50,12 +50,12 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     _check_names(whole, streams)
     outputs = {name: layout for kernel in whole.kernels for name, layout in kernel.outputs}
     precision = next((m.kernel.options.precision for m in whole.kernels if isinstance(m.kernel, Kernel)), "f32")
-    found = _cut_streams(whole, streams, outputs, precision)
-    layouts = {name: layout for name, (layout, _) in found.items()}
-    cuts = [cut for _, entries in found.values() for cut in entries]
+    cut_streams = _cut_streams(whole, streams, outputs, precision)
+    layouts = {name: layout for name, (layout, _) in cut_streams.items()}
+    cuts = [cut for _, entries in cut_streams.values() for cut in entries]
     shape = _common(cuts, whole)
     constant = {name: value for name, value in streams.items() if name not in layouts}
-    made, chunks = unified(cuts, shape)
+    unified_arrays, chunks = unified(cuts, shape)
     if not all(shape):
         return {name: streams[name] for name in outputs if name in streams}
     reaches = [_reach(kernel, {*layouts, *outputs}, len(shape)) for kernel in whole.kernels]
@@ -63,7 +63,7 @@ def map_overlap(chain: Chain | Kernel | Program, streams: Mapping[str, Any], *, 
     depth = [steps * n for n in distance]
     _check_borders(whole, shape, depth, wraps, clamps)
     wide = [_widened(sizes, n) for sizes, n in zip(chunks, depth, strict=True)]
-    arrays = [_extended(array, wide, depth, wraps) for array in made]
+    arrays = [_extended(array, wide, depth, wraps) for array in unified_arrays]
     job = Stencil(whole, steps, shape, layouts, constant, outputs, wraps, [each.distance for each in reaches])
     places = [_places(sizes, n, wrap) for sizes, n, wrap in zip(wide, depth, wraps, strict=True)]
     group = Group("dict", tuple(outputs), tuple(outputs.values()))
@@ -94,17 +94,17 @@ def _nodes(node: Any) -> Any:
 
 
 def _check_names(chain: Chain, streams: Mapping[str, Any]) -> None:
-    known = stream_names(chain.steps)
+    names = stream_names(chain.steps)
     for name in streams:
-        if name not in known:
-            raise ShpyTypeError(f"{name} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(known)}")
+        if name not in names:
+            raise ShpyTypeError(f"{name} is no stream of {chain}", loc=here(), cure=f"one of {', '.join(names)}")
     missing = [name for name in chain.inputs if name not in streams and name not in RUN_ARGUMENTS]
     if missing:
-        given = (*streams, *missing)
+        arguments = (*streams, *missing)
         raise ShpyTypeError(
             f"{chain} lacks {', '.join(missing)}",
             loc=here(),
-            cure=f"sh.map_overlap(chain, {{{', '.join(f'{n!r}: {n}' for n in given)}}})",
+            cure=f"sh.map_overlap(chain, {{{', '.join(f'{n!r}: {n}' for n in arguments)}}})",
         )
 
 
@@ -112,7 +112,7 @@ def _cut_streams(
     chain: Chain, streams: Mapping[str, Any], outputs: Mapping[str, Layout], precision: str
 ) -> dict[str, tuple[Layout, list[Cut]]]:
     """Return the layout and leaves of each stream that is cut: one that is written, or read as an array of elements."""
-    found: dict[str, tuple[Layout, list[Cut]]] = {}
+    cut_streams: dict[str, tuple[Layout, list[Cut]]] = {}
     for name, value in streams.items():
         types = [step.inputs[name] for step in chain.steps if name in step.inputs]
         by_element = [type_ for type_ in types if not is_gathered(type_)]
@@ -125,8 +125,8 @@ def _cut_streams(
                 raise ShpyTypeError(
                     f"some parts of {name} are arrays, and others numbers", loc=here(), cure="an array for each part"
                 )
-            found[name] = layout, entries
-    return found
+            cut_streams[name] = layout, entries
+    return cut_streams
 
 
 def _common(cuts: list[Cut], chain: Chain) -> Shape:
@@ -189,15 +189,15 @@ def _check_borders(chain: Chain, shape: Shape, depth: list[int], wraps: Any, cla
 
 def _widened(sizes: tuple[int, ...], depth: int) -> tuple[int, ...]:
     """Join neighbouring chunks of an axis until each is as long as the halo; return their sizes."""
-    made: list[int] = []
+    lengths: list[int] = []
     for size in sizes:
-        if made and (made[-1] < depth or not made[-1]):
-            made[-1] += size
+        if lengths and (lengths[-1] < depth or not lengths[-1]):
+            lengths[-1] += size
         else:
-            made.append(size)
-    if len(made) > 1 and made[-1] < max(depth, 1):
-        made[-2:] = [made[-2] + made[-1]]
-    return tuple(made)
+            lengths.append(size)
+    if len(lengths) > 1 and lengths[-1] < max(depth, 1):
+        lengths[-2:] = [lengths[-2] + lengths[-1]]
+    return tuple(lengths)
 
 
 def _extended(array: Any, chunks: list[tuple[int, ...]], depth: list[int], wraps: Any) -> Any:

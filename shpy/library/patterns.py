@@ -49,8 +49,8 @@ def _octaves(name: str, shape: Callable[[Any], Any]) -> Callable[..., Any]:
 
     def pattern(p: Any, octaves: Any, lacunarity: Any, gain: Any) -> Any:
         point = _point(p, f"sh.library.{name}")
-        known = is_int(octaves)
-        if not (known and -(1 << 31) <= octaves < 1 << 31) and getattr(octaves, "type", None) != vec(Base.I):
+        constant = is_int(octaves)
+        if not (constant and -(1 << 31) <= octaves < 1 << 31) and getattr(octaves, "type", None) != vec(Base.I):
             raise ShpyTypeError(
                 f"sh.library.{name} takes an int or an i of octaves, not {octaves!r}",
                 loc=here(),
@@ -99,8 +99,8 @@ def cellnoise(p: Any, components: int = 1) -> Any:
     """
     _check_count(components, "sh.library.cellnoise", "components")
     point = _point(p, "sh.library.cellnoise")
-    made = CLASSES["Attrib", components, Base.F]
-    return made(*_numbers(hash(*_cells(point)), components))
+    vector_type = CLASSES["Attrib", components, Base.F]
+    return vector_type(*_numbers(hash(*_cells(point)), components))
 
 
 _METRICS: Final[dict[str, Callable[[Any], Any]]] = {
@@ -160,7 +160,7 @@ def worley(p: Any, metric: str = "euclidean", count: int = 1) -> Any:
     rounding. A coordinate that is infinite or NaN gives NaN.
     """
     if not isinstance(metric, str) or metric not in _METRICS:
-        cure = " or ".join(f'metric="{known}"' for known in _METRICS)
+        cure = " or ".join(f'metric="{name}"' for name in _METRICS)
         raise ShpyTypeError(f"sh.library.worley has no metric {metric!r}", loc=here(), cure=cure)
     _check_count(count, "sh.library.worley", "distances")
     point = _point(p, "sh.library.worley")

@@ -204,9 +204,9 @@ class TextureCube:
         """Replace the images; the shape stays."""
         bordered, type = _bordered(faces)
         n = bordered.shape[1] - 2
-        kept, given = (*self.shape, self.type.size), (6, n, n, type.size)
-        if given != kept:
-            message = f"update of a TextureCube keeps the shape: {kept}, not {given}"
+        kept, shape = (*self.shape, self.type.size), (6, n, n, type.size)
+        if shape != kept:
+            message = f"update of a TextureCube keeps the shape: {kept}, not {shape}"
             raise ShpyTypeError(message, loc=here(), cure="a new TextureCube")
         self.table.update(bordered)
 
@@ -253,9 +253,9 @@ def _bordered(faces: Any) -> tuple[NDArray[Any], Any]:
     x, y, z = np.moveaxis(_directions((np.arange(-1, n + 1) + 0.5) / n), -1, 0)
     face, s, t = _face(x, y, z, np.where)
     row, column = (np.clip((place * n).astype(int), 0, n - 1) for place in (t, s))
-    made = pixels[face, row, column]
-    made[:, 1:-1, 1:-1] = pixels
+    bordered = pixels[face, row, column]
+    bordered[:, 1:-1, 1:-1] = pixels
     for i, beside in ((0, 1), (-1, -2)):
         for j, over in ((0, 1), (-1, -2)):  # three faces meet where a border has its corner
-            made[:, i, j] = (made[:, beside, j] + made[:, i, over] + made[:, beside, over]) / 3
-    return made, CLASSES["Color", channels, Base.F]
+            bordered[:, i, j] = (bordered[:, beside, j] + bordered[:, i, over] + bordered[:, beside, over]) / 3
+    return bordered, CLASSES["Color", channels, Base.F]
