@@ -69,7 +69,7 @@ def _recorded(uniform: Dependent) -> Recorded:
 
     def body(arguments: Any) -> Any:
         frame = need_frame("a uniform")
-        return arithmetic.made(cls.kind, cls.type, frame, record_expression(frame, uniform.root))
+        return arithmetic.make_value(cls.kind, cls.type, frame, record_expression(frame, uniform.root))
 
     with uncollected(), recording(uniform.name or "uniform", value._loc) as record:
         return record_body(record, {}, Leaf(cls), body)

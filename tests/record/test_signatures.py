@@ -221,11 +221,11 @@ def test_what_is_recorded_for_an_instance_goes_with_it_and_not_to_its_copies():
     gone = weakref.ref(three)
     held = Shader.__dict__["shade"]
     gc.collect()  # instances of other tests
-    count = len(held._made)
+    count = len(held._recordings)
     del three
     gc.collect()
     assert gone() is None
-    assert len(held._made) == count - 1
+    assert len(held._recordings) == count - 1
 
 
 def test_equal_and_unhashable_instances_have_their_own_programs():

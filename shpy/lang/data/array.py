@@ -46,7 +46,7 @@ class Array(Symbolic):
 
     def __init__(self, type_: Any, length: int | Sequence[Any]) -> None:
         frame = need_frame("sh.Array")
-        count, values = _given(length)
+        count, values = _read_length(length)
         if count < 1:
             raise ShpyTypeError("an Array holds one element or more", loc=here(), cure="sh.Array(sh.Attrib1f, 8)")
         if count > MAX_ARRAY:
@@ -69,10 +69,10 @@ class Array(Symbolic):
 
     @classmethod
     def _of(cls, frame: Frame, layout: Layout, length: int, variables: list[int]) -> Array:
-        made = object.__new__(cls)
-        made._frame, made._layout, made._length, made._variables = frame, layout, length, variables
-        made._classes = [leaf for _, _, leaf in leaves(layout, "")]
-        return made
+        array = object.__new__(cls)
+        array._frame, array._layout, array._length, array._variables = frame, layout, length, variables
+        array._classes = [leaf for _, _, leaf in leaves(layout, "")]
+        return array
 
     def _clear(self) -> None:
         """Store zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
@@ -85,10 +85,10 @@ class Array(Symbolic):
     def copy(self) -> Array:
         """Return a new array with the same elements."""
         slots = [self._frame.variable(cls.type, self._length) for cls in self._classes]
-        made = Array._of(self._frame, self._layout, self._length, slots)
+        array = Array._of(self._frame, self._layout, self._length, slots)
         with Counted(0, self._length, 1) as i:
-            made[i] = self[i]
-        return made
+            array[i] = self[i]
+        return array
 
     def __len__(self) -> int:
         return self._length
@@ -119,7 +119,7 @@ class Array(Symbolic):
         frame = self._frame
         parts = []
         for variable, cls in zip(self._variables, self._classes, strict=True):
-            part = arithmetic.made(cls.kind, cls.type, frame, frame.let("load", (index,), cls.type, variable))
+            part = arithmetic.make_value(cls.kind, cls.type, frame, frame.let("load", (index,), cls.type, variable))
             parts.append(part._read_from(f"{self._name()}[i]", "array"))
         return build_values(self._layout, iter(parts))
 
@@ -127,9 +127,9 @@ class Array(Symbolic):
         """Store the elements of another Array, tuple or list, of as many."""
         several = isinstance(values, Array | tuple | list)
         if not several or len(values) != self._length:
-            given = f"{len(values)} elements" if several else type(values).__name__
+            amount = f"{len(values)} elements" if several else type(values).__name__
             raise ShpyTypeError(
-                f"a[:] of an Array of {self._length} takes as many elements, not {given}",
+                f"a[:] of an Array of {self._length} takes as many elements, not {amount}",
                 loc=here(),
                 cure="an Array, tuple or list of this length",
             )
@@ -152,7 +152,7 @@ class Array(Symbolic):
             self._frame.store(variable, handle, None, index)
 
 
-def _given(length: Any) -> tuple[int, list[Any] | None]:
+def _read_length(length: Any) -> tuple[int, list[Any] | None]:
     """Return the number of elements and their values, None where only a number is given; ShpyTypeError for others."""
     if is_int(length):
         return int(length), None

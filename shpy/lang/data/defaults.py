@@ -22,10 +22,10 @@ from shpy.lang.values.structure import Layout, flatten, leaves
 def check_default(type_: Layout | TableType | TextureType, default: Any, name: str) -> Any:
     """Return the default; ShpyTypeError where it is not one value of the input's type."""
     if isinstance(type_, TableType | TextureType):
-        made, cure = (
+        host_type, cure = (
             (Table, "sh.Table(array, type)") if isinstance(type_, TableType) else (Texture2D, "sh.Texture2D(array)")
         )
-        if not isinstance(default, made):
+        if not isinstance(default, host_type):
             raise ShpyTypeError(f"the default of {name} is a {type(default).__name__}", loc=here(), cure=cure)
         return default
     what = f"the default of {name}"

@@ -52,8 +52,8 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
         kind = "i"  # ints of Python of more than 64 bits, of which numpy makes objects
         if base in FLOATS:
             return _floats_of_long_ints(array, what)
-    wanted = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
-    if kind not in wanted:
+    kinds = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
+    if kind not in kinds:
         raise ShpyTypeError(f"{what} takes {_SPOKEN[base]}, not {array.dtype}", loc=here(), cure=_cure(kind, base))
     if base in FLOATS:
         return array if kind == "f" else _floats_of_ints(array)

@@ -54,17 +54,17 @@ class Param:
         description: str | None = None,
     ) -> Any:
         """Make an object that is both a Param and a value, matrix or struct of `type_`."""
-        known = name if name is not None else assigned_name()
+        python_name = name if name is not None else assigned_name()
         layout = _layout(type_)
-        about = _about(layout, range, step, title, description, _called(known))
+        about = _about(layout, range, step, title, description, _called(python_name))
         if isinstance(layout, Leaf):
-            return _param(layout.cls, value, known, name is not None, about)
-        entries = _leaf_entries(layout, value, _called(known))
+            return _param(layout.cls, value, python_name, name is not None, about)
+        entries = _leaf_entries(layout, value, _called(python_name))
         parts = [
             _param(leaf, entry, path, name is not None, NOTHING)
-            for (path, _, leaf), entry in zip(leaves(layout, known or "param"), entries, strict=True)
+            for (path, _, leaf), entry in zip(leaves(layout, python_name or "param"), entries, strict=True)
         ]
-        return _owning(layout, known or "param", about, parts)
+        return _owning(layout, python_name or "param", about, parts)
 
     @classmethod
     def declared(cls, type_: type[Value], value: Any, name: str, about: About) -> Any:
@@ -125,8 +125,8 @@ def _layout(type_: Any) -> Layout:
 def _about(layout: Layout, bounds: Any, step: Any, title: Any, description: Any, what: str) -> About:
     """Return the metadata; ShpyTypeError where it is malformed."""
 
-    def refuse(said: str, cure: str) -> NoReturn:
-        raise ShpyTypeError(f"{what}: {said}", loc=here(), cure=cure)
+    def refuse(message: str, cure: str) -> NoReturn:
+        raise ShpyTypeError(f"{what}: {message}", loc=here(), cure=cure)
 
     for word, text in (("title", title), ("description", description)):
         if not (text is None or isinstance(text, str)):
@@ -136,19 +136,19 @@ def _about(layout: Layout, bounds: Any, step: Any, title: Any, description: Any,
         refuse(f"range={bounds!r} is no pair of numbers, the lower first", "range=(0, 1)")
     if not (step is None or _is_number(step)):
         refuse(f"step={step!r} is no positive number", "step=0.1")
-    made = About(
+    about = About(
         None if bounds is None else (_plain(bounds[0]), _plain(bounds[1])),
         None if step is None else _plain(step),
         title,
         description,
     )
     type_ = layout.cls.type if isinstance(layout, Leaf) else None
-    fault = made.fault(type_)
+    fault = about.fault(type_)
     if fault:
         single = type_ is not None and not type_.is_bool
         cure = "a Param of its own for the number that is bounded"
         refuse(fault, cure if not single else "step=0.1" if fault.startswith("step") else "range=(0, 1)")
-    return made
+    return about
 
 
 def _plain(x: Any) -> float:
@@ -157,25 +157,25 @@ def _plain(x: Any) -> float:
 
 
 def _is_number(x: Any) -> bool:
-    known = coerce.literal(x)
-    if known is None or known.weak == "bool":
+    constant = coerce.literal(x)
+    if constant is None or constant.weak == "bool":
         return False
-    number = known.components[0]
-    return bool(number == number and (known.weak == "float" or abs(number) < 2**1000))
+    number = constant.components[0]
+    return bool(number == number and (constant.weak == "float" or abs(number) < 2**1000))
 
 
 def _param(type_: type[Value], value: Any, name: str | None, named: bool, about: About) -> Any:
-    made = _unset(type_, name, named, about)
-    made.value = value
-    return made
+    param = _unset(type_, name, named, about)
+    param.value = value
+    return param
 
 
 def _unset(type_: type[Value], name: str | None, named: bool, about: About, const: tuple[int, ...] = ()) -> Any:
-    made: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
+    param: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
     slots = {"_frame": None, "_variable": -1, "_part": None, "_loc": here(), "_name": name, "named": named}
     for slot, start in {**slots, "_about": about, "_owner": None, "_const": const}.items():
-        object.__setattr__(made, slot, start)
-    return made
+        object.__setattr__(param, slot, start)
+    return param
 
 
 class _MadeParam(Param):
@@ -217,9 +217,9 @@ class _ValueParam(_MadeParam):
     @property
     def value(self) -> Any:
         """The present value: a numpy scalar or a read-only array of shape (size,)."""
-        held = to_array(self.type, self._const)  # type: ignore[attr-defined]
-        held.flags.writeable = False  # a store into it would not reach the Param
-        return held[()] if held.ndim == 0 else held
+        array = to_array(self.type, self._const)  # type: ignore[attr-defined]
+        array.flags.writeable = False  # a store into it would not reach the Param
+        return array[()] if array.ndim == 0 else array
 
     @value.setter
     def value(self, value: Any) -> None:
@@ -274,8 +274,8 @@ def constant_of(cls: type[Value], value: Any, what: str) -> tuple[int, ...]:
 
 def _literal_of(value: Value) -> coerce.Literal:
     weak = "float" if value.type.is_float else "bool" if value.type.is_bool else "int"
-    known = not value._uniform and value.base is Base.F  # kept in binary64 until the precision is known
-    numbers = decode(value.type, wide(value._const)) if known else np.atleast_1d(value._now()).tolist()
+    is_wide = not value._uniform and value.base is Base.F  # kept in binary64 until the precision is known
+    numbers = decode(value.type, wide(value._const)) if is_wide else np.atleast_1d(value._now()).tolist()
     return coerce.Literal(weak, tuple(numbers))
 
 
@@ -326,22 +326,22 @@ def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = NO
     fields: dict[str, Any]
     if isinstance(layout, Rows):
         rows = tuple(next(parts) for _ in range(layout.cls.size))
-        found, fields = list(rows), {"rows": rows}
+        flat, fields = list(rows), {"rows": rows}
     else:
         inner = zip(layout.names, layout.parts, strict=True)
         fields = {n: _compound(part, parts, f"{name}.{n}") for n, part in inner}
-        found = [leaf for field in fields.values() for leaf in getattr(field, "_leaves", (field,))]
+        flat = [leaf for field in fields.values() for leaf in getattr(field, "_leaves", (field,))]
     # A field called `range`, say, comes before what a Param has of that name.
     hidden = {n: property(_reader(n)) for n in fields if hasattr(Param, n)}
-    made: Any = object.__new__(type(layout.cls.__name__, (_CompoundParam, layout.cls), hidden))
-    for attribute, held in (("_name", name), ("_about", about), ("_layout", layout), ("_leaves", tuple(found))):
-        object.__setattr__(made, attribute, held)
-    for attribute, held in fields.items():
+    compound: Any = object.__new__(type(layout.cls.__name__, (_CompoundParam, layout.cls), hidden))
+    for attribute, value in (("_name", name), ("_about", about), ("_layout", layout), ("_leaves", tuple(flat))):
+        object.__setattr__(compound, attribute, value)
+    for attribute, value in fields.items():
         if attribute in hidden:
-            vars(made)[attribute] = held
+            vars(compound)[attribute] = value
         else:
-            object.__setattr__(made, attribute, held)
-    return made
+            object.__setattr__(compound, attribute, value)
+    return compound
 
 
 def _owning(layout: Layout, name: str, about: About, parts: list[Any]) -> Any:
@@ -395,19 +395,19 @@ def _matrix_rows(cls: Any, value: Any, what: str) -> Sequence[Any]:
 
 def listed(params: Mapping[str, Any]) -> dict[str, Any]:
     """Return a program's uniforms as the user made them: matrices and structs whole, sources of dependent ones."""
-    found: dict[str, Any] = {}
+    uniforms: dict[str, Any] = {}
 
     def enter(name: str, uniform: Any) -> None:
         owner = getattr(uniform, "_owner", None)
         if owner is not None:
             path = (uniform.name or "").removeprefix(owner._name)
             name, uniform = name.removesuffix(path), owner
-        if any(uniform is other for other in found.values()):
+        if any(uniform is other for other in uniforms.values()):
             return
         free, count = name, 2
-        while free in found:
+        while free in uniforms:
             free, count = f"{name}_{count}", count + 1
-        found[free] = uniform
+        uniforms[free] = uniform
 
     for name, uniform in params.items():
         enter(name, uniform)
@@ -415,7 +415,7 @@ def listed(params: Mapping[str, Any]) -> dict[str, Any]:
         for source in uniform.sources if isinstance(uniform, Dependent) else ():
             if isinstance(source, Param):
                 enter(source.name or "param", source)
-    return found
+    return uniforms
 
 
 def constants_for(name: str, uniform: Any, value: Any) -> dict[Same, tuple[int, ...]]:

@@ -75,8 +75,8 @@ class Table:
     def __new__(cls, array: Any = None, type: Any = None, name: str | None = None, *, copy: bool = True) -> Table:
         """Choose the class: a table of structs or matrices has its own, and so has one over the memory of a stream."""
         if hasattr(array, "_table_class"):
-            made: Table = object.__new__(array._table_class())
-            return made
+            table: Table = object.__new__(array._table_class())
+            return table
         return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
 
     def __init__(self, array: Any, type: Any = None, name: str | None = None, *, copy: bool = True) -> None:
@@ -194,20 +194,20 @@ class Table:
         return data
 
     def _change(self, part: NDArray[Any], start: int) -> None:
-        held = {key: data for key, data in self._data.items() if data.version == self._version}
-        for data in held.values():
+        entries = {key: data for key, data in self._data.items() if data.version == self._version}
+        for data in entries.values():
             data.settle()  # one of them may share the memory of `_array`
-        converted = [self._working(part, key) for key in held]  # before anything changes: it may refuse a number
+        converted = [self._working(part, key) for key in entries]  # before anything changes: it may refuse a number
         if self._shares:
             whole = self._array.copy()
             whole[start : start + len(part)] = part
             self._replace(whole)
             return
-        if not any(np.may_share_memory(data.array, self._array) for data in held.values()):
+        if not any(np.may_share_memory(data.array, self._array) for data in entries.values()):
             self._array[start : start + len(part)] = part
         self._version += 1
-        for data, found in zip(held.values(), converted, strict=True):
-            data.change(start, found)
+        for data, values in zip(entries.values(), converted, strict=True):
+            data.change(start, values)
 
     def _replace(self, data: NDArray[Any]) -> None:
         self._array, self._shares = data, False
@@ -216,12 +216,12 @@ class Table:
     def data(self, dtype: Any) -> TableData:
         """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
         key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
-        held = self._data.get(key)
-        if held is None:
-            held = self._data[key] = TableData(self._frozen(key), self._version)
-        elif held.version != self._version:
-            held.replace(self._frozen(key), self._version)
-        return held
+        entry = self._data.get(key)
+        if entry is None:
+            entry = self._data[key] = TableData(self._frozen(key), self._version)
+        elif entry.version != self._version:
+            entry.replace(self._frozen(key), self._version)
+        return entry
 
     def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range.
@@ -266,7 +266,7 @@ class Table:
         index = scalars[0] if len(scalars) == 1 else emitter.let("construct", tuple(scalars), vec(Base.I, self.rank))
         source: Any = self if emitter is DEFERRED else self._declared(need_frame("a Table"))
         handle = emitter.let("table", (index,), self.type.type, source)
-        element = arithmetic.made(self.type.kind, self.type.type, emitter, handle)
+        element = arithmetic.make_value(self.type.kind, self.type.type, emitter, handle)
         return element._read_from(f"{self.name or 'table'}[…]", "constant")
 
     def _check(self, operands: list[Any]) -> None:
@@ -346,7 +346,7 @@ class TableArgument(Table):
         frame = need_frame("a table's shape")
         size = vec(Base.I, self.rank)
         handle = frame.let("table_size", (), size, self._declared(frame))
-        whole = arithmetic.made("Attrib", size, frame, handle)
+        whole = arithmetic.make_value("Attrib", size, frame, handle)
         return (whole,) if self.rank == 1 else tuple(whole)
 
     def _extent(self, axis: int) -> int | None:
@@ -360,13 +360,13 @@ class CompoundTable(Table):
     """A Table of structs or matrices. Made by `sh.Table`."""
 
     def __init__(self, array: Any, type: Any, name: str | None = None, *, copy: bool = True) -> None:
-        known = name if name is not None else assigned_name()
+        python_name = name if name is not None else assigned_name()
         layout = layout_of(type, "an element")
-        what = f"the Table {known}" if known else "a Table"
+        what = f"the Table {python_name}" if python_name else "a Table"
         entries = flatten(layout, array, what)
         parts = [
             Table(entry, cls, path, copy=copy)
-            for (path, _, cls), entry in zip(leaves(layout, known or "table"), entries, strict=True)
+            for (path, _, cls), entry in zip(leaves(layout, python_name or "table"), entries, strict=True)
         ]
         for part in parts:
             part.named = name is not None
@@ -376,10 +376,10 @@ class CompoundTable(Table):
             raise ShpyTypeError(
                 f"{what} has fields of several shapes: {listed}", loc=here(), cure="one element of each field a place"
             )
-        self._hold(type, layout, known or "table", parts)
+        self._hold(type, layout, python_name or "table", parts)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: held for name, held in vars(self).items() if name != "type"}
+        return {name: value for name, value in vars(self).items() if name != "type"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, type=type_of(state["_layout"]))
@@ -450,24 +450,24 @@ def fits(table: Table, type_: TableType) -> bool:
     return table.rank == type_.rank and fits_type(table.type, type_.cls)
 
 
-def fits_type(given: Any, wanted: Any) -> bool:
+def fits_type(source: Any, target: Any) -> bool:
     """Return whether elements of one type can stand for those of another one: kinds aside, the same leaves."""
-    return _types(given) == _types(wanted)
+    return _types(source) == _types(target)
 
 
 def _types(cls: Any) -> list[Any]:
-    found: Iterator[Any] = leaves(layout_of(cls, ""), "")
-    return [(path, leaf.type) for path, _, leaf in found]
+    parts: Iterator[Any] = leaves(layout_of(cls, ""), "")
+    return [(path, leaf.type) for path, _, leaf in parts]
 
 
 def listed_tables(tables: dict[str, Table]) -> dict[str, Table]:
     """Return a program's tables as the user made them: one table for all fields of a struct or rows of a matrix."""
-    found: dict[str, Table] = {}
+    originals: dict[str, Table] = {}
     for name, table in tables.items():
         owner = table._owner
         if owner is None:
-            found[name] = table
-        elif all(owner is not other for other in found.values()):
+            originals[name] = table
+        elif all(owner is not other for other in originals.values()):
             path = (table.name or "").removeprefix(owner.name or "")
-            found[name.removesuffix(path)] = owner
-    return found
+            originals[name.removesuffix(path)] = owner
+    return originals

@@ -54,10 +54,10 @@ class Texture:
         self.wraps = tuple(wrap) if isinstance(wrap, tuple | list) else (wrap,) * self.AXES
         self.wrap, self.filter = wrap, filter
         checks = [(filter, self.FILTERS, "filter"), *((w, tuple(WRAPS), "wrap") for w in self.wraps)]
-        for given, known, what in checks:
-            if given not in known:
-                cure = " or ".join(f'{what}="{k}"' for k in known)
-                raise ShpyTypeError(f"{what}={given!r} is not a {what}", loc=here(), cure=cure)
+        for choice, choices, what in checks:
+            if choice not in choices:
+                cure = " or ".join(f'{what}="{k}"' for k in choices)
+                raise ShpyTypeError(f"{what}={choice!r} is not a {what}", loc=here(), cure=cure)
         if len(self.wraps) != self.AXES:
             cure = f"wrap={('repeat', 'clamp', 'mirror')[: self.AXES]}, one for each coordinate"
             raise ShpyTypeError(f"wrap={wrap!r} does not have {self.AXES} wraps", loc=here(), cure=cure)
@@ -73,7 +73,7 @@ class Texture:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the subroutine of `sample`, which holds this very texture and cannot be pickled."""
-        return {name: held for name, held in self.__dict__.items() if name != "_routine"}
+        return {name: value for name, value in self.__dict__.items() if name != "_routine"}
 
     @property
     def shape(self) -> tuple[Any, ...]:

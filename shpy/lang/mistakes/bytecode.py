@@ -61,7 +61,7 @@ class Entry:
 
     frame: FrameType
     offset: int
-    held: dict[Place, Any]
+    values: dict[Place, Any]
 
 
 def entered() -> list[Entry]:
@@ -84,7 +84,7 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
         if entry.frame is frames[0] and _returns(code, leaving):
             raise findings.leaves(loc, "return", written, "SH_RETURN(…)")
         now = dict(_places(entry.frame))
-        for place, old in entry.held.items():
+        for place, old in entry.values.items():
             new = now.get(place, _GONE)
             if not _rebound(old, new):
                 continue
@@ -112,14 +112,14 @@ def _declaration(place: Place, old: Any, new: Any) -> str:
     kind = "b" if isinstance(old, bool | np.bool_) else "i" if isinstance(old, int | np.integer) else "f"
     if isinstance(new, float | np.floating):
         kind = "f"
-    made = f"sh.{type(new).__name__}" if isinstance(new, Value) else f"sh.Attrib1{kind}"
+    constructor = f"sh.{type(new).__name__}" if isinstance(new, Value) else f"sh.Attrib1{kind}"
     local = place.attribute or str(place)  # what is stored into an object would outlive the recording
-    return findings.stored(f"`{local} = {made}({old})`", f"{local}[:] = …")
+    return findings.stored(f"`{local} = {constructor}({old})`", f"{local}[:] = …")
 
 
 def called_by(function: FunctionType) -> list[object]:
     """Return the functions that a function without text calls by their names, or as those of a module."""
-    code, found = function.__code__, list[object]()
+    code, functions = function.__code__, list[object]()
     cells = dict(zip(code.co_freevars, function.__closure__ or (), strict=True))
     base: object = None
     for instruction in _instructions(code):
@@ -133,8 +133,8 @@ def called_by(function: FunctionType) -> list[object]:
         elif instruction.opname in ("LOAD_METHOD", "LOAD_ATTR") and isinstance(before, ModuleType):
             base = vars(before).get(name)
         if isinstance(base, FunctionType):
-            found.append(base)
-    return found
+            functions.append(base)
+    return functions
 
 
 # Contents of a frame
@@ -214,7 +214,7 @@ def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | 
     instructions = _instructions(code)
     index = {i.offset: k for k, i in enumerate(instructions)}
     waiting, seen = [_after(instructions, offset)], set[int]()
-    found: list[int] = []
+    reads: list[int] = []
     while waiting:
         k = waiting.pop()
         while k < len(instructions) and k not in seen:
@@ -222,7 +222,7 @@ def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | 
             instruction = instructions[k]
             effect = next(_effects(instruction, place), None)
             if effect == "LOAD":
-                found.append(k)
+                reads.append(k)
             if effect is not None or instruction.opname in _ENDS:
                 break
             if instruction.opcode in dis.hasjrel or instruction.opcode in dis.hasjabs:
@@ -230,9 +230,9 @@ def _first_read(code: CodeType, offset: int, place: Place) -> tuple[int, int] | 
                 if re.match("JUMP_(?!IF)", instruction.opname):
                     break
             k += 1
-    if not found:
+    if not reads:
         return None
-    first = instructions[min(found)]
+    first = instructions[min(reads)]
     return first.offset, _line(first, code)
 
 

@@ -39,10 +39,10 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
     waiting: list[object] = [function]
     seen: set[CodeType] = set()
     while waiting:
-        found = unwrapped(waiting.pop(0))
-        if found is None:
+        pair = unwrapped(waiting.pop(0))
+        if pair is None:
             continue
-        plain, given = found
+        plain, arguments = pair
         is_program = not seen
         if plain.__code__ in seen or not (is_program or uses_shpy(plain)):
             continue
@@ -50,7 +50,7 @@ def check_source(function: object, *, is_value: Callable[[object], bool]) -> Non
         enter_text(plain.__code__.co_filename, plain.__globals__)
         definition = definition_of(plain.__code__)
         if definition is not None:
-            scope = scope_of(plain, *definition, given, is_value)
+            scope = scope_of(plain, *definition, arguments, is_value)
             waiting.extend(_called(Flow(definition[0], scope, is_program=is_program, function=plain), plain))
         else:
             waiting.extend(called_by(plain))

@@ -165,8 +165,8 @@ class _Spelling:
 
     def counted(self, node: ast.expr) -> str:
         """Return an expression as an int of the language."""
-        held, text = named(node, self.frame), ast.unparse(node)
-        return f"{self.prefix}Attrib1i({text})" if isinstance(held, AbstractValue) and not held.type.is_int else text
+        value, text = named(node, self.frame), ast.unparse(node)
+        return f"{self.prefix}Attrib1i({text})" if isinstance(value, AbstractValue) and not value.type.is_int else text
 
     def quoted(self, node: ast.AST) -> str:
         """Return the code as it stands in the text."""
@@ -184,13 +184,13 @@ class _Spelling:
 def _statements(loc: Loc) -> list[ast.stmt]:
     """Return the statements on the line; of a compound one, the line must be in its head."""
     tree = loc.text.tree if loc.text is not None else None
-    found: list[ast.stmt] = []
+    statements: list[ast.stmt] = []
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, ast.stmt) and node.lineno <= loc.line:
             ends = [getattr(part, "end_lineno", None) or node.lineno for part in ast.walk(_head(node))]
             if loc.line <= max(ends):
-                found.append(node)
-    return found
+                statements.append(node)
+    return statements
 
 
 def _head(node: ast.stmt) -> ast.AST:
@@ -372,8 +372,8 @@ def _test_cure(site: _Site, spelling: _Spelling) -> str:
         case ast.Compare(ops=[ast.In() | ast.NotIn()], comparators=[items]) if (
             not isinstance(items, ast.Tuple | ast.List | ast.Set) and ends_of(items) is None
         ):
-            left, found = spelling.quoted(whole.left), isinstance(whole.ops[0], ast.In)
-            return _each(left) if found else f"compare with each, as in `({left} != a) & ({left} != b)`"
+            left, positive = spelling.quoted(whole.left), isinstance(whole.ops[0], ast.In)
+            return _each(left) if positive else f"compare with each, as in `({left} != a) & ({left} != b)`"
         case ast.comprehension():
             return f"with {spelling.control('SH_IF')}({spelling.test(site.tested)}):"
         case ast.expr():
@@ -442,12 +442,12 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 f"with {spelling.control('SH_FOR')}({', '.join(map(spelling.counted, node.args))}) as {index}:",
             )
         case ast.Call(func=function, args=positional, keywords=keywords):
-            given = [*positional, *(k.value for k in keywords if k.arg in _NUMBERS)]
+            arguments = [*positional, *(k.value for k in keywords if k.arg in _NUMBERS)]
             message = f"`{asked}` is computed while recording, and its argument is known only when the program runs"
             name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
             if OTHER_NAMES.get(name, name) in _JOINING:
-                return message, _joined(given, spelling)
-            return message, _function_cure(function, given, spelling)
+                return message, _joined(arguments, spelling)
+            return message, _function_cure(function, arguments, spelling)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
 
 
@@ -475,9 +475,9 @@ def _function_cure(function: ast.expr, arguments: list[ast.expr], spelling: _Spe
     """Return what to write in place of a call of a function of numbers."""
     prefix, inside = spelling.prefix, ", ".join(ast.unparse(a) for a in arguments)
     name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
-    held = named(function, spelling.frame)
-    if held is not None and not isinstance(held, type):  # from math import sin as s
-        name = getattr(held, "__name__", name)
+    callee = named(function, spelling.frame)
+    if callee is not None and not isinstance(callee, type):  # from math import sin as s
+        name = getattr(callee, "__name__", name)
     if (name, len(arguments)) in _OF_COUNTS:
         return _OF_COUNTS[name, len(arguments)].format(*map(_operand, arguments), prefix=prefix)
     if name in ("max", "min", "amax", "amin"):

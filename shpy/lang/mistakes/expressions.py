@@ -37,8 +37,8 @@ class Expressions:
                 self._comprehension(node.generators, [node.key, node.value])
             case ast.NamedExpr():
                 self.visit(node.value)
-                known, shared = self.places.judge.kind(node.value), self.places.object_of(node.value)
-                self.places.bind_name(node.target.id, node, known, value=node.value, shared=shared)
+                inference, shared = self.places.judge.kind(node.value), self.places.object_of(node.value)
+                self.places.bind_name(node.target.id, node, inference, value=node.value, shared=shared)
             case ast.Call():
                 self._call(node)
             case ast.Compare():

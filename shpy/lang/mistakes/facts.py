@@ -42,7 +42,7 @@ class Fact:
     place: str
     node: ast.AST
     when: int
-    known: Known
+    inference: Known
     object: int
     before: tuple[Fact, ...] = ()
     existed: bool = False  # it had a meaning before, outside all blocks that are closed
@@ -62,14 +62,14 @@ class Fact:
         It does for a tuple, list or dict with values. `others` are further assignments that the place may have had
         before.
         """
-        if self.index or self.known.kind is Kind.VALUE:
+        if self.index or self.inference.kind is Kind.VALUE:
             return True
         before = (*self.before, *others)
         if not before and not self.existed:
             return False  # made here first, and not certainly a value: the recorder will know
-        if self.known.kind is not Kind.HOST or self.known.holds:
+        if self.inference.kind is not Kind.HOST or self.inference.holds:
             return True
-        return any(f.known.kind in (Kind.VALUE, Kind.NUMBER) or f.known.holds for f in before)
+        return any(f.inference.kind in (Kind.VALUE, Kind.NUMBER) or f.inference.holds for f in before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,14 +126,14 @@ def store_instead(text: Text, prefix: str, place: str, fact: Fact, block: Block)
 
     If the name held no value before the block, the cure also makes one.
     """
-    if fact.known.kind is Kind.HOST and any(f.known.holds for f in (fact, *fact.before)):
+    if fact.inference.kind is Kind.HOST and any(f.inference.holds for f in (fact, *fact.before)):
         return findings.stored_each(place)
     inside = f"{place}[:] = {quoted(text, fact.value)}" if fact.value is not None else f"{place}[:] = …"
     if isinstance(fact.node, ast.AugAssign):
         inside = quoted(text, fact.node)
     before = (*fact.before, *fact.origins())
-    numbers = [f.value for f in before if f.known.kind is Kind.NUMBER and f.value is not None]
-    hosts = [f for f in before if f.known.kind is Kind.HOST]
+    numbers = [f.value for f in before if f.inference.kind is Kind.NUMBER and f.value is not None]
+    hosts = [f for f in before if f.inference.kind is Kind.HOST]
     if fact.existed and numbers:
         start = f"`{place} = {_constructor(prefix, numbers[0], fact)}({quoted(text, numbers[0])})`"
     elif isinstance(fact.node, ast.AugAssign):
@@ -143,20 +143,20 @@ def store_instead(text: Text, prefix: str, place: str, fact: Fact, block: Block)
     elif fact.existed and not hosts:
         return inside
     else:
-        start = f"`{place} = {fact.known.type}()`" if fact.known.type else f"make `{place}` a value"
+        start = f"`{place} = {fact.inference.type}()`" if fact.inference.type else f"make `{place}` a value"
     return findings.stored(start, inside, "the SH_IF" if block.control in ("SH_ELIF", "SH_ELSE") else "the block")
 
 
 def _constructor(prefix: str, start: ast.expr, fact: Fact) -> str:
     """Return the type that a host number must get, to become a variable of the program."""
-    if fact.known.type:
-        return fact.known.type
+    if fact.inference.type:
+        return fact.inference.type
     numbers = [n.value for n in ast.walk(start) if isinstance(n, ast.Constant)]
     if numbers and all(isinstance(n, bool) for n in numbers):
         return f"{prefix}Attrib1b"
     called = [n.func for n in ast.walk(start) if isinstance(n, ast.Call)]
     floats = any("float" in ast.unparse(f) for f in called)  # float(n), np.float32(n)
-    fractional = fact.known.kind is Kind.VALUE or floats or any(isinstance(n, float) for n in numbers)
+    fractional = fact.inference.kind is Kind.VALUE or floats or any(isinstance(n, float) for n in numbers)
     if fact.value is not None:
         fractional |= any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(fact.value))
     return f"{prefix}Attrib1f" if fractional else f"{prefix}Attrib1i"
@@ -171,7 +171,7 @@ def copy_instead(text: Text, fact: Fact) -> str:
         return "; ".join([f"{last} = {quoted(text, statement.value)}", *copies])
     assert fact.value is not None
     value = ast.unparse(fact.value)
-    copy = f"{fact.known.type}({value})" if fact.known.type else f"{value}.copy()"
+    copy = f"{fact.inference.type}({value})" if fact.inference.type else f"{value}.copy()"
     match statement:
         case ast.NamedExpr():
             return f"({fact.place} := {copy})"

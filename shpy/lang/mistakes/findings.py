@@ -33,13 +33,13 @@ def stored_each(place: str) -> str:
     return f"a name before the block for each value that `{place}` holds, and `x[:] = …` inside it"
 
 
-def rebound(loc: Loc, place: str, written: str, used: str, cure: str, *, made: bool = False) -> RecordError:
+def rebound(loc: Loc, place: str, written: str, used: str, cure: str, *, is_new: bool = False) -> RecordError:
     """Return the error for a place that a block rebinds, or makes; `used` says when and on which line it is used."""
-    verb = "made" if made else "rebound"
+    verb = "made" if is_new else "rebound"
     why = "Python rebinds the name once, while recording, whatever happens at run time"
     return RecordError(
         f"`{place}` is {verb} inside `with {written}` and used {used}: "
-        f"{'what a block makes ends with it' if made else why}",
+        f"{'what a block makes ends with it' if is_new else why}",
         loc=loc,
         cure=cure,
     )
@@ -66,12 +66,12 @@ def aliased(
     )
 
 
-def repeated(text: Text, made: ast.AST, change: ast.stmt, name: str, cure: str) -> RecordError:
+def repeated(text: Text, display: ast.AST, change: ast.stmt, name: str, cure: str) -> RecordError:
     """Return the error for a store into an item of a list that holds one value several times."""
     return RecordError(
-        f"`{quoted(text, made)}` holds one value several times: `{quoted(text, change)}` (line {line_of(change)}) "
+        f"`{quoted(text, display)}` holds one value several times: `{quoted(text, change)}` (line {line_of(change)}) "
         "changes all of them",
-        loc=at(text, made),
+        loc=at(text, display),
         cure=f"{name} = {cure}",
     )
 

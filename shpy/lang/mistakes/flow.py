@@ -66,12 +66,12 @@ class Flow:
     def _arguments(self) -> None:
         arguments = self.node.args
         for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
-            if argument.arg in self.scope.given:
-                known = self.judge.thing(self.scope.given[argument.arg])
+            if argument.arg in self.scope.arguments:
+                inference = self.judge.thing(self.scope.arguments[argument.arg])
             else:
                 annotated = self._annotation(argument)
-                known = self.judge.made_by(*annotated) if annotated is not None else UNKNOWN
-            self.places.bind_name(argument.arg, argument, known)
+                inference = self.judge.made_by(*annotated) if annotated is not None else UNKNOWN
+            self.places.bind_name(argument.arg, argument, inference)
 
     def _annotation(self, argument: ast.arg) -> tuple[object, str] | None:
         """Return an argument's type and how it is written; the function's own where the text has another one.
@@ -79,10 +79,10 @@ class Flow:
         The code of a function does not hold its annotations, so those in an edited file may differ.
         """
         annotated = self.scope.annotation(argument.annotation)
-        held = self.annotations.get(argument.arg, annotated and annotated[0])
-        if isinstance(held, str) or annotated is None or held is annotated[0]:
+        hint = self.annotations.get(argument.arg, annotated and annotated[0])
+        if isinstance(hint, str) or annotated is None or hint is annotated[0]:
             return annotated
-        return held, f"{self.scope.prefix}{getattr(held, '__name__', held)}"
+        return hint, f"{self.scope.prefix}{getattr(hint, '__name__', hint)}"
 
     def _body(self, statements: Sequence[ast.stmt]) -> None:
         for statement in statements:
@@ -141,18 +141,18 @@ class Flow:
         self._bind_value(node, node.targets, node.value)
 
     def _bind_value(self, node: ast.Assign | ast.AnnAssign, targets: list[ast.expr], value: ast.expr) -> None:
-        known = self.judge.kind(value)
+        inference = self.judge.kind(value)
         shared = self.places.object_of(value)
         for target in targets:
             if isinstance(target, ast.Name):
-                fact = self.places.bind_name(target.id, node, known, value=value, shared=shared)
-                if known.kind is Kind.VALUE:
+                fact = self.places.bind_name(target.id, node, inference, value=value, shared=shared)
+                if inference.kind is Kind.VALUE:
                     shared = fact.object  # `a = b = x + 1` names one value twice
                 else:
                     fact.repeats = depth_of_repeats(value, self.judge, self.scope)
                 self._display(target.id, node, value)
             else:
-                self._target(target, node, known, value)
+                self._target(target, node, inference, value)
 
     def _display(self, name: str, node: ast.stmt, value: ast.expr) -> None:
         """Bind the items of a display, `d = {"k": x}` binds `d['k']` too, and the fields of plain data."""
@@ -170,17 +170,17 @@ class Flow:
                 self.places.bind_path(f"{name}.{attribute}", node, kind, value=field)
 
     def _target(
-        self, target: ast.expr, node: ast.stmt, known: Known, value: ast.expr | None, shared: int = NO_OBJECT
+        self, target: ast.expr, node: ast.stmt, inference: Known, value: ast.expr | None, shared: int = NO_OBJECT
     ) -> None:
         """Bind any target. `shared` is the object of a value that has another name already."""
         match target:
             case ast.Name():
-                self.places.bind_name(target.id, node, known, value=value, shared=shared)
+                self.places.bind_name(target.id, node, inference, value=value, shared=shared)
             case ast.Tuple() | ast.List():
                 pairs: list[ast.expr | None] = [None] * len(target.elts)
                 if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts):
                     pairs = list(value.elts)
-                part = VALUE if known.kind is Kind.VALUE else UNKNOWN
+                part = VALUE if inference.kind is Kind.VALUE else UNKNOWN
                 # all values are found before the first name is bound, as Python does: `a, b = b, a`
                 kinds = [self.judge.kind(p) if p is not None else part for p in pairs]
                 objects = [self.places.object_of(p) for p in pairs]
@@ -189,12 +189,12 @@ class Flow:
             case ast.Starred():
                 self._target(target.value, node, HOST, None)
             case ast.Attribute() | ast.Subscript():
-                self._store(target, node, known, value)
+                self._store(target, node, inference, value)
             case _:
                 pass
 
     def _store(
-        self, target: ast.Attribute | ast.Subscript, node: ast.stmt, known: Known, value: ast.expr | None
+        self, target: ast.Attribute | ast.Subscript, node: ast.stmt, inference: Known, value: ast.expr | None
     ) -> None:
         """Visit a store: `x.xy = …` and `x[:] = …` change a value; `self.k = …` and `d["k"] = …` rebind."""
         self.expressions.store_operands(target)
@@ -210,25 +210,25 @@ class Flow:
         elif whole.kind is Kind.HOST:
             path = ast.unparse(target)
             existed = path in self.expressions.read_paths or self.scope.resolve(target) is not UNRESOLVED
-            self.places.bind_path(path, node, known, value=value, existed=existed)
+            self.places.bind_path(path, node, inference, value=value, existed=existed)
 
     def _augment(self, node: ast.AugAssign) -> None:
         """Visit `x += v`: a store in place for a value, a rebinding for a number of Python."""
         self.expressions.visit(node.value)
         target = node.target
         place = ast.unparse(target)
-        known = self.judge.kind(target)
+        inference = self.judge.kind(target)
         if isinstance(target, ast.Name):
             self.places.use(place, target)
         else:
             self.expressions.store_operands(target)
             self.places.use(place, target)
             self.places.check_repeats(target, node, rebinds=False)
-        if known.kind is Kind.VALUE:
+        if inference.kind is Kind.VALUE:
             root = _root(target)
             if root is not None:
                 self.places.change(target, root, node)
-        elif known.kind is Kind.NUMBER:
+        elif inference.kind is Kind.NUMBER:
             added = self.judge.kind(node.value)
             result = NUMBER if added.kind is Kind.NUMBER else Known(added.kind)
             if isinstance(target, ast.Name):

@@ -97,8 +97,8 @@ def is_in_library(name: str) -> bool:
     return name in sys.modules["shpy"].library.__all__
 
 
-def module_cure(name: str, known: Iterable[str]) -> str | None:
-    """Return the cure for `sh.name`; `known` are the names of shpy."""
+def module_cure(name: str, names: Iterable[str]) -> str | None:
+    """Return the cure for `sh.name`; `names` are those of shpy."""
     if name in _PLAIN:
         return _PLAIN[name]
     if name in SPELLED_OUT:
@@ -111,11 +111,11 @@ def module_cure(name: str, known: Iterable[str]) -> str | None:
         return f"sh.library.{name}"
     if name in _VECTORS:
         return _VECTORS[name]
-    lower = {k.lower(): k for k in known}
+    lower = {k.lower(): k for k in names}
     for whole in (name.lower(), f"{name.lower()}f", f"{name.lower()}3f"):  # Point3 and Color lack what says the type
         if whole in lower:
             return f"sh.{lower[whole]}"
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.75)
+    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.75)
     return f"sh.{near[0]}" if near else None
 
 

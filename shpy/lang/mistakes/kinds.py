@@ -99,8 +99,8 @@ class Judge:
             case ast.BoolOp() | ast.Await() | ast.Yield() | ast.YieldFrom() | ast.Starred():
                 return UNKNOWN
             case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Dict(values=parts):
-                found = map(self.kind, parts)
-                return Known(Kind.HOST, holds=any(k.kind in (Kind.VALUE, Kind.UNKNOWN) or k.holds for k in found))
+                inferences = map(self.kind, parts)
+                return Known(Kind.HOST, holds=any(k.kind in (Kind.VALUE, Kind.UNKNOWN) or k.holds for k in inferences))
             case _:  # sets, comprehensions, strings, lambdas
                 return HOST
 
@@ -131,13 +131,13 @@ class Judge:
     def field(self, node: ast.Attribute) -> Known | None:
         """Return what is known of a field of a struct, which is the value itself; None for other attributes."""
         fields = getattr(self.kind(node.value).struct, "_shpy_fields", {})
-        known = self.made_by(fields.get(node.attr), "")
-        return Known(Kind.VALUE, struct=known.struct) if known.kind is Kind.VALUE else None
+        inference = self.made_by(fields.get(node.attr), "")
+        return Known(Kind.VALUE, struct=inference.struct) if inference.kind is Kind.VALUE else None
 
     def _place(self, node: ast.Name | ast.Attribute | ast.Subscript) -> Known:
-        known = self.look(ast.unparse(node))
-        if known is not None:
-            return known
+        inference = self.look(ast.unparse(node))
+        if inference is not None:
+            return inference
         if not isinstance(node, ast.Name) and self.kind(node.value).kind is Kind.VALUE:
             return (self.field(node) if isinstance(node, ast.Attribute) else None) or VALUE
         return self.thing(self.scope.resolve(node))
@@ -176,26 +176,26 @@ def gives_value(thing: object) -> bool:
     return module in _LANGUAGE or module.startswith("shpy.library.")
 
 
-def plain_fields(made: object, call: ast.Call) -> Iterator[tuple[str, ast.expr | None]]:
+def plain_fields(cls: object, call: ast.Call) -> Iterator[tuple[str, ast.expr | None]]:
     """Yield the attributes, and what they hold, that a call of a dataclass or SimpleNamespace gives its instance.
 
     A number that is the default of its field has no text there: None.
     """
     if any(isinstance(a, ast.Starred) for a in call.args) or any(k.arg is None for k in call.keywords):
         return
-    given = {k.arg: k.value for k in call.keywords if k.arg is not None}
-    if made is SimpleNamespace:
-        yield from given.items()
+    nodes = {k.arg: k.value for k in call.keywords if k.arg is not None}
+    if cls is SimpleNamespace:
+        yield from nodes.items()
     elif (
-        isinstance(made, type)
-        and dataclasses.is_dataclass(made)
-        and not (from_shpy(made) or hasattr(made, "__post_init__"))
+        isinstance(cls, type)
+        and dataclasses.is_dataclass(cls)
+        and not (from_shpy(cls) or hasattr(cls, "__post_init__"))
     ):
-        fields = [f for f in dataclasses.fields(made) if f.init]
-        given |= {f.name: value for f, value in zip(fields, call.args, strict=False)}
+        fields = [f for f in dataclasses.fields(cls) if f.init]
+        nodes |= {f.name: value for f, value in zip(fields, call.args, strict=False)}
         for f in fields:
-            if f.name in given:
-                yield f.name, given[f.name]
+            if f.name in nodes:
+                yield f.name, nodes[f.name]
             elif isinstance(f.default, bool | int | float):
                 yield f.name, None
 
@@ -205,8 +205,8 @@ def functions() -> list[str]:
     return [name for name, thing in vars(sys.modules["shpy"]).items() if gives_value(thing)]
 
 
-def _of(known: Known) -> Known:
-    return known if known.kind in (Kind.VALUE, Kind.NUMBER) else UNKNOWN
+def _of(inference: Known) -> Known:
+    return inference if inference.kind in (Kind.VALUE, Kind.NUMBER) else UNKNOWN
 
 
 def _combined(parts: list[Known]) -> Known:

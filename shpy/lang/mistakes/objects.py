@@ -32,7 +32,7 @@ def named(node: ast.expr, frame: FrameType | None) -> Any:
 
 def _attribute(owner: object, name: str) -> Any:
     """Return an attribute that is stored, not computed."""
-    found = inspect.getattr_static(owner, name, None)
-    if isinstance(found, staticmethod):
-        return found.__func__
-    return None if inspect.isdatadescriptor(found) else found
+    value = inspect.getattr_static(owner, name, None)
+    if isinstance(value, staticmethod):
+        return value.__func__
+    return None if inspect.isdatadescriptor(value) else value

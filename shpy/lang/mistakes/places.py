@@ -31,10 +31,10 @@ class Places:
         self.state: State = {}
         self.open: list[Block] = []
         self.changes: dict[int, dict[str, list[Change]]] = {}
-        self._made: list[Fact] = []
+        self._facts: list[Fact] = []
         self._paths: dict[str, set[str]] = {}
         self.fields: dict[tuple[int, str], int] = {}
-        self.judge = Judge(scope, self._known)
+        self.judge = Judge(scope, self._inference_of)
         self.hidden: list[Set[str]] = []
         self.asking_none = False
         self._clock = 0
@@ -67,22 +67,22 @@ class Places:
         fact = self.single(value.id)
         return fact.object if fact is not None else NO_OBJECT
 
-    def _known(self, place: str) -> Known | None:
+    def _inference_of(self, place: str) -> Known | None:
         if any(place in hidden for hidden in self.hidden):
             return Known(Kind.UNKNOWN)
         facts = self.state.get(place)
         if not facts:
             return None
-        kinds = {f.known.kind for f in facts}
+        kinds = {f.inference.kind for f in facts}
         if len(kinds) > 1:
             return Known(Kind.UNKNOWN)
-        return facts[0].known if len(facts) == 1 else Known(kinds.pop())
+        return facts[0].inference if len(facts) == 1 else Known(kinds.pop())
 
     def bind_name(
         self,
         name: str,
         node: ast.stmt | ast.NamedExpr | ast.arg | ast.pattern,
-        known: Known,
+        inference: Known,
         *,
         value: ast.expr | None = None,
         index: bool = False,
@@ -91,7 +91,7 @@ class Places:
         """Bind a name, and forget its items and attributes. `shared` is the object, if it has another name already."""
         for place in self._paths.get(name, ()):
             self.state.pop(place, None)
-        fact = self.bind_path(name, node, known, value=value, index=index)
+        fact = self.bind_path(name, node, inference, value=value, index=index)
         if shared != NO_OBJECT:
             assert isinstance(node, ast.stmt | ast.NamedExpr)
             fact.object, fact.alias = shared, node
@@ -101,7 +101,7 @@ class Places:
         self,
         place: str,
         node: ast.AST,
-        known: Known,
+        inference: Known,
         *,
         value: ast.expr | None = None,
         existed: bool = False,
@@ -110,16 +110,16 @@ class Places:
         """Bind a place: from here on it comes from this assignment."""
         before = self.state.get(place, ())
         existed = existed or any(f.escaped is None or f.existed for f in before)
-        fact = Fact(place, node, self.tick(), known, self.new_object(), before, existed, value, index=index)
+        fact = Fact(place, node, self.tick(), inference, self.new_object(), before, existed, value, index=index)
         self.state[place] = (fact,)
-        self._made.append(fact)
+        self._facts.append(fact)
         if not place.isidentifier():
             self._paths.setdefault(re.split(r"[.\[]", place, maxsplit=1)[0], set()).add(place)
         return fact
 
     def leave(self, block: Block) -> None:
         """Mark the assignments that a block which ends has made, and that reach its end, as escaped."""
-        for fact in self._made[bisect_left(self._made, block.start, key=attrgetter("when")) :]:
+        for fact in self._facts[bisect_left(self._facts, block.start, key=attrgetter("when")) :]:
             if fact.escaped is None and fact in self.state.get(fact.place, ()):
                 fact.escaped = block
 
@@ -189,8 +189,8 @@ class Places:
             return findings.index_used(loc, fact.place, block.written, node, prefix)
         place = fact.place if fact.place.isidentifier() else quoted(text, node)
         cure = store_instead(text, prefix, place, fact, block)
-        made = not (fact.existed or next_iteration)
-        return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, made=made)
+        is_new = not (fact.existed or next_iteration)
+        return findings.rebound(loc, place, block.written, _used(node, next_iteration), cure, is_new=is_new)
 
     def check_alias(self, fact: Fact, node: ast.AST, *, since: int = 0, next_iteration: bool = False) -> None:
         """Raise the error if the value read here was changed through another name after it got the name of `fact`."""

@@ -90,8 +90,8 @@ def explain_python_error(
         )
     if places[-1] is not place:  # raised inside of a library: its own affair
         return None
-    found = _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _operands(text, loc)
-    return found or _arguments(error, loc)
+    explanation = _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _operands(text, loc)
+    return explanation or _arguments(error, loc)
 
 
 def _recursion(error: RecursionError) -> ShpyError | None:
@@ -126,9 +126,9 @@ def _call(text: str, loc: Loc) -> ShpyError | None:
         return ShpyTypeError(f"this {name} is a value, which nothing can call", loc=loc, cure=cure)
     size = re.search(r"(\w+)\.(size|shape)\(\)", written(loc))
     if size is not None:
-        wanted = f"{size[1]}.{size[2]}"
+        attribute = f"{size[1]}.{size[2]}"
         return ShpyTypeError(
-            f"{wanted} is no method but the number itself", loc=loc, cure=f"{wanted}, or len({size[1]})"
+            f"{attribute} is no method but the number itself", loc=loc, cure=f"{attribute}, or len({size[1]})"
         )
     return None
 
@@ -149,8 +149,8 @@ def _operands(text: str, loc: Loc) -> ShpyError | None:
 
 def _arguments(error: Exception, loc: Loc) -> ShpyError | None:
     """Return the error for a call of a function or class of shpy with arguments that it does not take."""
-    found, call = _ARGUMENTS.search(str(error)), _running(error.__traceback__)
-    if found is None or not isinstance(call, ast.Call):
+    match, call = _ARGUMENTS.search(str(error)), _running(error.__traceback__)
+    if match is None or not isinstance(call, ast.Call):
         return None
     assert error.__traceback__ is not None
     *_, (frame, _) = traceback.walk_tb(error.__traceback__)
@@ -159,7 +159,7 @@ def _arguments(error: Exception, loc: Loc) -> ShpyError | None:
         return None
     spelled, parameters = ast.unparse(call.func), inspect.signature(called).parameters.values()
     takes = [str(p.replace(annotation=p.empty, default=p.empty)) for p in parameters if p.kind is not p.KEYWORD_ONLY]
-    return ShpyTypeError(f"{spelled}() {found[1]}", loc=loc, cure=f"{spelled}({', '.join(takes)})")
+    return ShpyTypeError(f"{spelled}() {match[1]}", loc=loc, cure=f"{spelled}({', '.join(takes)})")
 
 
 def _running(trace: TracebackType | None) -> ast.expr | None:
@@ -243,13 +243,13 @@ def _shown(name: str) -> str:
 
 def _name(attribute: str | None, loc: Loc) -> str:
     """Return the user's name for the object whose attribute is missing, as far as the line tells."""
-    found = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", written(loc))
-    return found[1] if found else "a"
+    match = re.search(rf"([A-Za-z_]\w*)\.{attribute}\b", written(loc))
+    return match[1] if match else "a"
 
 
 def _classes(base: type[Any]) -> frozenset[str]:
     """Return the names of a class and of all that derive from it."""
-    found = {base.__name__}
+    names = {base.__name__}
     for cls in base.__subclasses__():
-        found |= _classes(cls)
-    return frozenset(found)
+        names |= _classes(cls)
+    return frozenset(names)

@@ -28,8 +28,8 @@ def store_depth(target: ast.expr) -> tuple[str | None, int]:
 
 def apart(node: ast.expr) -> str:
     """Return the text that makes each item by itself: `[sh.Attrib1f(0) for _ in range(3)]`."""
-    if found := _repeated(node):
-        items, times = found
+    if pair := _repeated(node):
+        items, times = pair
         (item,) = items.elts
         return f"[{apart(item)} for _ in range({ast.unparse(times)})]"
     match node:
@@ -65,8 +65,8 @@ def _from_keys(node: ast.AST, scope: Scope) -> ast.expr | None:
 
 def _depth(node: ast.expr, judge: Judge, scope: Scope) -> int:
     """Return how many indices lead from an expression to a value, -1 where that is not certain."""
-    if found := _repeated(node):
-        return _deeper([_depth(item, judge, scope) for item in found[0].elts])
+    if pair := _repeated(node):
+        return _deeper([_depth(item, judge, scope) for item in pair[0].elts])
     if value := _from_keys(node, scope):
         return _deeper([_depth(value, judge, scope)])
     match node:

@@ -50,8 +50,8 @@ class _Rewriter(ast.NodeTransformer):
         *first, last = node.values
         chosen: ast.expr = self.visit(last)
         for value in reversed(first):
-            held, kept = self.holds(value), self.visit(copy.deepcopy(value))
-            chosen = self.call("cond", held, *((chosen, kept) if isinstance(node.op, ast.And) else (kept, chosen)))
+            test, kept = self.holds(value), self.visit(copy.deepcopy(value))
+            chosen = self.call("cond", test, *((chosen, kept) if isinstance(node.op, ast.And) else (kept, chosen)))
         return chosen
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
@@ -72,13 +72,13 @@ class _Rewriter(ast.NodeTransformer):
         links: list[ast.expr] = []
         left = node.left
         for operator, right in zip(node.ops, node.comparators, strict=True):
-            wanted = isinstance(operator, ast.In)
+            positive = isinstance(operator, ast.In)
             if isinstance(operator, ast.In | ast.NotIn) and isinstance(right, ast.Tuple | ast.List | ast.Set):
-                links.append(_membership(left, right.elts, wanted=wanted))
+                links.append(_membership(left, right.elts, positive=positive))
             elif isinstance(operator, ast.In | ast.NotIn) and (ends := ends_of(right)):
-                links.append(_between(left, *ends, wanted=wanted))
+                links.append(_between(left, *ends, positive=positive))
             elif isinstance(operator, ast.In | ast.NotIn):
-                links.append(_membership(left, [ast.Name("a"), ast.Name("b")], wanted=wanted))
+                links.append(_membership(left, [ast.Name("a"), ast.Name("b")], positive=positive))
             else:
                 links.append(ast.Compare(left, [operator], [right]))
             left = right
@@ -108,15 +108,15 @@ class _Rewriter(ast.NodeTransformer):
         if isinstance(node, ast.BoolOp):
             return self.joined(node)
         form = self.form(node)
-        made: ast.expr = self.visit(copy.deepcopy(node))
+        expression: ast.expr = self.visit(copy.deepcopy(node))
         if form is None or form == _BOOL:
-            return made
+            return expression
         if not form.bools:
-            made = ast.Compare(made, [ast.NotEq()], [ast.Constant(0)])
+            expression = ast.Compare(expression, [ast.NotEq()], [ast.Constant(0)])
         if form.size == 1:
-            return made
+            return expression
         differs = isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.NotEq)
-        return self.call("any" if differs or not form.bools else "all", made)
+        return self.call("any" if differs or not form.bools else "all", expression)
 
     def form(self, node: ast.expr) -> _Form | None:
         """Return the form of an expression, None where it is not known."""
@@ -144,16 +144,18 @@ class _Rewriter(ast.NodeTransformer):
             case ast.Call(func=ast.Attribute(attr=name) | ast.Name(id=name), args=[_]) if name in _OF_BOOLS:
                 return _BOOL
             case ast.Call(func=function):
-                made = named(function, self.frame)
-                return _of_class(made) if isinstance(made, type) else None
-            case ast.Attribute(value=value, attr=picked) if isinstance(held := named(value, self.frame), AbstractValue):
-                return _Form(held.base is Base.B, len(picked))
-            case ast.Subscript(value=value) if isinstance(held := named(value, self.frame), AbstractValue):
-                return _Form(held.base is Base.B, 1)
-        held = named(node, self.frame)
-        if isinstance(held, bool):
+                cls = named(function, self.frame)
+                return _of_class(cls) if isinstance(cls, type) else None
+            case ast.Attribute(value=value, attr=picked) if isinstance(
+                subject := named(value, self.frame), AbstractValue
+            ):
+                return _Form(subject.base is Base.B, len(picked))
+            case ast.Subscript(value=value) if isinstance(subject := named(value, self.frame), AbstractValue):
+                return _Form(subject.base is Base.B, 1)
+        subject = named(node, self.frame)
+        if isinstance(subject, bool):
             return _BOOL
-        return _Form(False, 1) if isinstance(held, int | float) else _of_class(type(held))
+        return _Form(False, 1) if isinstance(subject, int | float) else _of_class(type(subject))
 
     def widest(self, *nodes: ast.expr) -> int:
         """Return the greatest number of components, 1 for what is not known."""
@@ -165,12 +167,12 @@ def _of_class(cls: type) -> _Form | None:
     return _Form(cls.base is Base.B, cls.size) if issubclass(cls, AbstractValue) else None
 
 
-def _membership(left: ast.expr, items: list[ast.expr], *, wanted: bool) -> ast.expr:
+def _membership(left: ast.expr, items: list[ast.expr], *, positive: bool) -> ast.expr:
     """Rewrite `x in (a, b)` as `(x == a) | (x == b)`, `not in` as `(x != a) & (x != b)`."""
-    sign: ast.cmpop = ast.Eq() if wanted else ast.NotEq()
-    join: ast.operator = ast.BitOr() if wanted else ast.BitAnd()
+    sign: ast.cmpop = ast.Eq() if positive else ast.NotEq()
+    join: ast.operator = ast.BitOr() if positive else ast.BitAnd()
     compared: list[ast.expr] = [ast.Compare(left, [sign], [item]) for item in items]
-    return reduce(lambda a, b: ast.BinOp(a, join, b), compared) if compared else ast.Constant(not wanted)
+    return reduce(lambda a, b: ast.BinOp(a, join, b), compared) if compared else ast.Constant(not positive)
 
 
 def ends_of(node: ast.expr) -> tuple[ast.expr, ast.expr] | None:
@@ -183,10 +185,10 @@ def ends_of(node: ast.expr) -> tuple[ast.expr, ast.expr] | None:
     return None
 
 
-def _between(left: ast.expr, begin: ast.expr, end: ast.expr, *, wanted: bool) -> ast.expr:
+def _between(left: ast.expr, begin: ast.expr, end: ast.expr, *, positive: bool) -> ast.expr:
     """Rewrite `n in range(a, b)` as `(n >= a) & (n < b)`, `not in` as `(n < a) | (n >= b)`."""
-    join: ast.operator = ast.BitAnd() if wanted else ast.BitOr()
-    low, high = (ast.GtE(), ast.Lt()) if wanted else (ast.Lt(), ast.GtE())
+    join: ast.operator = ast.BitAnd() if positive else ast.BitOr()
+    low, high = (ast.GtE(), ast.Lt()) if positive else (ast.Lt(), ast.GtE())
     return ast.BinOp(ast.Compare(left, [low], [begin]), join, ast.Compare(left, [high], [end]))
 
 
@@ -196,8 +198,8 @@ def rewritten(node: ast.expr, prefix: str, frame: FrameType | None, *, test: boo
     `frame` tells the types of names. With `test` the result is a scalar bool, else the value that Python would give.
     """
     rewriter = _Rewriter(prefix, frame)
-    made = rewriter.holds(node) if test else rewriter.visit(copy.deepcopy(node))
-    text = ast.unparse(ast.fix_missing_locations(made))
+    tree = rewriter.holds(node) if test else rewriter.visit(copy.deepcopy(node))
+    text = ast.unparse(ast.fix_missing_locations(tree))
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 

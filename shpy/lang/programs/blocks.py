@@ -175,20 +175,20 @@ class Counted(LoopBlock):
         for b in bounds:
             if b.size != 1 or (b.weak != "int" if isinstance(b, Literal) else b.base is not Base.I):
                 raise ShpyTypeError("SH_FOR counts with ints of type i", loc=self.loc, cure="SH_FOR(sh.Attrib1i(n))")
-        known = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
-        if known[2] == 0:
+        constants = [b.components[0] if isinstance(b, Literal) else None for b in bounds]
+        if constants[2] == 0:
             raise RecordError("SH_FOR with a step of 0 never ends", loc=self.loc, cure="another step")
         name = for_name(self.loc)
         self.name = name or "i"
         self.first = arithmetic.read(self.frame, bounds[0], _INT)
         self.last = arithmetic.read(self.frame, bounds[1], _INT)
         self.step = arithmetic.read(self.frame, bounds[2], _INT)
-        first, _, by = known
-        if first is not None and known[1] is not None and by is not None:
-            self.turns = len(range(first, known[1], by))
+        first, _, by = constants
+        if first is not None and constants[1] is not None and by is not None:
+            self.turns = len(range(first, constants[1], by))
         # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
         simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
-        self.down = known[2] is not None and known[2] < 0
+        self.down = constants[2] is not None and constants[2] < 0
         self.trips = None if simple else self._trips()
 
     def _trips(self) -> int:
@@ -210,7 +210,7 @@ class Counted(LoopBlock):
         if self.trips is not None:
             signed = frame.let("convert", (index,), _INT)
             index = frame.let("add", (self.first, frame.let("mul", (signed, self.step), _INT)), _INT)
-        i = arithmetic.made("Attrib", _INT, frame, index)
+        i = arithmetic.make_value("Attrib", _INT, frame, index)
         frame.names[i._variable] = self.name
         self._advance(counter, kind)
         return i

@@ -264,7 +264,9 @@ class SH_FOR(Counted):
 
     def _trips(self) -> int:
         """Record ceil((last - first) / step), 0 if that is not positive."""
-        bounds = (arithmetic.made("Attrib", vec(Base.I), self.frame, h) for h in (self.first, self.last, self.step))
+        bounds = (
+            arithmetic.make_value("Attrib", vec(Base.I), self.frame, h) for h in (self.first, self.last, self.step)
+        )
         return int(trip_count(*bounds)._read(self.frame))
 
 

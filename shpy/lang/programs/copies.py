@@ -55,8 +55,8 @@ def _passed_on(entry: Function, callees: dict[str, Function]) -> dict[int, int]:
     stores: Counter[int] = Counter()
     for statement in walk(entry.body):
         match statement:
-            case Let(made, "load", _, int(slot)):
-                loads[made.id] = slot
+            case Let(target, "load", _, int(slot)):
+                loads[target.id] = slot
             case Store(slot, value, None, None):
                 stores[slot] += 1
             case Store(slot, value, _, index):

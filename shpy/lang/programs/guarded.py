@@ -30,13 +30,13 @@ def guarded(recorded: Recorded, condition: Recorded | None, mask: str) -> Record
     added: Mapping[str, InputType] = {mask: Leaf(MASK)} if condition is None else condition.inputs
     types = {**recorded.inputs, **{name: type_ for name, type_ in added.items() if name not in recorded.inputs}}
 
-    def body(given: Mapping[str, Any]) -> Any:
+    def body(arguments: Mapping[str, Any]) -> Any:
         if condition is None:
-            holds = given[mask]
+            holds = arguments[mask]
         else:
-            holds = call_recorded(condition, {name: given[name] for name in condition.inputs})
+            holds = call_recorded(condition, {name: arguments[name] for name in condition.inputs})
         SH_DISCARD(~holds)
-        return call_recorded(recorded, {name: given[name] for name in recorded.inputs})
+        return call_recorded(recorded, {name: arguments[name] for name in recorded.inputs})
 
     defaults = {**(condition.defaults if condition is not None else {}), **recorded.defaults}
     return rerecorded(recorded.module.name, recorded, types, recorded.output, body, defaults)

@@ -31,20 +31,20 @@ Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
 
 
-def call_recorded(recorded: Recorded, given: Mapping[str, Any], constants: Constants | None = None) -> Any:
+def call_recorded(recorded: Recorded, arguments: Mapping[str, Any], constants: Constants | None = None) -> Any:
     """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms."""
     frame = need_frame("a call of a program")
-    names = _Names(frame.recording, recorded, given, constants or {})
+    names = _Names(frame.recording, recorded, arguments, constants or {})
     functions = {f.name: f for f in (names.function(f) for f in recorded.module.functions[:-1])}
     for function in functions.values():
-        if all(function is not known for known in frame.recording.functions):
+        if all(function is not other for other in frame.recording.functions):
             frame.recording.functions.append(function)
     entry = names.body(recorded.module.entry)
     args: list[int] = []
     for name, type_ in recorded.inputs.items():
         if isinstance(type_, TableType | TextureType):
             continue
-        entries = flatten(type_, given[name], name)
+        entries = flatten(type_, arguments[name], name)
         for entry_value, (leaf, _, cls) in zip(entries, leaves(type_, name), strict=True):
             args.append(arithmetic.convert(frame, entry_value, cls.type, f"the input {leaf}"))
     results = _splice(frame, entry, args) if _can_splice(frame, entry) else _call(frame, entry, args)
@@ -57,7 +57,7 @@ class _Names:
 
     recording: Recording
     recorded: Recorded
-    given: Mapping[str, Any]
+    arguments: Mapping[str, Any]
     constants: Constants
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class _Names:
         self.modes: dict[str, Any] = {}
         for name, type_ in self.recorded.inputs.items():
             if isinstance(type_, TableType):
-                table = self.given[name]
+                table = self.arguments[name]
                 if not isinstance(table, Table) or not fits(table, type_):
                     raise ShpyTypeError(
                         f"the input {name} is a Table[{type_.cls.__name__}, {type_.rank}]",
@@ -77,7 +77,7 @@ class _Names:
                     if leaf == name or any(leaf == declared.name for declared in self.recorded.module.tables):
                         self.tables[leaf] = part._declared(self.recording.frame)
             elif isinstance(type_, TextureType):
-                texture = self.given[name]
+                texture = self.arguments[name]
                 if not isinstance(texture, Texture2D) or texture.type.type is not type_.cls.type:
                     raise ShpyTypeError(
                         f"the input {name} is a Texture2D[{type_.cls.__name__}]", loc=here(), cure="sh.Texture2D(array)"
@@ -93,13 +93,13 @@ class _Names:
         modes = tuple((name, Same(mode) if isinstance(mode, Param) else mode) for name, mode in self.modes.items())
         bound = tuple(self.tables.items()), tuple(self.constants.items()), modes
         key = ("inlined", Same(self.recorded), function.name, bound)
-        held = self.recording.subroutines.get(key)
-        if held is None:
+        definition = self.recording.subroutines.get(key)
+        if definition is None:
             name = self.recording.function_name(function.name)
-            held = replace(self.body(function), name=name)
-            self.recording.subroutines[key] = held
-        self.functions[function.name] = held.name
-        result: Function = held
+            definition = replace(self.body(function), name=name)
+            self.recording.subroutines[key] = definition
+        self.functions[function.name] = definition.name
+        result: Function = definition
         return result
 
     def body(self, function: Function) -> Function:
@@ -132,20 +132,20 @@ class _Names:
 
     def _expression(self, value: Value, root: Node) -> list[Stmt]:
         """Record the operations of a dependent uniform, some of whose sources are constants."""
-        made: list[Stmt] = []
+        statements: list[Stmt] = []
 
         def let(node: Node, args: tuple[int, ...]) -> int:
             target = value if node is root else Value(next(self.fresh), node.type, None, value.loc)
             if node.op == "param":
                 statement = self._uniform(target, node.source)
-                made.extend(statement if isinstance(statement, list) else [statement])
+                statements.extend(statement if isinstance(statement, list) else [statement])
             else:
                 attr = node.source._declared(self.recording.frame) if node.op == "table" else node.attr
-                made.append(Let(target, node.op, args, attr))
+                statements.append(Let(target, node.op, args, attr))
             return target.id
 
         replay(root, let)
-        return made
+        return statements
 
 
 def _can_splice(frame: Frame, entry: Function) -> bool:

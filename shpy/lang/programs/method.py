@@ -48,7 +48,7 @@ class PerInstance:
         functools.update_wrapper(self, function)
         self.function = function
         self.owner: type | None = None
-        self._made: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._recordings: dict[int, tuple[weakref.ref[Any], Any]] = {}
         self._underway: set[tuple[int, int]] = set()
 
     def record_for(self, instance: Any) -> Any:
@@ -91,9 +91,9 @@ class PerInstance:
         )
 
     def _of(self, instance: Any) -> Any:
-        held = self._made.get(id(instance))
-        if held is not None and held[0]() is instance:
-            return held[1]
+        entry = self._recordings.get(id(instance))
+        if entry is not None and entry[0]() is instance:
+            return entry[1]
         underway = threading.get_ident(), id(instance)
         if underway in self._underway:
             raise RecordError(
@@ -103,21 +103,21 @@ class PerInstance:
             )
         self._underway.add(underway)
         try:
-            made = self.record_for(instance)
+            recording = self.record_for(instance)
         finally:
             self._underway.discard(underway)
-        self._keep(instance, made)
-        return made
+        self._keep(instance, recording)
+        return recording
 
-    def _keep(self, instance: Any, made: Any) -> None:
+    def _keep(self, instance: Any, recording: Any) -> None:
         """Keep the recording until the instance is deleted."""
-        key, forget = id(instance), self._made.pop
+        key, forget = id(instance), self._recordings.pop
         try:
             reference = weakref.ref(instance, lambda _: forget(key, None))
         except TypeError:
             self._warn(type(instance))
             return
-        self._made[key] = reference, made
+        self._recordings[key] = reference, recording
 
     def _warn(self, cls: type) -> None:
         name = self.function.__name__

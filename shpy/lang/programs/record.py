@@ -74,11 +74,11 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     check_source(function, is_value=is_value)
     types, defaults = _input_types(function, loc)
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))
-    with uncollected(), recording("program" if title == "<lambda>" else title, loc) as made:
+    with uncollected(), recording("program" if title == "<lambda>" else title, loc) as context:
         hint = hints_of(function).get("return")
         layout = None if _is_open(hint) else layout_of(hint, "what it gives back")
-        body = lambda given: _called(function, given)  # noqa: E731
-        recorded = record_body(made, types, layout, body, return_loc(function), bodies_of(function))
+        body = lambda arguments: _called(function, arguments)  # noqa: E731
+        recorded = record_body(context, types, layout, body, return_loc(function), bodies_of(function))
         return replace(recorded, defaults=defaults)
 
 
@@ -143,16 +143,16 @@ def _at(loc: Loc | None, f: Callable[..., Any], *args: Any) -> Any:
 _EXPLAINED = (TypeError, ValueError, AttributeError, NameError, RecursionError)
 
 
-def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
+def _called(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     positional = [
-        given[name]
+        arguments[name]
         for name, p in inspect.signature(function).parameters.items()
-        if p.kind is p.POSITIONAL_ONLY and name in given
+        if p.kind is p.POSITIONAL_ONLY and name in arguments
     ]
     named = {
-        name: given[name]
+        name: arguments[name]
         for name, p in inspect.signature(function).parameters.items()
-        if p.kind is not p.POSITIONAL_ONLY and name in given
+        if p.kind is not p.POSITIONAL_ONLY and name in arguments
     }
     try:
         return function(*positional, **named)
@@ -170,7 +170,7 @@ def _called(function: Callable[..., Any], given: dict[str, Any]) -> Any:
 
 @in_ieee_arithmetic
 def record_body(
-    made: Recording,
+    context: Recording,
     types: dict[str, InputType],
     layout: Layout | None,
     body: Callable[[dict[str, Any]], Any],
@@ -181,25 +181,27 @@ def record_body(
 
     `end` is the line of the last return, `bodies` the code of the user's function.
     """
-    frame = made.frame
-    frame.returned = returns = Returns(frame, layout, made.name, bodies)
-    inputs, ports, given = _open_inputs(frame, types)
-    result = body(given)
+    frame = context.frame
+    frame.returned = returns = Returns(frame, layout, context.name, bodies)
+    inputs, ports, arguments = _open_inputs(frame, types)
+    result = body(arguments)
     with at(end or frame.loc):
         returns.finish(result)
     if returns.layout is None or not returns.slots:
-        raise RecordError(f"{made.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)")
-    functions = made.settled((*made.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
+        raise RecordError(
+            f"{context.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)"
+        )
+    functions = context.settled((*context.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
     module = Module(
-        made.name,
+        context.name,
         tuple(ports),
         tuple(Port(name, kind) for name, kind in returns.ports),
-        tuple(_declare_param(name, p) for name, p in made.params.items()),
-        tuple(_declare_table(name, t) for name, t in made.tables.items()),
+        tuple(_declare_param(name, p) for name, p in context.params.items()),
+        tuple(_declare_table(name, t) for name, t in context.tables.items()),
         functions,
     )
     verify(module)
-    return Recorded(module, dict(types), returns.layout, dict(made.params), dict(made.tables))
+    return Recorded(module, dict(types), returns.layout, dict(context.params), dict(context.tables))
 
 
 def rerecorded(
@@ -211,8 +213,8 @@ def rerecorded(
     defaults: Mapping[str, Any],
 ) -> Recorded:
     """Record `body`, which calls `like`, at the line of that; keep the defaults of the inputs that are left."""
-    with recording(name, like.module.entry.loc) as made:
-        recorded = record_body(made, types, layout, body)
+    with recording(name, like.module.entry.loc) as context:
+        recorded = record_body(context, types, layout, body)
     return replace(
         recorded, module=without_copies(recorded.module), defaults={n: d for n, d in defaults.items() if n in types}
     )
@@ -221,13 +223,13 @@ def rerecorded(
 def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:
     inputs: list[nodes.Value] = []
     ports: list[Port] = []
-    given: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
-            given[name] = argument(name, type_)
+            arguments[name] = argument(name, type_)
             continue
         if isinstance(type_, TextureType):
-            given[name] = TextureArgument(name, type_)
+            arguments[name] = TextureArgument(name, type_)
             continue
         parts = []
         for leaf, kind, cls in leaves(type_, name):
@@ -237,8 +239,8 @@ def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.
             part = _slot_value(frame, cls, leaf, frame.loc)
             frame.append(Store(part._variable, incoming.id, None, None, frame.loc))
             parts.append(part)
-        given[name] = build_values(type_, iter(parts))
-    return inputs, ports, given
+        arguments[name] = build_values(type_, iter(parts))
+    return inputs, ports, arguments
 
 
 def _declare_param(name: str, param: Any) -> nodes.Param:

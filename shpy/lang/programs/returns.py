@@ -149,9 +149,9 @@ def _check_count(what: str, layout: Layout, value: Any, source: str) -> None:
         case _:
             fits = True
     if not fits:
-        given = f"a {type(value).__name__} of {len(value)}" if several else f"one {type(value).__name__}"
+        amount = f"a {type(value).__name__} of {len(value)}" if several else f"one {type(value).__name__}"
         raise ShpyTypeError(
-            f"{what} returns {given}, and {source} {annotation_of(layout)}",
+            f"{what} returns {amount}, and {source} {annotation_of(layout)}",
             loc=here(),
             cure=f"-> {annotation_of(layout_from(value, what))}, or a value of the type that the annotation names"
             if "->" in source

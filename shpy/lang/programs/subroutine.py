@@ -69,8 +69,8 @@ class Subroutine:
         bound.apply_defaults()
         if self._hints is None:
             self._hints = hints_of(self.function)
-        given = {name: self._argument(recording.frame, name, value) for name, value in bound.arguments.items()}
-        key = self._key(given)
+        arguments = {name: self._argument(recording.frame, name, value) for name, value in bound.arguments.items()}
+        key = self._key(arguments)
         recorded = recording.subroutines.get(key) if key is not None else None
         if recorded is None:
             if any(other is self.function for other in recording.underway):
@@ -79,19 +79,19 @@ class Subroutine:
                     loc=here(),
                     cure="a loop, with an sh.Array as the stack",
                 )
-            recorded = self._record(recording, given)
-            if key is not None and key == self._key(given):  # the function has changed nothing that it reads
+            recorded = self._record(recording, arguments)
+            if key is not None and key == self._key(arguments):  # the function has changed nothing that it reads
                 recording.subroutines[key] = recorded
-        converted = {name for name, value in given.items() if self._is_converted(value, bound.arguments[name])}
-        return recorded.call(recording.frame, given, converted)
+        converted = {name for name, value in arguments.items() if self._is_converted(value, bound.arguments[name])}
+        return recorded.call(recording.frame, arguments, converted)
 
-    def _key(self, given: dict[str, Any]) -> Hashable | None:
+    def _key(self, arguments: dict[str, Any]) -> Hashable | None:
         """Return the key of the recording for a call: the types of values, and snapshots of all other objects read.
 
         Returns None if an object has no snapshot: the function is then recorded for each call.
         """
-        kinds = tuple((name, _kind(value)) for name, value in given.items())
-        hosts = [value for (_, kind), value in zip(kinds, given.values(), strict=True) if kind is None]
+        kinds = tuple((name, _kind(value)) for name, value in arguments.items())
+        hosts = [value for (_, kind), value in zip(kinds, arguments.values(), strict=True) if kind is None]
         seen = snapshot(*hosts) if self._is_library else snapshot(self.function, *hosts)
         return None if seen is None else (self, kinds, seen)
 
@@ -116,14 +116,14 @@ class Subroutine:
         if value.type is hint.type:
             return _of_kind(hint, value)
         handle = arithmetic.convert(frame, value, hint.type, f"{name} of {self.name}")
-        return arithmetic.made(hint.kind, hint.type, frame, handle)
+        return arithmetic.make_value(hint.kind, hint.type, frame, handle)
 
     @staticmethod
-    def _is_converted(value: Any, given: Any) -> bool:
+    def _is_converted(value: Any, argument: Any) -> bool:
         """Return whether an argument is a copy of another type, not the variable of the value that was given."""
-        return isinstance(given, Value) and isinstance(value, Value) and value.type is not given.type
+        return isinstance(argument, Value) and isinstance(value, Value) and value.type is not argument.type
 
-    def _record(self, recording: Recording, given: dict[str, Any]) -> Recorded:
+    def _record(self, recording: Recording, arguments: dict[str, Any]) -> Recorded:
         frame = Frame(recording, recording.function_name(self.name), self._loc)
         hints = self._hints or {}
         hint = hints.get("return")
@@ -132,7 +132,7 @@ class Subroutine:
         recording.frames.append(frame)
         recording.underway.append(self.function)
         try:
-            inside = {name: _parameter(frame, name, value) for name, value in given.items()}
+            inside = {name: _parameter(frame, name, value) for name, value in arguments.items()}
             with in_library() if self._is_library else nullcontext():
                 result = self.function(**_restore(self.signature, inside))
             with at(return_loc(self.function)):
@@ -141,12 +141,12 @@ class Subroutine:
             recording.frames.pop()
             recording.underway.pop()
         recorded = Recorded(frame, inside, alone=self.alone)
-        known: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
-        if known is recorded:
+        original: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
+        if original is recorded:
             recording.functions.append(recorded.function)
         else:
             recording.function_names.discard(frame.name)
-        return known
+        return original
 
 
 def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, Any]:
@@ -174,15 +174,15 @@ def _parameter(frame: Frame, name: str, value: Any) -> Any:
     if not is_value(value):
         return value
     layout = layout_from(value, name)
-    made = [_slot_value(frame, cls, part, loc) for part, _, cls in leaves(layout, name)]
-    return build_values(layout, iter(made))
+    parts = [_slot_value(frame, cls, part, loc) for part, _, cls in leaves(layout, name)]
+    return build_values(layout, iter(parts))
 
 
 def _slot_value(frame: Frame, cls: type[Value], name: str, loc: Loc | None) -> Value:
     value = object.__new__(cls)
     slot = frame.variable(cls.type, name=name, loc=loc)
-    for attribute, held in (("_frame", frame), ("_variable", slot), ("_const", ()), ("_part", None), ("_loc", loc)):
-        object.__setattr__(value, attribute, held)
+    for attribute, start in (("_frame", frame), ("_variable", slot), ("_const", ()), ("_part", None), ("_loc", loc)):
+        object.__setattr__(value, attribute, start)
     return value
 
 
@@ -231,13 +231,13 @@ class Recorded:
         """Return everything but the name; recordings with equal contents share one function."""
         return self.layout, self.function.loc, replace(self.function, name="")
 
-    def call(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> Any:
+    def call(self, frame: Frame, arguments: dict[str, Any], converted: Collection[str]) -> Any:
         """Record a call from `frame`; return the function's result. Arguments in `converted` cannot be stored into."""
-        results = frame.call(self.function, tuple(self._arguments(frame, given, converted)))
+        results = frame.call(self.function, tuple(self._arguments(frame, arguments, converted)))
         return None if self.layout is None else built(frame, self.layout, results)
 
-    def _arguments(self, frame: Frame, given: dict[str, Any], converted: Collection[str]) -> list[int]:
-        passed = [(name, leaf) for name, value in given.items() for leaf in _leaves(value)]
+    def _arguments(self, frame: Frame, arguments: dict[str, Any], converted: Collection[str]) -> list[int]:
+        passed = [(name, leaf) for name, value in arguments.items() for leaf in _leaves(value)]
         for (name, leaf), stored in zip(passed, self.stored, strict=True):
             if stored and name in converted:
                 raise RecordError(
@@ -247,7 +247,7 @@ class Recorded:
                     cure=f"a value of its own: x = sh.{type(leaf).__name__}(…), then {self.function.name}(x)",
                 )
         args = [
-            self._reference(frame, leaf, name, given[name]) if reference else int(leaf._read(frame))
+            self._reference(frame, leaf, name, arguments[name]) if reference else int(leaf._read(frame))
             for (name, leaf), reference in zip(passed, self.by_reference, strict=True)
         ]
         self._check_apart(passed)
@@ -273,12 +273,12 @@ class Recorded:
                 cure="a copy for one of them: x.copy()",
             )
 
-    def _reference(self, frame: Frame, leaf: Any, name: str, given: Any) -> int:
+    def _reference(self, frame: Frame, leaf: Any, name: str, argument: Any) -> int:
         if isinstance(leaf, int):
             slot = leaf
         else:
             if leaf._frame is None:
-                own = f"sh.{type(leaf).__name__}(…)" if given is leaf else "y.copy()"
+                own = f"sh.{type(leaf).__name__}(…)" if argument is leaf else "y.copy()"
                 raise RecordError(
                     f"{self.function.name} stores into {name}, which is given a constant",
                     loc=here(),
@@ -286,8 +286,8 @@ class Recorded:
                 )
             leaf._check(frame)
             slot = leaf._variable
-            if leaf._part is not None and frame.names[slot] is None and _is_temporary(given, leaf):
-                part = _source(given, leaf)
+            if leaf._part is not None and frame.names[slot] is None and _is_temporary(argument, leaf):
+                part = _source(argument, leaf)
                 back = "" if leaf._part.owner == "constant" else f" first, and {part} = x after the call"
                 raise RecordError(
                     f"{self.function.name} stores into {name}, which is given {part}, a copy",
@@ -297,24 +297,24 @@ class Recorded:
         return slot
 
 
-def _source(given: Any, leaf: Value) -> str:
+def _source(argument: Any, leaf: Value) -> str:
     """Return the name of the source that an argument is a copy of; `leaf` is the argument, or a part of it."""
     assert leaf._part is not None
-    if given is leaf:
+    if argument is leaf:
         return leaf._part.name
-    paths = (path for path, _, _ in leaves(layout_from(given, ""), ""))
-    path = next(path for path, part in zip(paths, leaves_of(given), strict=True) if part is leaf)
+    paths = (path for path, _, _ in leaves(layout_from(argument, ""), ""))
+    path = next(path for path, part in zip(paths, leaves_of(argument), strict=True) if part is leaf)
     return leaf._part.name.removesuffix(path).removesuffix(".")
 
 
-def _is_temporary(given: Any, leaf: Value) -> bool:
+def _is_temporary(argument: Any, leaf: Value) -> bool:
     """Return whether an argument without a name of its own is a part that the call itself reads.
 
     Lines name values. They name no leaf of a struct or matrix, and without source text nothing: then a part that an
     earlier statement read is one that the user keeps.
     """
     loc = here()
-    named = isinstance(given, Value) and loc is not None and loc.text is not None
+    named = isinstance(argument, Value) and loc is not None and loc.text is not None
     return named or in_one_statement(leaf._loc, loc)
 
 
@@ -330,13 +330,13 @@ def _slot(leaf: Any) -> int:
 
 
 def _written(frame: Frame) -> set[int]:
-    found: set[int] = set()
+    slots: set[int] = set()
     for statement in walk(tuple(frame.scopes[0].statements)):
         if isinstance(statement, Store):
-            found.add(statement.variable)
+            slots.add(statement.variable)
         elif isinstance(statement, Call):
-            found |= frame.recording.referenced(statement)
-    return found
+            slots |= frame.recording.referenced(statement)
+    return slots
 
 
 def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = False) -> Any:

@@ -43,9 +43,9 @@ class Constant(tuple[int, ...]):
 
     def __new__(cls, narrow: Iterable[int], wide: tuple[int, ...]) -> Constant:
         """Return the constant of both."""
-        made = super().__new__(cls, narrow)
-        made.wide = wide
-        return made
+        constant = super().__new__(cls, narrow)
+        constant.wide = wide
+        return constant
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Constant) and tuple(self) == tuple(other) and self.wide == other.wide

@@ -126,23 +126,23 @@ def called_frames() -> list[FrameType]:
 
     Comprehensions count as the functions that they stand in.
     """
-    found: list[FrameType] = []
+    frames: list[FrameType] = []
     frame = user_frame()
     while frame is not None and not _look_inside(frame.f_code.co_filename):
         if frame.f_code.co_name not in _IN_PLACE:
-            found.append(frame)
+            frames.append(frame)
         frame = frame.f_back
-    return found
+    return frames
 
 
 def loc_in(code: CodeType, line: int) -> Loc:
     """Return a line of a code object as a location, with the text that the code was compiled from."""
-    known = origin(code)
-    loc = known.locs.get(line)
+    source = origin(code)
+    loc = source.locs.get(line)
     if loc is None:
         file = code.co_filename
         shown = "shpy/" + file[len(_HOUSE) :].replace(os.sep, "/") if file.startswith(_LIBRARIES) else file
-        loc = known.locs[line] = Loc(shown, line, known.text)
+        loc = source.locs[line] = Loc(shown, line, source.text)
     return loc
 
 

@@ -123,12 +123,12 @@ _listed: tuple[tuple[CodeType, list[Any]], ...] = ()
 def _positions(code: CodeType) -> list[Any]:
     """Return where each instruction stands in the text: walked once a function, not once a value."""
     global _listed
-    for known, positions in _listed:
-        if known is code:
+    for key, positions in _listed:
+        if key is code:
             return positions
-    found = list(code.co_positions())
-    _listed = ((code, found), *_listed[:7])  # in one assignment, since other threads record meanwhile
-    return found
+    listing = list(code.co_positions())
+    _listed = ((code, listing), *_listed[:7])  # in one assignment, since other threads record meanwhile
+    return listing
 
 
 def unpacked_name(frame: FrameType | None) -> str | None:

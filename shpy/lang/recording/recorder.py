@@ -198,8 +198,8 @@ class Frame:
         """Return the recorded function; an error where a block of it was not closed as Python's `with` does it."""
         self._check_blocks()
         check_reads(self)
-        taken = set(outputs) | {v.id for v in inputs if isinstance(v, Variable)}
-        slots = tuple(self.named(v) for v in self.variables if v.id not in taken)
+        ids = set(outputs) | {v.id for v in inputs if isinstance(v, Variable)}
+        slots = tuple(self.named(v) for v in self.variables if v.id not in ids)
         body = tuple(self.scopes[0].statements)
         named_inputs = tuple(self.named(v) if isinstance(v, Variable) else v for v in inputs)
         results = tuple(self.named(self.variables[v]) for v in outputs)
@@ -232,9 +232,9 @@ class Recording:
         of these that holds a given name already gets a number in the end, by `settled`.
         """
         name: str | None = thing.name
-        for known, other in declared.items():
+        for other_name, other in declared.items():
             if other is thing:
-                return known
+                return other_name
         if name is not None:
             if name in declared and thing.named:
                 if declared[name].named or f"{name}{_GIVEN}" in declared:
@@ -271,9 +271,9 @@ class Recording:
         inputs = next(f.inputs for f in self.functions if f.name == call.function)
         return {a for a, port in zip(call.args, inputs, strict=True) if isinstance(port, Variable)}
 
-    def function_name(self, wanted: str) -> str:
+    def function_name(self, base: str) -> str:
         """Return a function's name that no other has."""
-        name = _free(wanted, self.function_names)
+        name = _free(base, self.function_names)
         self.function_names.add(name)
         return name
 
@@ -289,9 +289,9 @@ def _free(base: str, declared: Collection[str]) -> str:
 def _settle(declared: dict[str, Any]) -> dict[str, str]:
     """Give each name that was given to the thing that has it, in place; return the new names by the old ones."""
     names: dict[str, str] = {}
-    for given in [name for name in declared if name.endswith(_GIVEN)]:
-        name = given.removesuffix(_GIVEN)
-        names |= {given: name, name: _free(name, {*declared, *names.values()})}
+    for key in [name for name in declared if name.endswith(_GIVEN)]:
+        name = key.removesuffix(_GIVEN)
+        names |= {key: name, name: _free(name, {*declared, *names.values()})}
     entries = [(names.get(name, name), thing) for name, thing in declared.items()]
     if names:
         declared.clear()
@@ -317,9 +317,9 @@ def current_frame() -> Frame | None:
 def recording(name: str, loc: Loc | None) -> Iterator[Recording]:
     """Make a recording the current one; recordings nest (a program decorated while another is recorded)."""
     outer = current()
-    _local.recording = made = Recording(name, loc)
+    _local.recording = context = Recording(name, loc)
     try:
-        yield made
+        yield context
     finally:
         _local.recording = outer
 

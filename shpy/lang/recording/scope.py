@@ -34,7 +34,7 @@ UNRESOLVED = _Unresolved()
 class Scope:
     """The names of one function.
 
-    `names` is what surrounds it, `given` holds the arguments that are known (`self` of a bound method, those of a
+    `names` is what surrounds it, `arguments` holds those that are known (`self` of a bound method, those of a
     partial), `local` the names that the function itself binds.
     """
 
@@ -42,20 +42,20 @@ class Scope:
     names: Mapping[str, object]
     is_value: Callable[[object], bool]
     local: frozenset[str] = frozenset()
-    given: Mapping[str, object] = field(default_factory=dict)
+    arguments: Mapping[str, object] = field(default_factory=dict)
 
     def nested(self, node: FunctionNode) -> Scope:
         """Return the scope of a `def` inside this function: what it shares with this one is known only to the run."""
-        names = {k: v for k, v in self.names.items() if k not in self.local} | dict(self.given)
+        names = {k: v for k, v in self.names.items() if k not in self.local} | dict(self.arguments)
         inner = bound_names(node)
-        hidden = {name: UNRESOLVED for name in self.local if name not in self.given}
+        hidden = {name: UNRESOLVED for name in self.local if name not in self.arguments}
         return Scope(self.text, names | hidden, self.is_value, inner)
 
     def resolve(self, node: ast.expr) -> object:
         """Return the object that a name or a dotted name means."""
         if isinstance(node, ast.Name):
-            if node.id in self.given:
-                return self.given[node.id]
+            if node.id in self.arguments:
+                return self.arguments[node.id]
             if node.id in self.local:
                 return UNRESOLVED
             return self.names.get(node.id, vars(builtins).get(node.id, UNRESOLVED))
@@ -104,7 +104,7 @@ def scope_of(
     function: FunctionType,
     node: FunctionNode,
     text: Text,
-    given: Mapping[str, object],
+    arguments: Mapping[str, object],
     is_value: Callable[[object], bool],
 ) -> Scope:
     """Return the scope of a function that exists; `node` is its `def` in its text."""
@@ -118,7 +118,7 @@ def scope_of(
         type_ = function.__annotations__.get(argument.arg, "")
         if isinstance(argument.annotation, ast.Name) and not isinstance(type_, str):
             names[argument.annotation.id] = type_  # a local class is in the closure only if the body names it
-    return Scope(text, names, is_value, bound_names(node), given)
+    return Scope(text, names, is_value, bound_names(node), arguments)
 
 
 def unwrapped(function: object) -> tuple[FunctionType, dict[str, object]] | None:
@@ -199,14 +199,14 @@ def _own(node: FunctionNode | ast.Lambda) -> Iterator[ast.AST]:
 def _attribute(base: object, name: str) -> object:
     """Return an attribute as it is stored, so that no property or `__getattr__` runs."""
     try:
-        found: object = inspect.getattr_static(base, name)
+        value: object = inspect.getattr_static(base, name)
     except AttributeError:
         return UNRESOLVED
-    if isinstance(found, property | functools.cached_property) or inspect.isdatadescriptor(found):
+    if isinstance(value, property | functools.cached_property) or inspect.isdatadescriptor(value):
         return UNRESOLVED
-    if isinstance(found, staticmethod | classmethod):
-        return found.__func__ if isinstance(found, staticmethod) else UNRESOLVED
-    if isinstance(found, FunctionType) and not isinstance(base, ModuleType | type):
+    if isinstance(value, staticmethod | classmethod):
+        return value.__func__ if isinstance(value, staticmethod) else UNRESOLVED
+    if isinstance(value, FunctionType) and not isinstance(base, ModuleType | type):
         holder = vars(base).get(name) if hasattr(base, "__dict__") else None
-        return found if holder is found else MethodType(found, base)
-    return found
+        return value if holder is value else MethodType(value, base)
+    return value

@@ -34,17 +34,17 @@ def plain_function(function: Any) -> Any:
 
 def bodies_of(function: Any) -> frozenset[CodeType]:
     """Return the code of the function, and of each function that its decorators wrap (`functools.wraps`)."""
-    found: set[CodeType] = set()
+    codes: set[CodeType] = set()
     for _ in range(32):  # wrappers may go round in circles
         plain = plain_function(function)
         code = getattr(plain, "__code__", None)
         if isinstance(code, CodeType):
-            found.add(code)
+            codes.add(code)
         wrapped = getattr(function, "__wrapped__", getattr(plain, "__wrapped__", None))
         if wrapped is None:
             break
         function = wrapped
-    return frozenset(found)
+    return frozenset(codes)
 
 
 def _call_method(thing: Any) -> Any:
@@ -63,11 +63,11 @@ def return_loc(function: Any) -> Loc | None:
     loc = loc_of(function)
     if loc is None:
         return None
-    found = definition_of(plain_function(function).__code__)
-    if found is None:
+    definition = definition_of(plain_function(function).__code__)
+    if definition is None:
         return loc
-    last = found[0].body[-1]
-    return Loc(loc.file, last.lineno, found[1]) if isinstance(last, ast.Return) else loc
+    last = definition[0].body[-1]
+    return Loc(loc.file, last.lineno, definition[1]) if isinstance(last, ast.Return) else loc
 
 
 def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
@@ -106,9 +106,9 @@ def _meant(hint: Any) -> Any:
 
 def _resolve(hint: str, namespace: dict[str, Any], name: str, loc: Loc | None) -> Any:
     try:
-        found = eval(hint, namespace)
+        value = eval(hint, namespace)
         # With `from __future__ import annotations`, an annotation in quotes is a string in a string.
-        return _resolve(found, namespace, name, loc) if isinstance(found, str) and found != hint else found
+        return _resolve(value, namespace, name, loc) if isinstance(value, str) and value != hint else value
     except Exception as error:
         text, cure = str(error), "a type that the module's globals or the enclosing function know, such as sh.Attrib1f"
         if isinstance(error, ShpyError):  # the evaluated string has no line of the user's

@@ -80,7 +80,7 @@ class Text:
 
         A notebook compiles each statement of a cell by itself, and CPython then calls what the cell imports otherwise.
         """
-        found: dict[tuple[str, int], list[CodeType]] = defaultdict(list)
+        codes: dict[tuple[str, int], list[CodeType]] = defaultdict(list)
         pieces: list[Any] = ["".join(self.lines)]
         if not os.path.exists(self.file) and self.tree is not None:
             pieces += [ast.Module([node], []) for node in self.tree.body]
@@ -93,9 +93,9 @@ class Text:
                 continue
             while waiting:
                 code = waiting.pop()
-                found[_key(code)].append(code)
+                codes[_key(code)].append(code)
                 waiting += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-        return found
+        return codes
 
     @functools.cached_property
     def _asserted(self) -> frozenset[int]:
@@ -122,14 +122,14 @@ _versions: dict[str, list[Text]] = {}
 
 def origin(code: CodeType) -> Origin:
     """Return the origin of a code object; without a text it is looked up again when linecache has another one."""
-    known = _origins.get(id(code))
-    if known is not None and (known.text is not None or linecache.cache.get(code.co_filename) is known.tested):
-        return known
+    entry = _origins.get(id(code))
+    if entry is not None and (entry.text is not None or linecache.cache.get(code.co_filename) is entry.tested):
+        return entry
     if len(_origins) >= _ORIGINS:
         _origins.clear()
-    text = _found(code)
-    known = _origins[id(code)] = Origin(code, text, linecache.cache.get(code.co_filename))
-    return known
+    text = _find_text(code)
+    entry = _origins[id(code)] = Origin(code, text, linecache.cache.get(code.co_filename))
+    return entry
 
 
 def text_of(code: CodeType) -> Text | None:
@@ -153,7 +153,7 @@ def written(loc: Loc | None) -> str:
     return loc.text.line(loc.line).strip() if loc is not None and loc.text is not None else ""
 
 
-def _found(code: CodeType) -> Text | None:
+def _find_text(code: CodeType) -> Text | None:
     """Return the version of the file that holds the code: what linecache has, an earlier one, or the file's own."""
     file = code.co_filename
     tried = set[int]()
@@ -237,10 +237,10 @@ def _same_besides(own: CodeType, code: CodeType, lines: frozenset[int]) -> bool:
 
 def _by_line(code: CodeType) -> dict[int, list[tuple[Any, ...]]]:
     """Return the instructions of each line with their positions, without those that other surroundings change."""
-    found: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
+    by_line: dict[int, list[tuple[Any, ...]]] = defaultdict(list)
     for name, argument, line, *columns in _instructions(code):
-        found[line].append((f"{name} {argument}", *columns))
-    return dict(found)
+        by_line[line].append((f"{name} {argument}", *columns))
+    return dict(by_line)
 
 
 def _instructions(code: CodeType) -> Iterator[tuple[Any, ...]]:

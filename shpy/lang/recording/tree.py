@@ -35,12 +35,12 @@ def definition_of(code: CodeType) -> tuple[FunctionNode, Text] | None:
 @functools.lru_cache(maxsize=256)
 def _functions(tree: ast.Module) -> dict[tuple[str, int], list[FunctionNode]]:
     """Return the functions of a file by name and first line, which is that of the first decorator."""
-    found: dict[tuple[str, int], list[FunctionNode]] = {}
+    functions: dict[tuple[str, int], list[FunctionNode]] = {}
     for node in ast.walk(tree):
         if isinstance(node, FunctionNode):
             first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            found.setdefault((node.name, first), []).append(node)
-    return found
+            functions.setdefault((node.name, first), []).append(node)
+    return functions
 
 
 def in_one_statement(a: Loc | None, b: Loc | None) -> bool:
@@ -58,12 +58,12 @@ def in_one_statement(a: Loc | None, b: Loc | None) -> bool:
 
 def quoted(text: Text, node: ast.AST) -> str:
     """Return a node of the text as the user wrote it, on one line, shortened if it is long."""
-    found = ""
+    words = ""
     if isinstance(node, ast.expr | ast.stmt) and node.lineno == node.end_lineno:
         line = text.line(node.lineno).encode()  # columns count bytes
-        found = line[node.col_offset : node.end_col_offset].decode(errors="replace")
-    found = found or " ".join(ast.unparse(node).split())
-    return found if len(found) <= _LONGEST else f"{found[: _LONGEST - 1]}…"
+        words = line[node.col_offset : node.end_col_offset].decode(errors="replace")
+    words = words or " ".join(ast.unparse(node).split())
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
 
 
 def _arguments(node: FunctionNode) -> tuple[str, ...]:

@@ -102,7 +102,7 @@ def base_of(operands: Sequence[Operand], what: str) -> Base:
     return common_base(strong, [o.weak for o in operands if isinstance(o, Literal)], what)
 
 
-def made(kind: str, type: Type, emitter: Emitter, handle: Handle) -> Any:
+def make_value(kind: str, type: Type, emitter: Emitter, handle: Handle) -> Any:
     """Make a new value of this kind and type that holds the handle."""
     cls = CLASSES[kind if type.is_float else "Attrib", type.size, type.base]
     value = object.__new__(cls)
@@ -148,9 +148,9 @@ def emit(emitter: Emitter, op: str, handles: tuple[tuple[Handle, Type], ...], ki
     try:
         handle, type = emitter.op(op, handles)
     except TypeError as error:
-        given = ", ".join(repr(t) for _, t in handles)
-        raise ShpyTypeError(f"{what} does not take {given}", loc=here(), cure=_cure(op, handles)) from error
-    return made(kind, type, emitter, handle)
+        types = ", ".join(repr(t) for _, t in handles)
+        raise ShpyTypeError(f"{what} does not take {types}", loc=here(), cure=_cure(op, handles)) from error
+    return make_value(kind, type, emitter, handle)
 
 
 def _cure(op: str, handles: tuple[tuple[Handle, Type], ...]) -> str:
@@ -298,11 +298,11 @@ def convert(frame: Frame, x: Any, type: Type, what: str) -> Handle:
     check_width(value, type, what)
     if value.size not in (1, type.size):
         if type.size == 1:
-            wanted, cure = "one component", "pick one, as in v.x"
+            amount, cure = "one component", "pick one, as in v.x"
         else:
-            wanted = f"{type.size} components or one"
+            amount = f"{type.size} components or one"
             cure = "pick components, as in v.xyz, or build the vector, as in sh.Attrib3f(p.xy, 0)"
-        raise ShpyTypeError(f"{what} takes {wanted}, not {value.size}", loc=here(), cure=cure)
+        raise ShpyTypeError(f"{what} takes {amount}, not {value.size}", loc=here(), cure=cure)
     return read(frame, value, type)
 
 
@@ -313,9 +313,9 @@ def check_width(value: Operand, type: Type, what: str) -> None:
     else:
         narrow = value.base is not type.base and common_base([value.base, type.base], [], what) is not type.base
     if narrow:
-        given = value.weak if isinstance(value, Literal) else repr(value.type)
+        source = value.weak if isinstance(value, Literal) else repr(value.type)
         raise ShpyTypeError(
-            f"{what} of type {type!r} would narrow {given}",
+            f"{what} of type {type!r} would narrow {source}",
             loc=here(),
             cure=f"the conversion written out, sh.Attrib{type.size}{type.base.value}(…)",
         )
@@ -354,10 +354,10 @@ def constant(type_: Type, literals: Sequence[Literal], cls: type[AbstractValue])
 
 def count_error(cls: type[AbstractValue], count: int) -> ShpyTypeError:
     """Return the error for a constructor that was given too few or too many components."""
-    wanted = f"exactly {cls.size} components or one scalar" if cls.size > 1 else "one component"
+    amount = f"exactly {cls.size} components or one scalar" if cls.size > 1 else "one component"
     example = {1: "x", 2: "x, y", 3: "p.xy, 0", 4: "p.xyz, 1"}[cls.size]
     return ShpyTypeError(
-        f"{cls.__name__} takes {wanted}, not {count}", loc=here(), cure=f"sh.{cls.__name__}({example})"
+        f"{cls.__name__} takes {amount}, not {count}", loc=here(), cure=f"sh.{cls.__name__}({example})"
     )
 
 

@@ -23,7 +23,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES
-from shpy.lang.values.arithmetic import base_of, elementwise, emit, emitter_of, made, operand, read, select
+from shpy.lang.values.arithmetic import base_of, elementwise, emit, emitter_of, make_value, operand, read, select
 from shpy.lang.values.coerce import Literal, common_kind, common_size
 
 __all__ = ["FUNCTIONS"]
@@ -116,10 +116,10 @@ def _of_bits(row: Op, u: Any) -> Any:
 
 def _unit(row: Op, u: Any) -> Any:
     word = operand(u, "sh.unit_float")
-    known = isinstance(word, Literal)
+    constant = isinstance(word, Literal)
     if word.weak != "int" if isinstance(word, Literal) else word.base is not Base.U:
         raise ShpyTypeError("sh.unit_float takes u", loc=here(), cure="sh.unit_float(sh.hash(u))")
-    return _components(row, CLASSES["Attrib", word.size, Base.U](u) if known else u)
+    return _components(row, CLASSES["Attrib", word.size, Base.U](u) if constant else u)
 
 
 _OWN: Final[Mapping[str, Callable[..., Any]]] = {
@@ -144,13 +144,13 @@ def _function(row: Op) -> Callable[..., Any]:
     """
     whole = row.name in COMPOSITES and not row.componentwise
     record = partial(_OWN.get(row.name) or (_vectors if whole else _components), row)
-    given = ", ".join(row.parameters)
-    line = compile(f"lambda {given}: record({given})", __file__, "eval")
-    made: Callable[..., Any] = eval(line, {"record": record, "__name__": __name__})
-    made.__name__ = made.__qualname__ = row.name
-    made.__doc__ = row.says
-    made.__annotations__ = {**dict.fromkeys((p.lstrip("*") for p in row.parameters), "Any"), "return": "Any"}
-    return made
+    parameters = ", ".join(row.parameters)
+    line = compile(f"lambda {parameters}: record({parameters})", __file__, "eval")
+    function: Callable[..., Any] = eval(line, {"record": record, "__name__": __name__})
+    function.__name__ = function.__qualname__ = row.name
+    function.__doc__ = row.says
+    function.__annotations__ = {**dict.fromkeys((p.lstrip("*") for p in row.parameters), "Any"), "return": "Any"}
+    return function
 
 
 _ROWS: Final = {row.name: _function(row) for row in OPS.values() if row.says}
@@ -186,7 +186,7 @@ def degrees(radians: Any) -> Any:
 def _lanes(op: str, c: Any) -> Any:
     frame = need_frame(f"sh.{op}")
     value = arithmetic.condition(c, f"sh.{op}")
-    return made("Attrib", vec(Base.B), frame, frame.let(op, (value,), vec(Base.B)))
+    return make_value("Attrib", vec(Base.B), frame, frame.let(op, (value,), vec(Base.B)))
 
 
 def any_lane(c: Any) -> Any:
@@ -212,7 +212,7 @@ def _grid(op: str, n: int) -> Any:
                 loc=here(),
                 cure=f"sh.{op}({other})",
             )
-    return made("Attrib", vec(Base.I, n), frame, frame.let(op, (), vec(Base.I, n)))
+    return make_value("Attrib", vec(Base.I, n), frame, frame.let(op, (), vec(Base.I, n)))
 
 
 def grid_index(n: int) -> Any:

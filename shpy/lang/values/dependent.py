@@ -55,23 +55,23 @@ class Dependent:
     @property
     def name(self) -> str | None:
         """The Python name that it was assigned to, if that is known."""
-        held: Expression = self._const
-        return held.name
+        expression: Expression = self._const
+        return expression.name
 
     @property
     def root(self) -> Node:
         """The expression that it is."""
-        held: Expression = self._const
-        return held.root
+        expression: Expression = self._const
+        return expression.root
 
     @property
     def sources(self) -> tuple[Any, ...]:
         """The Params and Tables from which the uniform is computed."""
-        held: Expression = self._const
-        if held.sources is None:
-            found = {id(n.source): n.source for n in nodes_of(held.root) if n.source is not None}
-            held.sources = tuple(found.values())
-        return held.sources
+        expression: Expression = self._const
+        if expression.sources is None:
+            sources = {id(n.source): n.source for n in nodes_of(expression.root) if n.source is not None}
+            expression.sources = tuple(sources.values())
+        return expression.sources
 
     @property
     def value(self) -> Any:
@@ -140,12 +140,12 @@ def _again(cls: type, flat: list[tuple[Any, ...]], name: str | None) -> Any:
     nodes: list[Node] = []
     for op, args, type_, attr, source in flat:
         nodes.append(Node(op, tuple(nodes[k] for k in args), type_, attr, source))
-    made: Any = object.__new__(cls)
+    uniform: Any = object.__new__(cls)
     for slot, start in (("_frame", None), ("_part", None), ("_loc", None), ("_variable", -1)):
-        object.__setattr__(made, slot, start)
-    become_dependent(made, nodes[-1])
-    made._const.name = name
-    return made
+        object.__setattr__(uniform, slot, start)
+    become_dependent(uniform, nodes[-1])
+    uniform._const.name = name
+    return uniform
 
 
 def name_parts(parts: dict[str, Any]) -> None:

@@ -68,7 +68,7 @@ def _difference(x: Any, what: str, axis: int) -> Any:
     place = places[-axis]
     places[-axis] = place ^ 1
     (result,) = frame.call(beside, (CLASSES["Attrib", rank, Base.I](*places)._read(frame),))
-    other = arithmetic.made(own.kind, own.type, frame, result)
+    other = arithmetic.make_value(own.kind, own.type, frame, result)
     return cond((place & 1) == 1, own - other, other - own)
 
 
@@ -120,8 +120,8 @@ class _Slice:
         if not ranks:
             raise _no_neighbour(f"{self.what} of a value that does not depend on sh.grid_index")
         loc = here()
-        given = frame.new_value(vec(Base.I, ranks[0]), "index", loc)
-        index = Variable(len(frame.variables), given.type, None, "index", loc)
+        parameter = frame.new_value(vec(Base.I, ranks[0]), "index", loc)
+        index = Variable(len(frame.variables), parameter.type, None, "index", loc)
         result = Variable(index.id + 1, type, None, "result", loc)
 
         def with_index(s: Stmt) -> Stmt:
@@ -130,15 +130,15 @@ class _Slice:
             return s
 
         body = (
-            Store(index.id, given.id, None, None, loc),
+            Store(index.id, parameter.id, None, None, loc),
             *rewrite(kept, with_index),
             Store(result.id, value, None, None, loc),
         )
         slots = (*(frame.named(v) for v in frame.variables if v.id in self.slots), index)
         name = frame.recording.function_name("beside")
-        made = Function(name, (given,), (result,), slots, body, is_straight(body), loc)
-        frame.recording.functions.append(made)
-        return made, ranks[0]
+        function = Function(name, (parameter,), (result,), slots, body, is_straight(body), loc)
+        frame.recording.functions.append(function)
+        return function, ranks[0]
 
     def _keeps(self, s: Stmt) -> bool:
         """Return whether the value follows from the statement; what it reads is needed then too."""
@@ -164,9 +164,9 @@ class _Slice:
 
     def _check(self, kept: Region) -> None:
         """Raise RecordError where a neighbour's value cannot be computed."""
-        known = {v.id for s in walk(kept) for v in results(s)}
+        ids = {v.id for s in walk(kept) for v in results(s)}
         for s in walk(kept):
-            if isinstance(s, Store) and s.value not in known:
+            if isinstance(s, Store) and s.value not in ids:
                 name = self.frame.names[s.variable]
                 raise _no_neighbour(
                     f"{self.what} of a value that depends on the input {name}, which is known for this element alone",

@@ -63,49 +63,53 @@ class Matrix(Symbolic):
                 loc=here(),
                 cure=f"sh.{type(self).__name__}(row0, row1, …)",
             )
-        made = tuple(self._row_type()(r) for r in rows)
-        object.__setattr__(self, "rows", made)
+        row_values = tuple(self._row_type()(r) for r in rows)
+        object.__setattr__(self, "rows", row_values)
         frame = current_frame()
         if frame is not None:
-            frame.name_parts({str(r): row._variable for r, row in enumerate(made)}, "{}[{}]")
+            frame.name_parts({str(r): row._variable for r, row in enumerate(row_values)}, "{}[{}]")
         else:
-            name_parts({f"[{r}]": row for r, row in enumerate(made)})
+            name_parts({f"[{r}]": row for r, row in enumerate(row_values)})
 
     def __reduce__(self) -> Any:
         return self._plain().of_rows, (self.rows,)
 
     @classmethod
-    def for_store(cls, given: Any, what: str) -> Matrix:
+    def for_store(cls, source: Any, what: str) -> Matrix:
         """Return a matrix, or rows, as a matrix. Raises ShpyTypeError for binary64, which a store would narrow."""
-        for row in given if isinstance(given, tuple | list) else ():
+        for row in source if isinstance(source, tuple | list) else ():
             for entry in row if isinstance(row, tuple | list) else (row,):
                 if isinstance(entry, Value) and entry.base is Base.D:
                     check_width(entry, vec(Base.F, entry.size), what)
-        return cls(given)
+        return cls(source)
 
     @classmethod
     def _plain(cls) -> type[Matrix]:
         """Return the matrix type for results: a Param's class derives from one, but its results are no Params."""
         return MATRICES[cls.__name__]
 
-    def _rows_of(self, given: Any) -> tuple[Any, ...]:
+    def _rows_of(self, argument: Any) -> tuple[Any, ...]:
         """Return the rows of one argument, a matrix or a sequence of rows; raise ShpyTypeError for a single number."""
-        if literal(given) is not None or isinstance(given, Value) or not isinstance(given, Iterable):
+        if literal(argument) is not None or isinstance(argument, Value) or not isinstance(argument, Iterable):
             name = f"sh.{type(self).__name__}"
             raise ShpyTypeError(
-                f"{type(self).__name__} takes rows, not one {type(given).__name__}",
+                f"{type(self).__name__} takes rows, not one {type(argument).__name__}",
                 loc=here(),
                 cure=f"{name}() for the identity, {name}() * x for a multiple of it",
             )
-        return tuple(given.rows if isinstance(given, Matrix) else given)
+        return tuple(argument.rows if isinstance(argument, Matrix) else argument)
 
     def __getattr__(self, name: str) -> Any:
         text = f"{type(self).__name__!r} object has no attribute {name!r}"
         if name.startswith("_"):
             raise AttributeError(text, name=name, obj=self)
         spoken = {"T": "transpose", "inv": "inverse", "det": "determinant", "invert": "inverse"}.get(name, name)
-        known = spoken in ("transpose", "inverse", "determinant")
-        cure = f"sh.{spoken}(m)" if known else "m[r] for a row, m[r, c] for an entry, sh.transpose(m)[c] for a column"
+        is_function = spoken in ("transpose", "inverse", "determinant")
+        cure = (
+            f"sh.{spoken}(m)"
+            if is_function
+            else "m[r] for a row, m[r, c] for an entry, sh.transpose(m)[c] for a column"
+        )
         raise ShpyAttributeError(text, loc=here(), cure=cure)
 
     def _refuse(self, operator: str, other: Any, cure: str, *, reflected: bool = False) -> Any:
@@ -123,9 +127,9 @@ class Matrix(Symbolic):
     @classmethod
     def of_rows(cls, rows: Sequence[Value]) -> Any:
         """Make the matrix whose rows are these values themselves, not copies."""
-        made = object.__new__(cls)
-        object.__setattr__(made, "rows", tuple(rows))
-        return made
+        matrix = object.__new__(cls)
+        object.__setattr__(matrix, "rows", tuple(rows))
+        return matrix
 
     @classmethod
     def from_columns(cls, *columns: Any) -> Any:

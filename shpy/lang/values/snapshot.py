@@ -39,16 +39,16 @@ _IMPURE: Final = frozenset(
 class Same:
     """An object as a part of a key: compared by identity, and held, so that no other object takes its place."""
 
-    __slots__ = ("held",)
+    __slots__ = ("referent",)
 
-    def __init__(self, held: object) -> None:
-        self.held = held
+    def __init__(self, referent: object) -> None:
+        self.referent = referent
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and other.held is self.held
+        return isinstance(other, Same) and other.referent is self.referent
 
     def __hash__(self) -> int:
-        return object.__hash__(self.held)
+        return object.__hash__(self.referent)
 
 
 class _Unreadable(Exception):
@@ -136,10 +136,10 @@ class _Reader:
 
     def _cell(self, cell: Any) -> Hashable:
         try:
-            held = cell.cell_contents
+            value = cell.cell_contents
         except ValueError:
             return None  # a variable that is not set yet
-        return self.of(held)
+        return self.of(value)
 
 
 _READ: Final[dict[type, Callable[[_Reader, Any], Hashable]]] = {
@@ -170,16 +170,16 @@ def _is_fixed(thing: Any) -> bool:
 @functools.lru_cache(maxsize=1024)
 def _globals_read(code: CodeType) -> tuple[str, ...] | None:
     """Return the globals that code reads, in functions inside it too; None where it imports or defines a class."""
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for instruction in dis.get_instructions(code):
         if instruction.opname in ("IMPORT_NAME", "LOAD_BUILD_CLASS"):
             return None
         if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-            found[instruction.argval] = None
+            names[instruction.argval] = None
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             inner = _globals_read(constant)
             if inner is None:
                 return None
-            found.update(dict.fromkeys(inner))
-    return tuple(found)
+            names.update(dict.fromkeys(inner))
+    return tuple(names)

@@ -46,10 +46,10 @@ def struct(cls: type) -> Any:
     for base in cls.__mro__[1:]:
         if base not in of_structs and base is not object:
             _check_mixin(base, cls, fields)
-    made = struct_class(cls, fields)
-    layout_of(made, cls.__name__)
+    structure = struct_class(cls, fields)
+    layout_of(structure, cls.__name__)
     _check_defaults(cls, fields)
-    return made
+    return structure
 
 
 def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
@@ -66,15 +66,15 @@ def _resolved(hint: str, namespace: dict[str, Any], name: str) -> Any:
 
 def _check_defaults(cls: type, fields: Collection[str]) -> None:
     """Check that no field has a value in the class, which nothing would read."""
-    given = {n: value for n, value in vars(cls).items() if n in fields and n in inspect.get_annotations(cls)}
-    if not given:
+    defaults = {n: value for n, value in vars(cls).items() if n in fields and n in inspect.get_annotations(cls)}
+    if not defaults:
         return
-    parameters = ["self", *(name for name in fields if name not in given)]
-    for name, value in given.items():
+    parameters = ["self", *(name for name in fields if name not in defaults)]
+    for name, value in defaults.items():
         number = np.asarray(value).tolist() if is_value(value) and not is_struct(type(value)) else value
         parameters.append(f"{name}={number!r}")
     raise ShpyTypeError(
-        f"{cls.__name__} is a struct, and its field {min(given)} has a default, which structs do not take",
+        f"{cls.__name__} is a struct, and its field {min(defaults)} has a default, which structs do not take",
         loc=here(),
         cure=f"def __init__({', '.join(parameters)}): super().__init__({', '.join(fields)})",
     )

@@ -106,9 +106,9 @@ def layout_from(value: Any, what: str) -> Layout:
     fields = getattr(type(value), "_shpy_fields", None)
     if fields is not None:
         return layout_of(type(value), what)
-    known = literal(value)
-    if known is not None:
-        base = {"int": "i", "float": "f", "bool": "b"}[known.weak]
+    constant = literal(value)
+    if constant is not None:
+        base = {"int": "i", "float": "f", "bool": "b"}[constant.weak]
         return Leaf(CLASSES["Attrib", 1, base])  # type: ignore[index]
     if isinstance(value, dict):
         for unnamed in (key for key in value if not isinstance(key, str)):
@@ -178,14 +178,14 @@ def build(layout: Layout, values: Iterator[Any], rows: Callable[[Any, list[Any]]
         case Rows(cls):
             return rows(cls, [next(values) for _ in range(cls.size)])
         case Group(form, names, parts, cls):
-            made = [build(part, values, rows) for part in parts]
+            members = [build(part, values, rows) for part in parts]
             if form == "struct":
-                return cls._of(dict(zip(names, made, strict=True)))
+                return cls._of(dict(zip(names, members, strict=True)))
             if form == "namedtuple":
-                return cls(*made)
+                return cls(*members)
             if form == "dict":
-                return dict(zip(names, made, strict=True))
-            return made if form == "list" else tuple(made)
+                return dict(zip(names, members, strict=True))
+            return members if form == "list" else tuple(members)
 
 
 def build_values(layout: Layout, values: Iterator[Value]) -> Any:
@@ -196,8 +196,8 @@ def build_values(layout: Layout, values: Iterator[Value]) -> Any:
 def built(frame: Frame, layout: Layout, results: Sequence[int]) -> Any:
     """Put values that `frame` has recorded, by their ids, together."""
     classes = [cls for _, _, cls in leaves(layout, "")]
-    made = [arithmetic.made(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
-    return build_values(layout, iter(made))
+    values = [arithmetic.make_value(c.kind, c.type, frame, r) for c, r in zip(classes, results, strict=True)]
+    return build_values(layout, iter(values))
 
 
 def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:
@@ -206,10 +206,10 @@ def build_arrays(layout: Layout, arrays: Iterator[Any]) -> Any:
     A struct with a field that begins with an underscore, which no named tuple has, becomes a namespace.
     """
     if isinstance(layout, Group) and layout.form == "struct":
-        made = [build_arrays(part, arrays) for part in layout.parts]
+        members = [build_arrays(part, arrays) for part in layout.parts]
         if any(name.startswith("_") for name in layout.names):
-            return SimpleNamespace(**dict(zip(layout.names, made, strict=True)))
-        return namedtuple(layout.cls.__name__, layout.names)(*made)
+            return SimpleNamespace(**dict(zip(layout.names, members, strict=True)))
+        return namedtuple(layout.cls.__name__, layout.names)(*members)
     if isinstance(layout, Group):
         return build_group(layout, [build_arrays(part, arrays) for part in layout.parts])
     return build(layout, arrays, lambda cls, rows: np.stack(rows, axis=-2))
@@ -250,22 +250,22 @@ def entries_of(value: Any, form: str, names: tuple[str, ...], what: str) -> list
     """Return the parts of a dict, tuple, structured array or object, ordered as `names`; ShpyTypeError for others."""
     fields = getattr(getattr(value, "dtype", None), "names", None)
     if fields is not None:
-        found = [value[n] for n in names] if set(fields) == set(names) else None
+        entries = [value[n] for n in names] if set(fields) == set(names) else None
     elif isinstance(value, dict):
-        found = [value.get(n, None) for n in names] if set(value) == set(names) else None
+        entries = [value.get(n, None) for n in names] if set(value) == set(names) else None
     elif form in ("struct", "namedtuple") and all(hasattr(value, n) for n in names):
-        found = [getattr(value, n) for n in names]
+        entries = [getattr(value, n) for n in names]
     elif isinstance(value, tuple | list) and len(value) == len(names):
-        found = list(value)
+        entries = list(value)
     else:
-        found = None
-    if found is None:
+        entries = None
+    if entries is None:
         raise ShpyTypeError(
             f"{what} has the parts {', '.join(names)}, and {type(value).__name__} does not give just these",
             loc=here(),
             cure="a dict, tuple, structured array or object with these parts",
         )
-    return found
+    return entries
 
 
 def is_value(x: object) -> bool:
@@ -306,13 +306,13 @@ class Struct(Symbolic):
                 loc=here(),
                 cure=f"{type(self).__name__}({', '.join(fields)})",
             )
-        given = dict(zip(fields, args, strict=False)) | named
-        if given and len(given) != len(fields):
-            missing = ", ".join(f for f in fields if f not in given)
+        values = dict(zip(fields, args, strict=False)) | named
+        if values and len(values) != len(fields):
+            missing = ", ".join(f for f in fields if f not in values)
             raise ShpyTypeError(f"{type(self).__name__} lacks {missing}", loc=here(), cure="every field, or none")
         for name, type_ in fields.items():
             what = f"{type(self).__name__}.{name}"
-            object.__setattr__(self, name, _field(type_, given[name], what) if given else type_())
+            object.__setattr__(self, name, _field(type_, values[name], what) if values else type_())
         frame = current_frame()
         paths = [path for path, _, _ in leaves(layout_of(type(self), ""), "")]
         if frame is not None:
@@ -327,10 +327,10 @@ class Struct(Symbolic):
 
     @classmethod
     def _of(cls, parts: dict[str, Any]) -> Any:
-        made = object.__new__(cls)
+        instance = object.__new__(cls)
         for name, part in parts.items():
-            object.__setattr__(made, name, part)
-        return made
+            object.__setattr__(instance, name, part)
+        return instance
 
     __hash__ = object.__hash__
 
@@ -414,9 +414,9 @@ def struct_class(cls: type, fields: dict[str, Any]) -> Any:
     """Return the struct of a class: a subclass with the same name, whose first base is that class."""
     body = {name: getattr(cls, name) for name in ("__doc__", "__module__", "__qualname__")}
     # With the user's class among the bases, super() in its methods finds the class behind it.
-    made: Any = type(cls.__name__, (cls, Struct), {**body, "_shpy_fields": fields})
-    made._shpy_class = made
-    return made
+    subclass: Any = type(cls.__name__, (cls, Struct), {**body, "_shpy_fields": fields})
+    subclass._shpy_class = subclass
+    return subclass
 
 
 # Layouts that another process sent
@@ -424,9 +424,9 @@ def struct_class(cls: type, fields: dict[str, Any]) -> Any:
 
 def _group(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], where: tuple[str, str] | None) -> Group:
     """Return the layout with the user's class, where this process can import it, or else with one like it."""
-    found = None if where is None else _imported(*where)
-    own = Group(form, names, parts, found)
-    if where is not None and not _describes(found, own):
+    cls = None if where is None else _imported(*where)
+    own = Group(form, names, parts, cls)
+    if where is not None and not _describes(cls, own):
         own = Group(form, names, parts, _class_like(form, names, parts, *where))
     return own
 
@@ -434,12 +434,12 @@ def _group(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], where: 
 def _imported(module: str, name: str) -> Any:
     """Return the class of this name; None where there is no such module or name, as on a machine without it."""
     try:
-        found: Any = sys.modules[module] if module in sys.modules else importlib.import_module(module)
+        value: Any = sys.modules[module] if module in sys.modules else importlib.import_module(module)
         for part in name.split("."):
-            found = getattr(found, part)
+            value = getattr(value, part)
     except (ImportError, AttributeError):
         return None
-    return found
+    return value
 
 
 def _describes(cls: Any, group: Group) -> bool:
@@ -460,9 +460,9 @@ def _class_like(form: str, names: tuple[str, ...], parts: tuple[Layout, ...], mo
     if form == "struct":
         return struct_class(type(plain, (), {"__module__": module}), types)
     make: Any = namedtuple
-    made = make(plain, names, rename=True, module=module)
-    made.__annotations__ = types
-    return made
+    cls = make(plain, names, rename=True, module=module)
+    cls.__annotations__ = types
+    return cls
 
 
 def _struct_of(layout: Group, parts: dict[str, Any]) -> Any:

@@ -31,7 +31,7 @@ _SPOKEN = {
 _ALIASES = {"vec": "Attrib{}f", "ivec": "Attrib{}i", "uvec": "Attrib{}u", "bvec": "Attrib{}b"}
 
 
-def _made(kind: str, size: int, base: Base) -> type[Value]:
+def _make_class(kind: str, size: int, base: Base) -> type[Value]:
     """Make the class of a kind, size and base."""
     plural = "s" if size > 1 and base not in (Base.D, Base.H) else ""
     number = f"{_COUNTS[size]} {_SPOKEN[base]}{plural}"
@@ -41,7 +41,7 @@ def _made(kind: str, size: int, base: Base) -> type[Value]:
 
 
 CLASSES.update(
-    ((kind, size, base), _made(kind, size, base))
+    ((kind, size, base), _make_class(kind, size, base))
     for kind in MEANINGS
     for size in _COUNTS
     for base in Base

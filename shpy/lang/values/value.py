@@ -98,8 +98,8 @@ class Value(Operators, AbstractValue):
             text = f"{type(self).__name__} has no component {name!r}"
         if self.size == 1 and name in ("sum", "mean", "max", "min", "prod"):
             cure = "the value itself, which is one component"
-        known = " or ".join(letters[: self.size] for letters in _SETS)
-        return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {known}, of one set, up to four")
+        sets = " or ".join(letters[: self.size] for letters in _SETS)
+        return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {sets}, of one set, up to four")
 
     def _pick(self, picked: tuple[int, ...], spelled: str) -> Any:
         emitter = arithmetic.emitter_of(self)
@@ -112,7 +112,7 @@ class Value(Operators, AbstractValue):
             handle = emitter.let("splat", (read,), type_)
         else:
             handle = emitter.let("swizzle", (read,), type_, picked)
-        return self._part_read(arithmetic.made("Attrib", type_, emitter, handle), spelled)
+        return self._part_read(arithmetic.make_value("Attrib", type_, emitter, handle), spelled)
 
     def _part_read(self, part: Any, spelled: str) -> Any:
         if self._part is None:
@@ -127,7 +127,7 @@ class Value(Operators, AbstractValue):
             if self.size == 1:
                 return self.copy()
             handle = emitter.let("component", (self._read(emitter), arithmetic.index(emitter, key)), self.type.scalar)
-            return self._part_read(arithmetic.made("Attrib", self.type.scalar, emitter, handle), "[i]")
+            return self._part_read(arithmetic.make_value("Attrib", self.type.scalar, emitter, handle), "[i]")
         if isinstance(key, slice) and key == slice(None):
             return self._part_read(self.copy(), "[:]")
         return self._pick(_components(key, self.size), f"[{_spell(key)}]")
@@ -321,9 +321,9 @@ class Value(Operators, AbstractValue):
 
 def _constant(cls: type[Value], const: tuple[int, ...]) -> Value:
     """Return the constant that another process sent."""
-    made = object.__new__(cls)
-    made._become(None, const=const)
-    return made
+    value = object.__new__(cls)
+    value._become(None, const=const)
+    return value
 
 
 def _swizzle(name: str, size: int) -> tuple[int, ...] | None:
@@ -371,10 +371,10 @@ def _spell(key: Any) -> str:
 def _is_held(value: Value) -> bool:
     """Return whether a name of the user's function, or a field of the struct that it names, holds this value."""
     frame = user_frame()
-    held = [] if frame is None else list(frame.f_locals.values())
-    for thing in held:  # which grows
-        held += [getattr(thing, name, None) for name in getattr(type(thing), "_shpy_fields", ())]
-    return any(thing is value for thing in held)
+    things = [] if frame is None else list(frame.f_locals.values())
+    for thing in things:  # which grows
+        things += [getattr(thing, name, None) for name in getattr(type(thing), "_shpy_fields", ())]
+    return any(thing is value for thing in things)
 
 
 def _within(part: Part, spelled: str) -> str:
