@@ -125,9 +125,9 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
     return chosen
 
 
-def require(wanted: Iterable[str]) -> list[str]:
+def require(choices: Iterable[str]) -> list[str]:
     """Return these names of backends; raises BackendUnavailable for one that is not available."""
-    names = [name.strip() for name in wanted if name.strip()]
+    names = [name.strip() for name in choices if name.strip()]
     for name in names:
         backend(name).devices()
     return names
