@@ -198,7 +198,7 @@ def test_the_trace_in_a_loop_is_of_the_last_round_that_wrote_the_pixel(tmp_path,
     first = subject.start(*SIZE[::-1])
     first["w"] = 0.5 * first["u"] + 0.5 * np.roll(first["u"], -1, axis=1)  # by near, before the loop
     assert subject.advance(Moment(SIZE), QUICK, 1)
-    held = subject.held()
+    held = subject.state()
     written, interpreted, run = held.streams[stream].numpy(), [], Interpreter.run_element
     changed = written != np.float32(first[stream])
     places = [(0, 0), (1, 5), (2, 3), (3, 11), (5, 3), (7, 0), (7, 11)]
