@@ -51,11 +51,12 @@ class Scene:
     `Texture`, which is an equirectangular picture (a latitude-longitude map); or a program from a unit `direction`, an
     sh.Vector3f, to an sh.Color3f. The middle of a picture lies in the direction (0, 0, -1), its right half in that of
     x, and its top row in that of y, as in an `EnvironmentLight`; its `wrap` has no effect, since columns wrap around. A
-    background lights nothing, with any integrator: no shadow ray is sent to it, and matt surfaces are as they are
-    without it. A scene may be empty: its picture is the background, which is a colour then.
+    background is no light: no shadow ray is sent to it. A scene may be empty: its picture is the background, which is a
+    colour then.
 
-    With `integrator="path"` there is no ambient light. Where the scene has an `EnvironmentLight`, that is seen instead
-    of the background, so that no light counts twice.
+    With `integrator="path"` there is no ambient light, and rays that matt surfaces scatter see the background by way of
+    mirrors and glass alone. Where the scene has an `EnvironmentLight`, that is seen instead of the background, so that
+    no light counts twice.
 
     Raises SceneError for meshes of another kind, backgrounds and ambients that make no sense. Source of the picture as
     a background: Bürger and others 2007, section 2.1.

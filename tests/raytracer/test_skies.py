@@ -263,3 +263,21 @@ def test_the_command_shows_a_picture(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(np.load("seen.npy", allow_pickle=False)["pixels"], wanted.pixels)
     assert main([*words, "--background", "gone.png", "-o", "seen.npy"]) == 1
     assert "there is no picture gone.png" in capsys.readouterr().err
+
+
+def test_a_picture_of_one_colour_is_that_colour_to_path_tracing():
+    """Also where a mirror shows it to a matt surface."""
+    ball = sphere(0.5, MIRROR, rings=6, segments=10).moved((0, 0.5, 0))
+    pictures = [
+        render(
+            Scene([ball, floor(4)], camera=Camera((0, 2, 3), (0, 0.3, 0)), background=shown),
+            (12, 8),
+            integrator=Path(samples=8),
+            backend="numpy",
+        )
+        for shown in ((0.5, 0.25, 1), Texture(np.full((2, 4, 3), (0.5, 0.25, 1))))
+    ]
+    np.testing.assert_allclose(pictures[1].pixels, pictures[0].pixels, atol=1e-6)
+    matt = pictures[0].pixels[pictures[0].object_id == 1]
+    assert matt.max() > 0
+    assert np.median(matt) == 0
