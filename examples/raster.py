@@ -32,12 +32,12 @@ def projection(scene, width, height):
     far = max(((mesh.vertices - eye) @ forward).max() for mesh in scene.meshes) / (forward @ forward) * 1.01
     near = far / 1e3
     rows = [2 * across / (across @ across) / width, -2 * down / (down @ down) / height, forward / (forward @ forward)]
-    found = np.zeros((4, 4))
-    found[:2, :3], found[3, :3] = rows[:2], rows[2]
-    found[2, :3] = rows[2] * (far + near) / (far - near)
-    found[:, 3] = found[:, :3] @ -eye
-    found[2, 3] -= 2 * far * near / (far - near)
-    return found
+    matrix = np.zeros((4, 4))
+    matrix[:2, :3], matrix[3, :3] = rows[:2], rows[2]
+    matrix[2, :3] = rows[2] * (far + near) / (far - near)
+    matrix[:, 3] = matrix[:, :3] @ -eye
+    matrix[2, 3] -= 2 * far * near / (far - near)
+    return matrix
 
 
 def rasterise(scene, size):

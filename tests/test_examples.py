@@ -350,9 +350,9 @@ def test_occlusion():
 
 @on_every_backend
 def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
-    found = SHOWN["whitted"](example("whitted"), backend)
-    np.testing.assert_array_equal(found, render(BOXES, (24, 18), backend=backend).pixels)
-    assert len(np.unique(found.reshape(-1, 3), axis=0)) > 100
+    picture = SHOWN["whitted"](example("whitted"), backend)
+    np.testing.assert_array_equal(picture, render(BOXES, (24, 18), backend=backend).pixels)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
 @on_every_backend
@@ -360,11 +360,11 @@ def test_raster_gives_the_traced_picture_where_both_see_the_same_triangle(backen
     """Rays start up to 2**-13 of the distance beside the traced ones, and only at the edge of a light that shows."""
     size = (48, 36)
     buffer = example("raster").rasterise(BOXES, size)
-    found, traced = render(BOXES, primary=buffer, backend=backend), render(BOXES, size, backend="numpy")
+    picture, traced = render(BOXES, primary=buffer, backend=backend), render(BOXES, size, backend="numpy")
     same = (buffer.object == traced.object_id) & np.isclose(buffer.normal, traced.normal, atol=1e-3).all(axis=-1)
     assert (same | ((buffer.object < 0) & (traced.object_id < 0))).mean() > 0.995
-    assert (np.abs(found.pixels - traced.pixels).max(axis=-1)[same] < 2e-4).mean() > 0.995
-    np.testing.assert_allclose(found.depth[same], traced.depth[same], rtol=2e-6)
+    assert (np.abs(picture.pixels - traced.pixels).max(axis=-1)[same] < 2e-4).mean() > 0.995
+    np.testing.assert_allclose(picture.depth[same], traced.depth[same], rtol=2e-6)
 
 
 def test_trace():

@@ -124,7 +124,7 @@ def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> 
     """Return position, normal, object and uv in the coordinates of the kernel; SceneError for what makes no surface."""
     seen = primary.object >= 0
     _check_objects(primary.object[seen], scene, layout, tracer)
-    found = []
+    arrays = []
     for name in ("position", "normal", "uv"):
         array = getattr(primary, name)
         if array is None:
@@ -140,8 +140,8 @@ def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> 
                 f"the {name} of the GBuffer in row {row}, column {column} is {array[row, column].tolist()}: "
                 "a surface's is finite, and a pixel without one has object -1"
             )
-        found.append(np.where(seen[..., None], array, 0.0))
-    position, normal, uv = found
+        arrays.append(np.where(seen[..., None], array, 0.0))
+    position, normal, uv = arrays
     place = np.where(seen[..., None], (position - layout.origin) * layout.scale, 0.0)
     size = np.abs(normal).max(axis=-1, keepdims=True)
     return [part.astype(layout.dtype) for part in (place, normal / np.where(size > 0, size, 1))] + [

@@ -165,10 +165,10 @@ class ScenePlace:
 
     def turned(self, normal: Any) -> Any:
         """Return a unit vector as the scene stands."""
-        found = sh.Normal3f(normal)
+        unit = sh.Normal3f(normal)
         with SH_IF(self.moved > 0):
-            found[:] = sh.normalize(self.turn @ sh.Vector3f(normal))
-        return found
+            unit[:] = sh.normalize(self.turn @ sh.Vector3f(normal))
+        return unit
 
     def world(self, point: Any, facing: Any) -> Any:
         """Return a point of the kernel's coordinates where it stands; `facing` as `turned` leads off its triangle."""
@@ -207,18 +207,18 @@ class Component:
 
     def trace(self, ray: tuple[Any, Any, Any, Any], bound: AheadBound | None) -> TracedHit:
         """Record the search for the nearest hit of (origin, direction, t_min, t_max)."""
-        found = self.find(*ray, False, bound)
-        made: Any = TracedHit
-        hit = sh.Attrib1b(found.triangle >= 0)
+        nearest = self.find(*ray, False, bound)
+        struct: Any = TracedHit
+        hit = sh.Attrib1b(nearest.triangle >= 0)
         inside = partial(sh.cond, hit)
-        normal, face, position = self.point(found, *ray[:2])
-        uv = sh.TexCoord2f(0, 0) if self._uvs is None else inside(self._lerp(self._uvs, found), 0.0)
-        number = inside(0 if self._object_of is None else self._object_of[found.triangle], -1)
-        traced: TracedHit = made(
-            found.t, found.triangle, found.uv.x, found.uv.y, hit, number,
+        normal, face, position = self.point(nearest, *ray[:2])
+        uv = sh.TexCoord2f(0, 0) if self._uvs is None else inside(self._lerp(self._uvs, nearest), 0.0)
+        number = inside(0 if self._object_of is None else self._object_of[nearest.triangle], -1)
+        result: TracedHit = struct(
+            nearest.t, nearest.triangle, nearest.uv.x, nearest.uv.y, hit, number,
             inside(normal, 0.0), uv, inside(face, 0.0), inside(position, 0.0),
         )  # fmt: skip
-        return traced
+        return result
 
     def renew(self, normals: Rows | None, moved: Mapping[int, Mesh]) -> None:
         """Update what the surfaces of objects have, each by its first triangle; the walk's tables have been updated.
@@ -252,11 +252,11 @@ class Component:
             self._finders[bound] = _finder(self.walk.bounded(bound), self.place)
         return self._finders[bound]
 
-    def point(self, found: Any, origin: Any, direction: Any) -> tuple[Any, Any, Any]:
+    def point(self, nearest: Any, origin: Any, direction: Any) -> tuple[Any, Any, Any]:
         """Return the normal, the normal of the triangle and the point of a hit, as in `TracedHit`."""
         eye, ray = self.place.own(origin, direction)
-        eye, ray = (eye - self.place.origin) * self.place.scale, ray * found.shrink
-        hit: Any = Found(found.t * (self.place.scale / found.shrink), found.triangle, found.uv)
+        eye, ray = (eye - self.place.origin) * self.place.scale, ray * nearest.shrink
+        hit: Any = Found(nearest.t * (self.place.scale / nearest.shrink), nearest.triangle, nearest.uv)
         corners = self.walk.triangles[hit.id]
         front = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(front, ray) > 0, -1.0, 1.0)
@@ -271,8 +271,8 @@ class Component:
         outward = self.place.turned(face)
         return self.place.turned(normal), outward, self.place.world(position, outward)
 
-    def _lerp(self, table: Any, found: Any) -> Any:
-        hit: Any = Found(found.t, found.triangle, found.uv)
+    def _lerp(self, table: Any, nearest: Any) -> Any:
+        hit: Any = Found(nearest.t, nearest.triangle, nearest.uv)
         return barylerp(hit, *rows_of(table, hit))
 
 
@@ -294,9 +294,9 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
         origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f, any_hit: sh.Attrib1b
     ) -> FoundHit:
         eye, ray = place.own(origin, direction)
-        given = GivenRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
-        hit = walk(given.ray, given.eye, given.near, given.limit, any_hit)
-        return FoundHit(given.outside(hit.l, hit.id), hit.id, hit.uv, given.shrink)
+        converted = GivenRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
+        hit = walk(converted.ray, converted.eye, converted.near, converted.limit, any_hit)
+        return FoundHit(converted.outside(hit.l, hit.id), hit.id, hit.uv, converted.shrink)
 
     return find_hit
 
@@ -305,17 +305,17 @@ def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) ->
     """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray."""
     kinds = {"origin": sh.Point3f, "direction": sh.Vector3f, "t_min": sh.Attrib1f, "t_max": sh.Attrib1f}
     cures = {sh.Point3f: "sh.Point3f(x, y, z)", sh.Vector3f: "sh.Vector3f(x, y, z)", sh.Attrib1f: "a number"}
-    found = []
+    values = []
     for (what, kind), value in zip(kinds.items(), (origin, direction, t_min, t_max), strict=True):
         size = getattr(type(value), "size", None)
         try:
             if isinstance(size, int) and size != (1 if kind is sh.Attrib1f else 3):
                 raise TypeError
-            found.append(kind(value.tolist() if isinstance(value, np.ndarray) else value))
+            values.append(kind(value.tolist() if isinstance(value, np.ndarray) else value))
         except (sh.ShpyError, TypeError, ValueError):
             spoken = type(value).__name__ if hasattr(type(value), "size") else repr(value)
             raise SceneError(f"{users_line()}: the {what} of {name} is {cures[kind]}, not {spoken:.60}") from None
-    return tuple(found)
+    return tuple(values)
 
 
 class StreamHit(NamedTuple):
@@ -351,6 +351,6 @@ def occluded(component: Component, bound: AheadBound | None) -> Any:
 def _table(rows: NDArray[Any] | None, kind: Any, name: str) -> Any:
     if rows is None:
         return None
-    found: Any = sh.Table(rows, kind, name)
-    found.named = False  # as `let_names_be_numbered`
-    return found
+    table: Any = sh.Table(rows, kind, name)
+    table.named = False  # as `let_names_be_numbered`
+    return table

@@ -74,8 +74,8 @@ def _follow(tracer: Tracer, seen: Seen, ray: Any, eye: Any, first_of: Any, slack
             limit = sh.Attrib1f(far())
             lightcol = sh.Color3f(0, 0, 0)
             tracer.aim(path, surface, ray, eye, limit, lightcol)
-            found = meet(tracer.intersector, lambda: sh.Attrib1b(False), ray, eye, limit, ~path.tracing)
-            tracer.settle(path, surface, pixel, found, ray, eye, limit, lightcol)
+            next_hit = meet(tracer.intersector, lambda: sh.Attrib1b(False), ray, eye, limit, ~path.tracing)
+            tracer.settle(path, surface, pixel, next_hit, ray, eye, limit, lightcol)
     return pixel
 
 

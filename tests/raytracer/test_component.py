@@ -32,10 +32,10 @@ def rays(count=400, seed=3):
 
 def traced(near, **options):
     @sh.program
-    def found(origin: sh.Point3f, direction: sh.Vector3f) -> TracedHit:
+    def trace_ray(origin: sh.Point3f, direction: sh.Vector3f) -> TracedHit:
         return near.trace(origin, direction, **options)
 
-    return found
+    return trace_ray
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def traced(near, **options):
 )
 def test_a_program_finds_what_the_host_finds(backend, accel):
     near, (origins, directions) = Intersector(SCENE, accel=accel, backend=backend), rays()
-    found = traced(near, leaving=False).compile(backend)(origins, directions)
+    result = traced(near, leaving=False).compile(backend)(origins, directions)
     hits = near.intersect(origins, directions)
     for name in ("t", "triangle", "u", "v"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(hits, name), name)
-    np.testing.assert_array_equal(found.hit, hits.triangle >= 0)
-    assert 0.2 < found.hit.mean() < 0.9
+        np.testing.assert_array_equal(getattr(result, name), getattr(hits, name), name)
+    np.testing.assert_array_equal(result.hit, hits.triangle >= 0)
+    assert 0.2 < result.hit.mean() < 0.9
 
 
 @pytest.fixture(scope="module")
@@ -65,46 +65,46 @@ def kernel(near):
 
 def test_the_surface_is_that_of_the_scene(kernel):
     origins, directions = rays(2000)
-    found = kernel(origins, directions)
-    met = found.hit
+    result = kernel(origins, directions)
+    met = result.hit
     meshes = SCENE.meshes
     object_of = np.repeat(range(4), list(map(len, meshes)))
-    np.testing.assert_array_equal(found.object, np.where(met, object_of[found.triangle], -1))
-    assert set(found.object[met]) == {1, 2, 3}
+    np.testing.assert_array_equal(result.object, np.where(met, object_of[result.triangle], -1))
+    assert set(result.object[met]) == {1, 2, 3}
     corners = np.concatenate([mesh.corners for mesh in meshes])
-    weights = np.stack([1 - found.u - found.v, found.u, found.v], axis=1)[met].astype(np.float64)
-    points = np.einsum("nk,nkd->nd", weights, corners[found.triangle[met]])
-    np.testing.assert_allclose(found.position[met], points, atol=0.1)  # a ball of 8 rings is round to that
-    flat = met & (found.object != 2)
-    straight = origins.astype(np.float64)[flat] + found.t[flat, None] * directions[flat]
-    np.testing.assert_allclose(found.position[flat], straight, atol=5e-6)
+    weights = np.stack([1 - result.u - result.v, result.u, result.v], axis=1)[met].astype(np.float64)
+    points = np.einsum("nk,nkd->nd", weights, corners[result.triangle[met]])
+    np.testing.assert_allclose(result.position[met], points, atol=0.1)  # a ball of 8 rings is round to that
+    flat = met & (result.object != 2)
+    straight = origins.astype(np.float64)[flat] + result.t[flat, None] * directions[flat]
+    np.testing.assert_allclose(result.position[flat], straight, atol=5e-6)
     # The point is on the side that the ray comes from, beyond the rounding errors of its triangle.
-    face = np.concatenate([mesh.face_normals for mesh in meshes])[found.triangle[met]]
+    face = np.concatenate([mesh.face_normals for mesh in meshes])[result.triangle[met]]
     face *= -np.sign(np.sum(face * directions[met], axis=1, keepdims=True))
-    np.testing.assert_allclose(found.face[met], face, atol=1e-6)
-    above = np.sum((found.position[met] - corners[found.triangle[met], 0]) * face, axis=1)
+    np.testing.assert_allclose(result.face[met], face, atol=1e-6)
+    above = np.sum((result.position[met] - corners[result.triangle[met], 0]) * face, axis=1)
     assert np.all(above > 0)
-    assert np.all(above[found.object[met] != 2] < 1e-5)
+    assert np.all(above[result.object[met] != 2] < 1e-5)
 
 
 def test_normals_and_uv_are_interpolated(kernel):
     origins, directions = rays(2000)
-    found = kernel(origins, directions)
-    ball = found.object == 2
-    numbers = found.triangle[ball] - len(SCENE.meshes[1])
-    weights = np.stack([1 - found.u - found.v, found.u, found.v], axis=1)[ball].astype(np.float64)
+    result = kernel(origins, directions)
+    ball = result.object == 2
+    numbers = result.triangle[ball] - len(SCENE.meshes[1])
+    weights = np.stack([1 - result.u - result.v, result.u, result.v], axis=1)[ball].astype(np.float64)
     normal = np.einsum("nk,nkd->nd", weights, SCENE.meshes[2].normals[numbers])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    normal *= np.sign(np.sum(normal * found.face[ball], axis=1, keepdims=True))
-    np.testing.assert_allclose(found.normal[ball], normal, atol=1e-6)
+    normal *= np.sign(np.sum(normal * result.face[ball], axis=1, keepdims=True))
+    np.testing.assert_allclose(result.normal[ball], normal, atol=1e-6)
     uv = np.einsum("nk,nkd->nd", weights, SCENE.meshes[2].uv[numbers])
-    np.testing.assert_allclose(found.uv[ball], uv, atol=1e-6)
-    np.testing.assert_allclose(found.normal[found.object == 1], found.face[found.object == 1], atol=1e-6)
+    np.testing.assert_allclose(result.uv[ball], uv, atol=1e-6)
+    np.testing.assert_allclose(result.normal[result.object == 1], result.face[result.object == 1], atol=1e-6)
 
 
 def test_where_nothing_is_met(kernel):
-    found = kernel([[0, 9, 0], [0, 9, 0], [np.nan, 0, 0]], [[0, 1, 0], [0, 0, 0], [0, 1, 0]])
-    assert np.all(np.isinf(found.t))
+    result = kernel([[0, 9, 0], [0, 9, 0], [np.nan, 0, 0]], [[0, 1, 0], [0, 0, 0], [0, 1, 0]])
+    assert np.all(np.isinf(result.t))
     for name, value in {
         "triangle": -1,
         "object": -1,
@@ -115,7 +115,7 @@ def test_where_nothing_is_met(kernel):
         "uv": 0,
         "position": 0,
     }.items():
-        assert np.all(getattr(found, name) == value), name
+        assert np.all(getattr(result, name) == value), name
 
 
 def test_rays_that_go_on_from_a_hit_leave_its_triangle(near):
@@ -169,9 +169,9 @@ def test_two_scenes_in_one_program(near):
         down = np.array([0, -1, 0])
         return near.trace(origin, down).t, other.trace(origin, down).t, third.trace(origin, down).t * boxes
 
-    found = both.compile("numpy")([[1, 9, 0], [0.1, 9, 0.1], [8, 9, 8]], 1)
+    result = both.compile("numpy")([[1, 9, 0], [0.1, 9, 0.1], [8, 9, 8]], 1)
     ray = [[1, 9, 0], [0.1, 9, 0.1], [8, 9, 8]], [[0, -1, 0]] * 3
-    for t, intersector in zip(found, (near, other, third), strict=True):
+    for t, intersector in zip(result, (near, other, third), strict=True):
         np.testing.assert_array_equal(t, intersector.intersect(*ray).t)
 
 
@@ -182,9 +182,9 @@ def test_blocked_is_occluded(near):
 
     origins, directions = rays()
     ends = np.random.default_rng(2).uniform(0, 1.2, len(origins)).astype(np.float32)
-    found = dark.compile("numpy")(origins, directions, ends)
-    np.testing.assert_array_equal(found, near.occluded(origins, directions, ends))
-    assert 0.2 < found.mean() < 0.8
+    result = dark.compile("numpy")(origins, directions, ends)
+    np.testing.assert_array_equal(result, near.occluded(origins, directions, ends))
+    assert 0.2 < result.mean() < 0.8
 
 
 def test_what_moves_reaches_programs_that_were_compiled():
@@ -194,16 +194,16 @@ def test_what_moves_reaches_programs_that_were_compiled():
     turn = np.array([[0.6, 0, 0.8, 1], [0, 1, 0, 0.5], [-0.8, 0, 0.6, -2], [0, 0, 0, 1]])
     turn[:3, :3] *= 2
     near.move(turn)
-    found, there = kernel(origins, directions), Scene([mesh.transformed(turn) for mesh in SCENE.meshes])
+    result, there = kernel(origins, directions), Scene([mesh.transformed(turn) for mesh in SCENE.meshes])
     expected = traced(Intersector(there, backend="numpy")).compile("numpy")(origins, directions)
-    same = found.triangle == expected.triangle
+    same = result.triangle == expected.triangle
     assert same.mean() > 0.99
-    assert 0.2 < found.hit.mean() < 0.99
-    met = same & found.hit
+    assert 0.2 < result.hit.mean() < 0.99
+    met = same & result.hit
     for name in ("t", "normal", "face", "position", "uv"):
-        np.testing.assert_allclose(getattr(found, name)[met], getattr(expected, name)[met], atol=2e-5, err_msg=name)
-    start = found.position[met], found.face[met] + found.normal[met]
-    assert np.all(kernel(*start).triangle != found.triangle[met])
+        np.testing.assert_allclose(getattr(result, name)[met], getattr(expected, name)[met], atol=2e-5, err_msg=name)
+    start = result.position[met], result.face[met] + result.normal[met]
+    assert np.all(kernel(*start).triangle != result.triangle[met])
     near.move(None)
     for name in TracedHit._fields if hasattr(TracedHit, "_fields") else ("t", "triangle", "position", "normal"):
         np.testing.assert_array_equal(getattr(kernel(origins, directions), name), getattr(before, name))
@@ -212,14 +212,14 @@ def test_what_moves_reaches_programs_that_were_compiled():
 def test_a_scene_far_from_0():
     near = Intersector(sphere(1.0, rings=6, segments=9).moved((5000, 0, 0)), backend="numpy")
     kernel = traced(near).compile("numpy")
-    found = kernel([[5000, 0, 3]], [[0.1, 0.05, -1]])
-    assert found.hit[0]
+    result = kernel([[5000, 0, 3]], [[0.1, 0.05, -1]])
+    assert result.hit[0]
     np.testing.assert_allclose(
-        found.position[0], [5000 + 0.1 * found.t[0], 0.05 * found.t[0], 3 - found.t[0]], atol=0.15
+        result.position[0], [5000 + 0.1 * result.t[0], 0.05 * result.t[0], 3 - result.t[0]], atol=0.15
     )
     outward = np.random.default_rng(1).normal(size=(500, 3))
-    outward *= np.sign(outward @ found.face[0])[:, None]
-    assert not np.any(kernel(np.repeat(found.position, 500, axis=0), outward).hit)
+    outward *= np.sign(outward @ result.face[0])[:, None]
+    assert not np.any(kernel(np.repeat(result.position, 500, axis=0), outward).hit)
 
 
 # Streams
@@ -306,5 +306,5 @@ def test_another_precision_is_refused_before_anything_runs(kernel, near):
 
 def test_a_cube_given_by_hand():
     cube = LayeredCube.of(BALL, resolution=32, backend="numpy")
-    found = traced(Intersector(BALL, accel=cube, backend="numpy")).compile("numpy")([[0, 0, 5]], [[0.01, 0.02, -1]])
-    np.testing.assert_allclose(found.t, 4, atol=0.05)
+    result = traced(Intersector(BALL, accel=cube, backend="numpy")).compile("numpy")([[0, 0, 5]], [[0.01, 0.02, -1]])
+    np.testing.assert_allclose(result.t, 4, atol=0.05)

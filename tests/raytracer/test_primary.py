@@ -40,8 +40,8 @@ def seen(scene, size=SIZE, **changes):
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
         position = eye + ray * image.depth[..., None]
-    given = {"position": position, "normal": image.normal, "object": image.object_id}
-    return GBuffer(**(given | changes))
+    arrays = {"position": position, "normal": image.normal, "object": image.object_id}
+    return GBuffer(**(arrays | changes))
 
 
 def is_edge(pixels):
@@ -52,16 +52,16 @@ def is_edge(pixels):
     return np.max([np.abs(n - pixels).max(axis=-1) for n in neighbours], axis=0) > 0.02
 
 
-def check_like(found, traced, bound):
+def check_like(shown, traced, bound):
     """A ray starts up to 2**-13 of the eye's distance beside the traced one, so light changes little but at edges."""
-    differs = np.abs(found.pixels - traced.pixels).max(axis=-1) > bound
+    differs = np.abs(shown.pixels - traced.pixels).max(axis=-1) > bound
     assert np.all(is_edge(traced.pixels)[differs])
     assert differs.mean() < 0.01
-    np.testing.assert_array_equal(found.object_id, traced.object_id)
+    np.testing.assert_array_equal(shown.object_id, traced.object_id)
     met = traced.object_id >= 0
-    np.testing.assert_allclose(found.depth[met], traced.depth[met], rtol=1e-6)
-    assert np.all(np.isinf(found.depth[~met]))
-    np.testing.assert_allclose(found.normal, traced.normal, atol=1e-6)
+    np.testing.assert_allclose(shown.depth[met], traced.depth[met], rtol=1e-6)
+    assert np.all(np.isinf(shown.depth[~met]))
+    np.testing.assert_allclose(shown.normal, traced.normal, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +71,15 @@ def boxes():
 
 def test_the_picture_is_the_traced_one_on_every_backend(boxes):
     traced = render(BOXES, SIZE, backend="numpy")
-    found = [render(BOXES, primary=boxes, backend=backend) for backend in ("numpy", "opencl", "glsl")]
-    check_like(found[0], traced, 2e-4)
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0].pixels, other.pixels)
-        np.testing.assert_array_equal(found[0].depth, other.depth)
+    shown = [render(BOXES, primary=boxes, backend=backend) for backend in ("numpy", "opencl", "glsl")]
+    check_like(shown[0], traced, 2e-4)
+    for other in shown[1:]:
+        np.testing.assert_array_equal(shown[0].pixels, other.pixels)
+        np.testing.assert_array_equal(shown[0].depth, other.depth)
     met = traced.object_id >= 0
     assert 0.2 < met.mean() < 0.9
-    np.testing.assert_array_equal(found[0].pixels[~met], traced.pixels[~met])
-    assert found[0].stats.rays < traced.stats.rays - met.size * 0.99  # no eye rays
+    np.testing.assert_array_equal(shown[0].pixels[~met], traced.pixels[~met])
+    assert shown[0].stats.rays < traced.stats.rays - met.size * 0.99  # no eye rays
 
 
 def stripes(hit: Hit) -> Surface:
@@ -103,11 +103,11 @@ def painted():
 def test_materials_are_those_of_the_scene(painted):
     traced, flat = render(painted, SIZE, backend="numpy"), dataclasses.replace(painted, meshes=painted.meshes[:3])
     _, uv = uv_of(painted, SIZE)
-    found = render(painted, primary=seen(painted, uv=uv), backend="numpy")
-    np.testing.assert_array_equal(found.object_id, traced.object_id)
+    shown = render(painted, primary=seen(painted, uv=uv), backend="numpy")
+    np.testing.assert_array_equal(shown.object_id, traced.object_id)
     assert set(np.unique(traced.object_id)) == {-1, 0, 1, 2, 3}
     smooth = traced.object_id == 3  # where a ray starts beside the curved surface, mirrored rays differ a little
-    differs = np.abs(found.pixels - traced.pixels).max(axis=-1) > 2e-3
+    differs = np.abs(shown.pixels - traced.pixels).max(axis=-1) > 2e-3
     assert np.all(is_edge(traced.pixels)[differs & ~smooth])
     assert differs[~smooth].mean() < 0.01
     check_like(
@@ -137,8 +137,8 @@ def test_it_goes_with_every_accelerator_and_with_moved_objects(boxes):
     renderer.move(2, turn)
     there = Scene([*BOXES.meshes[:2], BOXES.meshes[2].transformed(turn)], BOXES.lights, BOXES.camera, BOXES.background)
     buffer = seen(there)
-    found = renderer.render(primary=buffer)
-    np.testing.assert_array_equal(found.pixels, render(there, primary=buffer, backend="numpy").pixels)
+    shown = renderer.render(primary=buffer)
+    np.testing.assert_array_equal(shown.pixels, render(there, primary=buffer, backend="numpy").pixels)
     np.testing.assert_array_equal(renderer.render(SIZE).pixels, render(there, SIZE, backend="numpy").pixels)
 
 
@@ -146,8 +146,8 @@ def test_a_scene_without_lights_and_a_buffer_without_surfaces(boxes):
     dark = dataclasses.replace(BOXES, lights=())
     check_like(render(dark, primary=boxes, backend="numpy"), render(dark, SIZE, backend="numpy"), 2e-4)
     matt = dataclasses.replace(dark, meshes=[box((1, 1, 1), Material((0.5, 0.2, 0.1)))])
-    found = render(matt, primary=seen(matt), backend="numpy")
-    np.testing.assert_array_equal(found.pixels, render(matt, SIZE, backend="numpy").pixels)
+    shown = render(matt, primary=seen(matt), backend="numpy")
+    np.testing.assert_array_equal(shown.pixels, render(matt, SIZE, backend="numpy").pixels)
     nothing = GBuffer(np.full((3, 4, 3), np.nan), np.full((3, 4, 3), np.nan), np.full((3, 4), -1))
     empty = render(BOXES, primary=nothing, backend="numpy")
     assert empty.pixels.shape == (3, 4, 3)
