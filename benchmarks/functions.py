@@ -123,21 +123,34 @@ def functions(mesh: Mesh, quick: bool) -> Table:
     available = [b.name for b in sh.backends() if b.available and b.name != "glsl"]
     stride, count = (65_521, 1 << 16) if quick else (1_021, 1 << 19)
     rows = []
-    shares: dict[str, list[list[float]]] = {backend: [] for backend in available}
+    times_on: dict[str, list[list[float]]] = {backend: [] for backend in available}
     for name in sorted(TRANSCENDENTALS):
         strict, _ = greatest_error(name, stride, "strict")
         portable, at = greatest_error(name, stride, "portable")
         row = [f"`{name}`", f"{strict:.2f}", f"{portable:.2f}", at]
         times_by_backend = {backend: times(name, backend, count) for backend in available}
         for backend, costs in times_by_backend.items():
-            shares[backend].append([t / costs[MODES.index("portable")] for t in costs])
+            times_on[backend].append(costs)
         rows.append(row + [f"{t:.2f}" for costs in times_by_backend.values() for t in costs])
-    means = [f"{mean:.2f}" for ratios in shares.values() for mean in geometric_means(ratios)]
+    means = [
+        f"{mean:.2f}"
+        for costs in times_on.values()
+        for mean in geometric_means(multiples(costs, MODES.index("portable")))
+    ]
     rows.append(["of portable", "", "", "", *means])
     head = ["function", "strict error", "portable error", "at", *(f"{b} {mode}" for b in available for mode in MODES)]
     note = f"Errors in ULP, over binary32 in a stride of {stride:,}; times in core-nanoseconds a call. "
-    note += "The last row has the geometric means of the times in multiples of those in portable mode."
+    note += "The last row has the geometric means of the times in multiples of those in portable mode"
+    note += ", without functions whose time there is 0."
     return Table("What functions cost in each mode", note, head, rows)
+
+
+def multiples(rows: list[list[float]], column: int) -> list[list[float]]:
+    """Return each row in multiples of its time in one column.
+
+    Rows without a time there are left out: on a busy machine a quick function takes no longer than an empty kernel.
+    """
+    return [[time / row[column] for time in row] for row in rows if row[column] > 0] or [[float("nan")] * len(rows[0])]
 
 
 def geometric_means(rows: list[list[float]]) -> list[float]:

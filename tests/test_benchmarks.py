@@ -10,7 +10,21 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import shpy as sh
-from benchmarks import alike, command, features, pages, peers, rays, record, report, rounds, startup, view, widths
+from benchmarks import (
+    alike,
+    command,
+    features,
+    functions,
+    pages,
+    peers,
+    rays,
+    record,
+    report,
+    rounds,
+    startup,
+    view,
+    widths,
+)
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.backend.base import Options
@@ -259,3 +273,10 @@ def test_examples_of_the_view_have_a_constant_to_save_and_a_picture_that_moves(n
     assert found == "moving"
     assert moves(program)
     assert "level" in program.params
+
+
+def test_a_function_that_takes_no_measurable_time_is_left_out_of_the_means():
+    rows = functions.multiples([[2.0, 1.0, 0.5, 0.25], [3.0, 0.0, 1.0, 1.0]], 1)
+    assert rows == [[2, 1, 0.5, 0.25]]
+    assert functions.geometric_means(rows) == [2, 1, 0.5, 0.25]
+    assert np.isnan(functions.geometric_means(functions.multiples([[1.0, 0.0]], 1))).all()
