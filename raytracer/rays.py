@@ -132,7 +132,13 @@ class Rays:
 
 def triples(what: str, values: Any) -> Floats:
     """Return an array (..., 3) of f32 or f64; SceneError for other shapes and for other types than numbers."""
-    array = numbers(what, values)
+    try:
+        array = numbers(what, values)
+    except sh.RecordError:
+        raise SceneError(
+            f"{users_line()}: {what} are values of a program, and this method takes arrays: inside a program call "
+            "trace or blocked"
+        ) from None
     if array.ndim == 0 or array.shape[-1] != 3:
         raise SceneError(f"{what} have the shape (..., 3), not {array.shape}")
     return array

@@ -289,6 +289,14 @@ def test_errors_name_the_line_and_what_to_write(near):
             return near.blocked(origin, (0, 0, 1), "far")
 
 
+def test_methods_for_arrays_say_what_programs_call(near):
+    with pytest.raises(SceneError, match=r"test_component.py:\d+: origins are values of a program, .* call trace"):
+
+        @sh.program
+        def nearest(origin: sh.Point3f) -> sh.Attrib1f:
+            return near.intersect(origin, origin).t
+
+
 def test_another_precision_is_refused_before_anything_runs(kernel, near):
     program, ray = traced(near), ([[0, 0, 5]], [[0, 0, -1]])
     with pytest.raises(
