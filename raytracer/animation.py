@@ -177,8 +177,8 @@ class _Made:
     def __call__(self, time: float) -> Scene:
         assert callable(self.make)  # else it would not have been made
         try:
-            found: Scene = self.make(time)
-            return found
+            scene: Scene = self.make(time)
+            return scene
         except Exception as error:
             raise _mistake(self.path, error) from error
 
@@ -200,8 +200,8 @@ def _mistake(path: Path, error: Exception) -> SceneError:
     """Return the error of a user's file with the last line of it that took part, if there is one."""
     line = _line_in(path, error)
     place = path if line is None else f"{path}:{line}"
-    said = traceback.TracebackException(type(error), error, None)  # whose text is one even if that of the error raises
-    return SceneError(f"{place}: {type(error).__name__}: {said}")
+    text = traceback.TracebackException(type(error), error, None)  # whose text is one even if that of the error raises
+    return SceneError(f"{place}: {type(error).__name__}: {text}")
 
 
 def _line_in(path: Path, error: Exception) -> int | None:

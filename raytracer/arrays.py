@@ -57,18 +57,18 @@ def one_float(value: Any) -> float | None:
 
 def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
     """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
-    found = three_floats(values)
-    if found is None or not all(map(math.isfinite, found)):
-        raise SceneError(f"{what} is three finite numbers, not {values!r}")
-    return found
+    triple = three_floats(values)
+    if triple is None or not all(map(math.isfinite, triple)):
+        raise SceneError(f"{what} is three finite triple, not {values!r}")
+    return triple
 
 
 def finite_number(what: str, value: Any) -> float:
     """Return a number as a float; SceneError, which begins with `what`, unless it is finite."""
-    found = one_float(value)
-    if found is None or not math.isfinite(found):
+    number = one_float(value)
+    if number is None or not math.isfinite(number):
         raise SceneError(f"{what} is a finite number, not {value!r}")
-    return found
+    return number
 
 
 def real(word: str) -> float:

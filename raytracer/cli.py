@@ -239,16 +239,18 @@ def _render(options: argparse.Namespace) -> int:
     writer(output, options.size)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()], PIXEL if options.cluster is None else 0)
-    said = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
-    wanted = integrator.chosen(options.integrator, said)
-    viewing.check(options, output, lights_all=isinstance(wanted, integrator.Path), framed=options.scene not in SCENES)
+    arguments = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
+    chosen_integrator = integrator.chosen(options.integrator, arguments)
+    viewing.check(
+        options, output, lights_all=isinstance(chosen_integrator, integrator.Path), framed=options.scene not in SCENES
+    )
     scene = viewing.scene_of(options) if options.time is None else scene_at(options, options.time)
-    title, found = f"{scene.name}, {scene.triangles:,} triangles", None
-    if isinstance(wanted, integrator.Path):
-        title, found = f"{title}, {wanted.samples:,} samples", _begun(options, output)
+    title, resume_path = f"{scene.name}, {scene.triangles:,} triangles", None
+    if isinstance(chosen_integrator, integrator.Path):
+        title, resume_path = f"{title}, {chosen_integrator.samples:,} samples", _begun(options, output)
         if options.cluster is None:
-            renderer = Renderer(scene, integrator=wanted, backend=options.backend)
-            return _render_passes(options, renderer, output, found, title)
+            renderer = Renderer(scene, integrator=chosen_integrator, backend=options.backend)
+            return _render_passes(options, renderer, output, resume_path, title)
     elif options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
     elif options.error is not None and options.math is not None:
@@ -257,9 +259,9 @@ def _render(options: argparse.Namespace) -> int:
         image = render(
             scene,
             options.size,
-            integrator=wanted,
+            integrator=chosen_integrator,
             backend=options.backend,
-            resume=found,
+            resume=resume_path,
             max_error=options.error,
             progress=progress,
             cluster=options.cluster,
@@ -281,7 +283,7 @@ def _begun(options: argparse.Namespace, output: Path) -> Path | None:
 
 
 def _render_passes(
-    options: argparse.Namespace, renderer: Renderer, output: Path, found: Path | None, title: str
+    options: argparse.Namespace, renderer: Renderer, output: Path, resume_path: Path | None, title: str
 ) -> int:
     """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
     samples = renderer.integrator.samples
@@ -289,7 +291,7 @@ def _render_passes(
     image, kept, due = None, 0, time.monotonic() + _SAVING
     with progress_bar(title) as progress:
         try:
-            for image in renderer.passes(options.size, progress=progress, resume=found):
+            for image in renderer.passes(options.size, progress=progress, resume=resume_path):
                 started = time.monotonic()
                 if started >= due and image.samples < samples:
                     exposed(image, options.exposure).save(output)
@@ -318,47 +320,51 @@ def _tradeoff(options: argparse.Namespace) -> int:
     if options.output is not None:
         new_figure(options.output)  # complains now about a path that cannot be written later
     with progress_bar(f"{scene.name}: variants") as progress:
-        found = tradeoff(
+        comparison = tradeoff(
             scene, max_error=options.error, backend=options.backend, bounces=options.bounces, progress=progress
         )
-    print(found.table())
+    print(comparison.table())
     if options.output is not None:
-        found.plot(options.output)
-    print(f"within {options.error:g}/255: {found.pick.variant}")
+        comparison.plot(options.output)
+    print(f"within {options.error:g}/255: {comparison.pick.variant}")
     return 0
 
 
 def _study(options: argparse.Namespace) -> int:
     if options.output is not None:
         new_figure(options.output)  # complains now about a path that cannot be written later
-    given: dict[str, Any] = {"minutes": options.minutes, "cpu": options.cpu}
+    arguments: dict[str, Any] = {"minutes": options.minutes, "cpu": options.cpu}
     layered = {"files": options.mesh, "size": options.size, "quick": options.quick}
     with progress_bar(f"{options.paper}: measurements") as progress:
-        found = _studied(options.paper, options.backend, given, layered, progress)
-    print(found.markdown())
+        study = _studied(options.paper, options.backend, arguments, layered, progress)
+    print(study.markdown())
     if options.output is not None:
-        found.plot(options.output)
+        study.plot(options.output)
     return 0
 
 
-def _studied(paper: str, backends: list[str] | None, given: Any, layered: Any, progress: Progress) -> Any:
+def _studied(paper: str, backends: list[str] | None, arguments: Any, layered: Any, progress: Progress) -> Any:
     """Run the study of a paper, whose module is imported here since few commands need it."""
     if paper == "layered":
         from raytracer.studies.layered import study as study_cubes
 
-        return study_cubes(backends, progress=progress, **given, **layered)
+        return study_cubes(backends, progress=progress, **arguments, **layered)
     if any(layered.values()):
         raise SceneError("--mesh, --size and --quick are for `raytracer study layered`")
     from raytracer.studies.christen import study
 
-    return study(backends, progress=progress, **given)
+    return study(backends, progress=progress, **arguments)
 
 
 def _gallery(options: argparse.Namespace) -> int:
-    given: dict[str, Any] = {"backend": options.backend, "samples": options.samples, "math": options.math or "strict"}
+    arguments: dict[str, Any] = {
+        "backend": options.backend,
+        "samples": options.samples,
+        "math": options.math or "strict",
+    }
     written = 0
     try:
-        for path, image in gallery(options.folder, options.size, **given):
+        for path, image in gallery(options.folder, options.size, **arguments):
             print(f"{path}: {_summary(image)}", flush=True)
             written += 1
     except KeyboardInterrupt as error:
@@ -368,7 +374,7 @@ def _gallery(options: argparse.Namespace) -> int:
 
 def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
-    given = {
+    arguments = {
         name: value
         for name in ("bounces", "samples", "math", "accel", "tracer")
         if (value := getattr(options, name)) is not None
@@ -378,7 +384,7 @@ def _animate(options: argparse.Namespace) -> int:
     framed = Path(options.scene).suffix.lower() in FORMATS
     viewing.check(options, output, lights_all=options.integrator == "path", framed=framed)
     make, frames, fps = _moving(options)
-    steps = animate(make, output, frames, fps=fps, **asked, **given)
+    steps = animate(make, output, frames, fps=fps, **asked, **arguments)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:
         done = 0
         try:

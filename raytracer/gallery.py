@@ -44,11 +44,14 @@ def gallery(
     for name in SCENES:
         path = Path(folder) / f"{name}.png"
         writer(path, size)
-        wanted: integrator.Integrator
+        chosen_integrator: integrator.Integrator
         if name in _PATHS:
-            shape, wanted = (min(size), min(size)), integrator.Path(samples=samples or _PATHS[name], math=math)
+            shape, chosen_integrator = (
+                (min(size), min(size)),
+                integrator.Path(samples=samples or _PATHS[name], math=math),
+            )
         else:
             bounces = _BOUNCES.get(name, 3)
-            shape, wanted = size, integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math)
-        image = render(Scene.builtin(name), shape, integrator=wanted, backend=backend)
+            shape, chosen_integrator = size, integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math)
+        image = render(Scene.builtin(name), shape, integrator=chosen_integrator, backend=backend)
         yield image.save(path), image

@@ -43,11 +43,11 @@ def encoded(pixels: Array) -> Array:
 
 def srgb_bytes(pixels: Array) -> NDArray[np.uint8]:
     """Convert linear RGB (H, W, 3), clipped to [0, 1], to bytes of sRGB."""
-    found = np.empty(pixels.shape, dtype=np.uint8)
+    srgb = np.empty(pixels.shape, dtype=np.uint8)
     rows = max(1, _ENCODED // max(1, pixels.shape[1]))
-    for top in range(0, len(found), rows):
-        found[top : top + rows] = np.rint(encoded(pixels[top : top + rows]) * 255)
-    return found
+    for top in range(0, len(srgb), rows):
+        srgb[top : top + rows] = np.rint(encoded(pixels[top : top + rows]) * 255)
+    return srgb
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,14 +256,14 @@ def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
     with openexr("reading EXR").File(str(path), separate_channels=True) as file:
         header = dict(file.header())  # the file empties its own when it is closed
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-    found = {
+    parts = {
         "pixels": np.stack([channels[c] for c in "RGB"], axis=-1),
         "depth": channels["depth.Z"],
         "normal": np.stack([channels[f"normal.{axis}"] for axis in "XYZ"], axis=-1),
         "object_id": channels["object.id"],
         "rays": channels["rays.count"],
     }
-    layers = {name: np.ascontiguousarray(layer, LAYERS[name][0]) for name, layer in found.items()}
+    layers = {name: np.ascontiguousarray(layer, LAYERS[name][0]) for name, layer in parts.items()}
     return layers, int(header["samples"]), str(header["origin"])
 
 

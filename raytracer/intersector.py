@@ -88,7 +88,7 @@ class Intersector:
         meshes = [mesh for mesh in meshes if len(mesh)]
         self._accel = accel
         self._pose: Pose | None = None
-        self._given = mesh_or_scene
+        self._source = mesh_or_scene
         self._moved: MovedObjects | None = None
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
@@ -187,7 +187,7 @@ class Intersector:
 
     def _move_one(self, name: Any, transform: ArrayLike) -> None:
         """Move the meshes of a name or a number."""
-        moved = self._moved or MovedObjects(self._given, self._accel, self._precision, self._target)
+        moved = self._moved or MovedObjects(self._source, self._accel, self._precision, self._target)
         renewed = moved.move(name, transform)
         self._moved = moved
         for cached in ("_tree", "_wide", "_closest"):
@@ -331,37 +331,37 @@ class Intersector:
         """
         if self._precision != "f32":
             raise SceneError(f'closest_point works at precision="f32", not {self._precision!r}')
-        given = triples("points", points)
-        finite = np.isfinite(given).all(axis=-1)
+        query_points = triples("points", points)
+        finite = np.isfinite(query_points).all(axis=-1)
         if not finite.all():
             raise SceneError(f"points contain NaN or infinity, first in point {np.argwhere(~finite)[0].tolist()}")
-        shape, flat = given.shape[:-1], given.reshape(-1, 3).astype(np.float64, copy=False)
+        shape, flat = query_points.shape[:-1], query_points.reshape(-1, 3).astype(np.float64, copy=False)
         if self._structure is None or not len(flat):
-            return Closest(np.full(given.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
+            return Closest(np.full(query_points.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
         own = flat if self._pose is None else self._pose.inside(flat)
         place, farthest = own - self._frame.origin, _FARTHEST / self._frame.scale
         place *= (farthest / np.maximum(np.abs(place).max(axis=1), farthest))[:, None]
         place = (place * self._frame.scale).astype(np.float32)
         way, triangle = self._closest(place)
-        found = self._outside((place + way.astype(np.float64)) / self._frame.scale + self._frame.origin)
-        apart = found - flat
+        closest = self._outside((place + way.astype(np.float64)) / self._frame.scale + self._frame.origin)
+        apart = closest - flat
         large = np.abs(apart).max(axis=1)  # whose square may leave f64
         distance = large * np.linalg.norm(apart / np.where(large > 0, large, 1)[:, None], axis=1)
-        return Closest(found.reshape(given.shape), distance.reshape(shape), triangle.reshape(shape))
+        return Closest(closest.reshape(query_points.shape), distance.reshape(shape), triangle.reshape(shape))
 
     def points(self, hits: Hits | AllHits) -> NDArray[np.float64]:
         """Return the points of hits, (..., 3), as means of the triangles' corners; NaN where nothing was met.
 
         Rays that go on from there take `leaving=True`.
         """
-        found = np.full((*hits.triangle.shape, 3), np.nan)
+        points = np.full((*hits.triangle.shape, 3), np.nan)
         met = hits.triangle >= 0
         if met.any():
             corners = self._corners[hits.triangle[met]]
             u, v = (part[met].astype(np.float64)[:, None] for part in (hits.u, hits.v))
             mean = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-            found[met] = self._outside(mean / self._frame.scale + self._frame.origin)
-        return found
+            points[met] = self._outside(mean / self._frame.scale + self._frame.origin)
+        return points
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> Rays:
         """Return the rays that a user gives in the mesh's own coordinates."""
@@ -404,11 +404,11 @@ class Intersector:
             if exact:
                 rays.check()
             with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
-                inputs = [np.asarray(given, self._floats) for given in self._frame.inputs(rays, exact)]
-            *found, wrong = self._kernel(name, rays, leaving, exact)(*inputs, *more)
+                inputs = [np.asarray(values, self._floats) for values in self._frame.inputs(rays, exact)]
+            *outputs, wrong = self._kernel(name, rays, leaving, exact)(*inputs, *more)
             if exact or not wrong.any():
                 break
-        return tuple(found), exact
+        return tuple(outputs), exact
 
     def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
         """Return the kernel for these rays, with one lane where they diverge; rays through a cube always diverge."""

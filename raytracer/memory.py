@@ -28,14 +28,14 @@ class OutOfMemory(SceneError):
     """Triangles exceed the free memory."""
 
 
-def check_fits(width: int, height: int, saving: int = 0, held: int = PIXEL) -> None:
+def check_fits(width: int, height: int, saving: int = 0, layer_bytes: int = PIXEL) -> None:
     """Raise SceneError if a picture of this size, with `saving` bytes more a pixel for its file, exceeds free memory.
 
-    `held` is how many bytes a pixel's layers take of it.
+    `layer_bytes` is how many bytes a pixel's layers take of it.
 
     Where the system does not tell how much memory is free, nothing is raised.
     """
-    needed, free = width * height * (held + saving), free_bytes()
+    needed, free = width * height * (layer_bytes + saving), free_bytes()
     if free is not None and needed > free:
         raise SceneError(
             f"a picture of {width} x {height} pixels takes {needed:,} bytes of memory, and {free:,} are free: "
@@ -53,8 +53,8 @@ def check_triangles(count: int) -> None:
 
 def free_bytes() -> int | None:
     """Return the bytes that this process can still get, swap included; None where the system does not tell."""
-    found = [free for free in (_free_in_system(), *(_free_in_group(*group) for group in _GROUPS)) if free is not None]
-    return min(found, default=None)
+    amounts = [free for free in (_free_in_system(), *(_free_in_group(*group) for group in _GROUPS)) if free is not None]
+    return min(amounts, default=None)
 
 
 def _free_in_system() -> int | None:
@@ -67,7 +67,7 @@ def _free_in_system() -> int | None:
 
 def _free_in_group(folder: str, most: str, used: str, files: str) -> int | None:
     with suppress(OSError, ValueError, KeyError):  # a group without a limit says "max", which is no number
-        limit, taken = (int(Path(folder, name).read_text()) for name in (most, used))
+        limit, usage = (int(Path(folder, name).read_text()) for name in (most, used))
         parts = dict(line.split() for line in Path(folder, "memory.stat").read_text().splitlines())
-        return max(0, limit - taken + int(parts[files]))
+        return max(0, limit - usage + int(parts[files]))
     return None

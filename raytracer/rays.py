@@ -275,11 +275,11 @@ class Frame:
 
     def distances(self, t: NDArray[Any], triangle: NDArray[Any], rays: Rays) -> NDArray[Any]:
         """Return distances (N,) or (N, K) in lengths of directions, for rays converted here; infinite for no hit."""
-        found = np.full_like(t, np.inf)
+        distances = np.full_like(t, np.inf)
         with np.errstate(over="ignore", under="ignore"):
             pace = np.ldexp(self.scale, _exponents(rays.ray)).reshape(-1, *[1] * (t.ndim - 1))
-            np.divide(t, pace, out=found, where=triangle >= 0, casting="same_kind")
-        return found
+            np.divide(t, pace, out=distances, where=triangle >= 0, casting="same_kind")
+        return distances
 
 
 def _exponents(ray: Floats) -> NDArray[Any]:

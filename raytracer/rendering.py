@@ -65,18 +65,18 @@ def render(
     Raises SceneError for what makes no picture, does not fit into memory or does not go together, and an error that no
     variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
     """
-    wanted = chosen(integrator, options)
-    size = size_of(size, primary, scene, wanted, chooses=not (cluster is max_error is None))
+    chosen_integrator = chosen(integrator, options)
+    size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
         _check_no_measuring(max_error)
-        job = Job(scene, wanted, backend or sh.default_backend())
+        job = Job(scene, chosen_integrator, backend or sh.default_backend())
         return _by_workers(cluster, job, size, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
-        return _within(max_error, scene, size, wanted, backend, progress, resume)
-    renderer = Renderer(scene, integrator=wanted, backend=backend)
+        return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
+    renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary)
 
 
@@ -111,15 +111,15 @@ def _within(
     max_error: float,
     scene: Scene,
     size: tuple[int, int],
-    wanted: Integrator,
+    chosen_integrator: Integrator,
     backend: str | None,
     progress: Progress | None,
     resume: Resume,
 ) -> Image:
     """Render by the fastest variant that keeps an error."""
-    check_resume(wanted, resume)
-    if not (isinstance(wanted, Whitted) and wanted.is_plain):
+    check_resume(chosen_integrator, resume)
+    if not (isinstance(chosen_integrator, Whitted) and chosen_integrator.is_plain):
         raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")
-    variant, renderer = fastest(scene, max_error, backend, wanted.bounces)
-    image = renderer.render(size, samples=wanted.samples, progress=progress)
+    variant, renderer = fastest(scene, max_error, backend, chosen_integrator.bounces)
+    image = renderer.render(size, samples=chosen_integrator.samples, progress=progress)
     return dataclasses.replace(image, stats=dataclasses.replace(image.stats, picked=str(variant)))

@@ -88,13 +88,13 @@ def add_tracing(command: argparse.ArgumentParser) -> None:
 
 def joined(arguments: Sequence[str]) -> list[str]:
     """Return arguments in which a value that begins with a minus is one word with its option: --camera=-1,2,3."""
-    found: list[str] = []
+    words: list[str] = []
     for word in arguments:
-        if found and found[-1] in _NEGATIVE and re.match(r"-[\d.]", word):
-            found[-1] += f"={word}"
+        if words and words[-1] in _NEGATIVE and re.match(r"-[\d.]", word):
+            words[-1] += f"={word}"
         else:
-            found.append(word)
-    return found
+            words.append(word)
+    return words
 
 
 def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed: bool) -> None:
@@ -126,9 +126,9 @@ def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Call
     sky, shown = _skies(options), _shown(options)
 
     def scene(time: float) -> Any:
-        found = make(time)
+        value = make(time)
         return (
-            _altered(found, options, sky, shown) if isinstance(found, Scene) else found
+            _altered(value, options, sky, shown) if isinstance(value, Scene) else value
         )  # `animate` refuses anything else
 
     return scene
@@ -163,8 +163,8 @@ def _reading(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> di
 
 def _shown(options: argparse.Namespace) -> Background | None:
     """Return the background of the options, if there is one; a picture is read."""
-    found: Background | None = options.background
-    return Texture(found) if isinstance(found, Path) else found
+    background: Background | None = options.background
+    return Texture(background) if isinstance(background, Path) else background
 
 
 def _painted(scene: Scene, shown: Background | None) -> Scene:
@@ -185,18 +185,23 @@ def find_scene(name: str, **framing: Any) -> Scene:
 
 def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
     """Return the camera with the options that are given: of a calibrated one, without its fixed directions."""
-    given: dict[str, Any] = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
-    given = {name: value for name, value in given.items() if value is not None}
-    if not given:
+    changes: dict[str, Any] = {
+        "position": options.camera,
+        "target": options.target,
+        "up": options.up,
+        "fov": options.fov,
+    }
+    changes = {name: value for name, value in changes.items() if value is not None}
+    if not changes:
         return camera
     if camera.projection != "perspective" and options.fov is not None:
         raise SceneError(f"--fov is for a perspective camera, and this scene has an {camera.projection} one")
     try:
-        return dataclasses.replace(camera, **given, intrinsics=None)
+        return dataclasses.replace(camera, **changes, intrinsics=None)
     except SceneError as error:
         sight = {"camera": camera.position, "target": camera.target, "up": camera.up}
         sight |= {
-            name: given[key] for name, key in zip(sight, ("position", "target", "up"), strict=True) if key in given
+            name: changes[key] for name, key in zip(sight, ("position", "target", "up"), strict=True) if key in changes
         }
         here = ", ".join(f"--{name} is {','.join(f'{x:g}' for x in at)}" for name, at in sight.items())
         raise SceneError(f"{error}: {here}; choose another of them") from None
@@ -225,40 +230,40 @@ def _numbers(text: str, count: int) -> list[float] | None:
     """Return finite numbers with commas between them; None for another text."""
     words = text.split(",")
     try:
-        found = [real(word) for word in words]
+        numbers = [real(word) for word in words]
     except ValueError:
         return None
-    return found if len(found) == len(words) == count and all(map(math.isfinite, found)) else None
+    return numbers if len(numbers) == len(words) == count and all(map(math.isfinite, numbers)) else None
 
 
 def _triple(text: str) -> Triple:
-    found = _numbers(text, 3)
-    if found is None:
+    numbers = _numbers(text, 3)
+    if numbers is None:
         raise argparse.ArgumentTypeError(f"three numbers with commas between them, such as 1,0.5,-2, not {text!r}")
-    return found[0], found[1], found[2]
+    return numbers[0], numbers[1], numbers[2]
 
 
 def _up(text: str) -> Triple:
     if text.lower() in _AXES:
         return _AXES[text.lower()]
-    found = _triple(text)
-    if not any(found):
+    direction = _triple(text)
+    if not any(direction):
         raise argparse.ArgumentTypeError("a direction that is not zero, such as 0,0,1, or z")
-    return found
+    return direction
 
 
 def _fov(text: str) -> float:
-    found = _numbers(text, 1)
-    if found is None or not 0 < found[0] < 180:
+    numbers = _numbers(text, 1)
+    if numbers is None or not 0 < numbers[0] < 180:
         raise argparse.ArgumentTypeError(f"an angle between 0 and 180 degrees, such as 40, not {text!r}")
-    return found[0]
+    return numbers[0]
 
 
 def _stops(text: str) -> float:
-    found = _numbers(text, 1)
-    if found is None or abs(found[0]) > MOST:
+    numbers = _numbers(text, 1)
+    if numbers is None or abs(numbers[0]) > MOST:
         raise argparse.ArgumentTypeError(f"a number from -{MOST:g} to {MOST:g}, such as 1.5, not {text!r}")
-    return found[0]
+    return numbers[0]
 
 
 def _background(text: str) -> Triple | Path:
@@ -272,9 +277,9 @@ def _color(text: str) -> Triple:
     if re.fullmatch("#[0-9a-fA-F]{6}", text):
         r, g, b = decoded(np.array([int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)])).tolist()
         return r, g, b
-    found = _numbers(text, 3)
-    if found is None or min(found) < 0:
+    numbers = _numbers(text, 3)
+    if numbers is None or min(numbers) < 0:
         raise argparse.ArgumentTypeError(
             f'"#RRGGBB" of sRGB, three linear numbers R,G,B from 0 on, or a picture such as sky.hdr, not {text!r}'
         )
-    return found[0], found[1], found[2]
+    return numbers[0], numbers[1], numbers[2]

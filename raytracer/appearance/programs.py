@@ -30,7 +30,7 @@ class _Known:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self._sources:
-            names = ", ".join(self._sources or self.__dict__.get("given", ()))
+            names = ", ".join(self._sources or self.__dict__.get("values", ()))
             raise AttributeError(f"this {type(self).__name__} has no {name}: it has {names}")
         self.read.add(name)
         # A copy, since the user's program may change it. It is not kept, since the next read may be in another branch,
@@ -106,15 +106,15 @@ class Surface(_Known):
             "emission": emission,
         }  # fmt: skip
         super().__init__({})
-        self.given: dict[str, Any] = {
+        self.values: dict[str, Any] = {
             name: converted(fields_of(Surface)[name], value, f"Surface({name}=...)", users_line())
             for name, value in values.items()
             if value is not None
         }
-        self.__dict__.update(self.given)
+        self.__dict__.update(self.values)
 
     @classmethod
-    def known(cls, sources: Sources) -> Surface:
+    def of_sources(cls, sources: Sources) -> Surface:
         """Return a surface all of whose fields are known."""
         surface = cls()
         surface._sources = sources
@@ -249,7 +249,7 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
     @sh.program
     def surface(fields: _HitFields) -> Any:
         hits.append(Hit({name: partial(getattr, fields, name) for name in fields_of(Hit)}))
-        return ask_surface(program, hits[-1]).given or sh.Attrib1f(0)
+        return ask_surface(program, hits[-1]).values or sh.Attrib1f(0)
 
     _check_ends(program, surface, _CUTOUT)
     return Examined(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
@@ -269,7 +269,7 @@ def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
 
 def examine_shade(program: Callable[..., Any]) -> None:
     """Record a material's `shade` by itself; raises SceneError or ShpyError for mistakes in it."""
-    surface = Surface.known({name: zero for name, zero in _zeros(Surface).items() if name not in UNSHADED})
+    surface = Surface.of_sources({name: zero for name, zero in _zeros(Surface).items() if name not in UNSHADED})
 
     @sh.program
     def shade() -> sh.Attrib1f:

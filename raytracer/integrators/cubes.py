@@ -30,8 +30,8 @@ def has_cubes(integrator: Integrator) -> bool:
 
 def scene_cube(integrator: Integrator, scene: HasMeshes, backend: str) -> LayeredCube:
     """Return the cube of a scene in which nothing moves: the integrator's own, or one that is made as it says."""
-    given: LayeredCube | None = getattr(integrator, "secondary", None)
-    return _made(integrator, scene, backend) if given is None else given
+    own_cube: LayeredCube | None = getattr(integrator, "secondary", None)
+    return _build_cube(integrator, scene, backend) if own_cube is None else own_cube
 
 
 def object_cubes(
@@ -42,8 +42,10 @@ def object_cubes(
     meshes = {
         number: poses[number][0] if number in poses else mesh for number, mesh in enumerate(motion.meshes) if len(mesh)
     }
-    known = dict(zip(before.parts, before.cubes, strict=True)) if isinstance(before, PlacedCubes) else {}
-    cubes = PlacedCubes.of(meshes, moving, lambda part: known.get(part) or _made(integrator, Meshes(part), backend))
+    cubes_by_part = dict(zip(before.parts, before.cubes, strict=True)) if isinstance(before, PlacedCubes) else {}
+    cubes = PlacedCubes.of(
+        meshes, moving, lambda part: cubes_by_part.get(part) or _build_cube(integrator, Meshes(part), backend)
+    )
     cubes.place({number: matrix for number, (_, matrix) in poses.items()}, layout.origin, layout.scale)
     return cubes
 
@@ -60,10 +62,10 @@ def follow(motion: Motion, layout: Layout) -> bool:
     return True
 
 
-def _made(integrator: Integrator, part: HasMeshes, backend: str) -> LayeredCube:
-    given: LayeredCube | None = getattr(integrator, "secondary", None)
-    if given is not None:
-        return LayeredCube.of(part, backend=backend, **given.options)
+def _build_cube(integrator: Integrator, part: HasMeshes, backend: str) -> LayeredCube:
+    own_cube: LayeredCube | None = getattr(integrator, "secondary", None)
+    if own_cube is not None:
+        return LayeredCube.of(part, backend=backend, **own_cube.options)
     assert integrator.accel is not None  # else there are no cubes
     return cube_of(integrator.accel, part, backend)
 
@@ -77,4 +79,4 @@ def _pose(motion: Motion, number: int) -> tuple[Mesh, NDArray[np.float64]]:
     turn = matrix[:3, :3]
     if abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) < _FLAT:
         return motion.meshes[number], np.eye(4)
-    return motion.given(number), matrix
+    return motion.untransformed(number), matrix

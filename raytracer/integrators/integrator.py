@@ -206,31 +206,33 @@ def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
     A `threshold` and a `seed` may be given to integrators that have none. Raises SceneError for an unknown name, and
     for options that do not go together; TypeError for unknown options.
     """
-    given = {name: value for name, value in options.items() if value is not None}
+    arguments = {name: value for name, value in options.items() if value is not None}
     if isinstance(integrator, Integrator):
-        if given:
-            name = next(iter(given))
-            raise SceneError(f"{name} belongs to the integrator: {type(integrator).__name__}({name}={given[name]!r})")
+        if arguments:
+            name = next(iter(arguments))
+            raise SceneError(
+                f"{name} belongs to the integrator: {type(integrator).__name__}({name}={arguments[name]!r})"
+            )
         return integrator
     if integrator not in INTEGRATORS:
         raise SceneError(f"the integrator is one of {', '.join(map(repr, INTEGRATORS))}, not {integrator!r}")
-    tracer = given.pop("tracer", "unified")
+    tracer = arguments.pop("tracer", "unified")
     if integrator == "path" and tracer != "unified":
         raise SceneError(f'tracer={tracer!r} is for integrator="whitted": leave it out')
     if tracer not in TRACERS:
         raise SceneError(f"the tracer is one of {', '.join(map(repr, TRACERS))}, not {tracer!r}")
     kind = Path if integrator == "path" else TRACERS[tracer]
-    if kind is Staged and given.pop("secondary", None) is not None:
+    if kind is Staged and arguments.pop("secondary", None) is not None:
         raise SceneError(_NO_CUBE)
     if kind is not Staged:
-        _check_share("a threshold", given.pop("threshold", THRESHOLD))
+        _check_share("a threshold", arguments.pop("threshold", THRESHOLD))
     if kind is not Path:
-        _check_seed(given.pop("seed", 0))
-    known = [field.name for field in fields(kind)]
-    for name in given:
-        if name not in known:
-            raise TypeError(f"{kind.__name__} has no option {name!r}: its options are {', '.join(known)}")
-    return kind(**given)
+        _check_seed(arguments.pop("seed", 0))
+    option_names = [field.name for field in fields(kind)]
+    for name in arguments:
+        if name not in option_names:
+            raise TypeError(f"{kind.__name__} has no option {name!r}: its options are {', '.join(option_names)}")
+    return kind(**arguments)
 
 
 def check_scene(scene: Scene, integrator: Integrator) -> None:

@@ -63,18 +63,18 @@ def clear(layers: dict[str, Any], background: Any) -> None:
         layers[name][:] = value
 
 
-def take_samples(band: Pixel, found: Any, fine: int) -> None:
+def take_samples(band: Pixel, samples: Any, fine: int) -> None:
     """Reduce the results of `fine` x `fine` eye rays per pixel to the layers of a band.
 
     Colours are averaged, numbers of rays added, and the other layers take the middle eye ray.
     """
     count, width = np.shape(band.depth)
     middle = slice(fine // 2, None, fine)
-    for layer, given in zip(band, found, strict=True):
-        layer[:] = given[middle, middle]
+    for layer, values in zip(band, samples, strict=True):
+        layer[:] = values[middle, middle]
     if fine > 1:
-        band.color[:] = found.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
-        band.rays[:] = found.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+        band.color[:] = samples.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
+        band.rays[:] = samples.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
 
 
 def unscale(band: Pixel, scale: float) -> None:

@@ -27,7 +27,7 @@ class Motion:
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         self.meshes = list(meshes)
         self.changed: set[int] = set()
-        self._given = list(meshes)
+        self._untransformed = list(meshes)
         self._shown = list(meshes)
         self._transforms: dict[int, NDArray[np.float64]] = {}
         self._bounds: dict[int, NDArray[np.float64]] = {}
@@ -36,7 +36,7 @@ class Motion:
     def move(self, name: str | int, transform: ArrayLike) -> None:
         """Transform all meshes of a name, or the one of a number, as they were given."""
         matrix, numbers = affine(transform), self.numbers(name)
-        placed = {number: self._given[number].transformed(matrix) for number in numbers}
+        placed = {number: self._untransformed[number].transformed(matrix) for number in numbers}
         for number, mesh in placed.items():
             self._transforms[number] = matrix
             self._take(number, mesh)
@@ -47,15 +47,15 @@ class Motion:
         if others:
             places = ", ".join(map(str, [number, *others]))
             raise SceneError(f"there are {len(others) + 1} meshes {name!r}: deform one of them by its number, {places}")
-        mesh = self._given[number]
+        mesh = self._untransformed[number]
         if normals is not None and mesh.normals is None:
             raise SceneError(f"{mesh.name}: the mesh is flat, and has no normals: deform it without normals")
-        found = mesh.with_vertices(vertices, normals)
+        deformed = mesh.with_vertices(vertices, normals)
         if normals is None and mesh.normals is not None:
-            found = found.smoothed()
+            deformed = deformed.smoothed()
         transform = self._transforms.get(number)
-        placed = found if transform is None else found.transformed(transform)
-        self._given[number] = found
+        placed = deformed if transform is None else deformed.transformed(transform)
+        self._untransformed[number] = deformed
         self._take(number, placed)
 
     def suit(self, meshes: Sequence[Mesh], *, still: bool) -> bool:
@@ -67,7 +67,7 @@ class Motion:
     def follow(self, meshes: Sequence[Mesh]) -> None:
         """Replace the meshes by others that `suit`."""
         for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
-            self._given[number] = mesh
+            self._untransformed[number] = mesh
             self._transforms.pop(number, None)
             if _equal(mesh, before):
                 self.meshes[number] = mesh  # its material may be another one
@@ -77,17 +77,17 @@ class Motion:
     def numbers(self, name: str | int) -> list[int]:
         """Return the numbers of the meshes of a name, or the number itself; SceneError where there is none."""
         if isinstance(name, str):
-            found = [number for number, mesh in enumerate(self.meshes) if mesh.name == name]
+            numbers = [number for number, mesh in enumerate(self.meshes) if mesh.name == name]
         else:
-            found = [int(name)] if is_whole(name, 0, len(self.meshes) - 1) else []
-        if not found:
+            numbers = [int(name)] if is_whole(name, 0, len(self.meshes) - 1) else []
+        if not numbers:
             names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
             raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")
-        return found
+        return numbers
 
-    def given(self, number: int) -> Mesh:
+    def untransformed(self, number: int) -> Mesh:
         """Return a mesh before it is transformed."""
-        return self._given[number]
+        return self._untransformed[number]
 
     def transform(self, number: int) -> NDArray[np.float64]:
         """Return the matrix by which a mesh is transformed."""
@@ -127,9 +127,9 @@ class Motion:
         faces, used = self._used.get(number, (None, None))
         mesh = self.meshes[number]
         if faces is not mesh.faces:
-            found = np.zeros(len(mesh.vertices), bool)
-            found[mesh.faces] = True
-            used = slice(None) if found.all() else np.flatnonzero(found)
+            is_used = np.zeros(len(mesh.vertices), bool)
+            is_used[mesh.faces] = True
+            used = slice(None) if is_used.all() else np.flatnonzero(is_used)
             self._used[number] = mesh.faces, used
         return used
 

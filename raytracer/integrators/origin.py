@@ -76,7 +76,7 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
         "vertex-colors": _digest(*(mesh.colors for mesh in scene.meshes if len(mesh))),
         "uv-coordinates": _digest(layout.uvs),
         "materials": _digest(repr(materials), layout.material_of),
-        "surface-programs": _digest(*(part for found in appearance.examined for part in _recorded(found))),
+        "surface-programs": _digest(*(part for surface in appearance.examined for part in _recorded(surface))),
         "lights": _digest(lights),
         "environment": _digest(*around),
         "secondary-accelerator": _digest(layout.secondary and repr(layout.secondary.options)),
@@ -96,18 +96,18 @@ def _background(scene: Scene, tracer: PathTracer | None) -> Iterable[Any]:
 
 def _described(material: Material, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:
     """Return the fields of a material: of a texture its digest, of a program its place among the scene's."""
-    found: list[Any] = []
+    entries: list[Any] = []
     for field in dataclasses.fields(material):
         value = getattr(material, field.name)
         if isinstance(value, Texture):
             if value not in digests:
                 digests[value] = _picture(value)
-            found.append(digests[value])
+            entries.append(digests[value])
         elif callable(value):
-            found.append(appearance.surfaces.index(value))
+            entries.append(appearance.surfaces.index(value))
         else:
-            found.append(None if value is None else np.asarray(value, np.float64).tolist())
-    return found
+            entries.append(None if value is None else np.asarray(value, np.float64).tolist())
+    return entries
 
 
 def _picture(texture: Texture) -> str:
@@ -141,15 +141,15 @@ def _digest(*parts: Any) -> str:
     return digest.hexdigest()[:16]
 
 
-def check_origin(name: str, found: str, wanted: str) -> None:
-    """Raise SceneError, which calls the picture `name`, if its origin `found` is not the one that is wanted."""
-    if found == wanted:
+def check_origin(name: str, origin: str, expected: str) -> None:
+    """Raise SceneError, which calls the picture `name`, if its `origin` is not the `expected` one."""
+    if origin == expected:
         return
-    if not found:
+    if not origin:
         raise SceneError(f"{name} was not path traced by raytracer, so it has no samples to add to: begin a new one")
-    if found.split(" ")[0] != GENERATION:
+    if origin.split(" ")[0] != GENERATION:
         raise SceneError(f"{name} was path traced by another version of raytracer: begin a new one with this version")
-    before, here = parts_of(found), parts_of(wanted)
+    before, here = parts_of(origin), parts_of(expected)
     changed = [part for part in {**here, **before} if before.get(part) != here.get(part)]
     listed = ", ".join(_difference(part, before.get(part), here.get(part)) for part in changed)
     raise SceneError(

@@ -62,13 +62,13 @@ def passes(
         for top in range(0, height, rows):
             params["top_row"].value = first_row + top
             band = {name: layer[top : top + rows] for name, layer in layers.items()}
-            found = kernel(np.ascontiguousarray(band["pixels"]))
-            band["pixels"][:] = found.color
-            band["rays"] += np.asarray(found.rays)
+            outputs = kernel(np.ascontiguousarray(band["pixels"]))
+            band["pixels"][:] = outputs.color
+            band["rays"] += np.asarray(outputs.rays)
             if start == 0:
-                band["depth"][:] = np.asarray(found.depth).astype(np.float64) / scale
-                band["normal"][:] = found.normal
-                band["object_id"][:] = found.object
+                band["depth"][:] = np.asarray(outputs.depth).astype(np.float64) / scale
+                band["normal"][:] = outputs.normal
+                band["object_id"][:] = outputs.object
             if progress is not None:
                 progress(number * height + min(top + rows, height), len(starts) * height)
         yield layers, end

@@ -39,7 +39,7 @@ from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.picture import eye_rays, seen_rays
 from raytracer.kernels.tracer import Pixel, Tracer
-from raytracer.scene.camera import Camera, known
+from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
@@ -88,11 +88,11 @@ class Renderer:
 
     def __deepcopy__(self, memo: Any) -> Renderer:
         """Return a renderer of its own: a program is its own copy, so kernels with other params are recorded."""
-        found = copy.copy(self)
-        found.scene, found._motion, found.turn = copy.deepcopy((self.scene, self._motion, self.turn), memo)
-        found.layout = None
-        found._prepare()
-        return found
+        renderer = copy.copy(self)
+        renderer.scene, renderer._motion, renderer.turn = copy.deepcopy((self.scene, self._motion, self.turn), memo)
+        renderer.layout = None
+        renderer._prepare()
+        return renderer
 
     def _prepare(self) -> None:
         """Build the accelerators, and record and compile the kernel of the scene's camera."""
@@ -231,15 +231,16 @@ class Renderer:
         """Return the tracer of the integrator and of what the scene has."""
         if isinstance(self.integrator, Path):
             return PathTracer(layout, self.scene, self.integrator.bounces, self.backend)
-        given: list[Any] = [layout, self.scene.background, self.scene.ambient, self.integrator.bounces, self.backend]
+        scene, bounces = self.scene, self.integrator.bounces
+        arguments: list[Any] = [layout, scene.background, scene.ambient, bounces, self.backend]
         if isinstance(self.integrator, Whitted):
-            given.append(self.integrator.min_contribution)
-        tracer = Tracer(*given)
+            arguments.append(self.integrator.min_contribution)
+        tracer = Tracer(*arguments)
         if not tracer.surfaces.clear:
             return tracer
         if isinstance(self.integrator, Staged):
             raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
-        return GlassTracer(*given)
+        return GlassTracer(*arguments)
 
     def _choose(self, camera: Camera, seen: bool = False) -> None:
         """Take the kernels for a camera's projection, compiled once; `seen` where a G-buffer stands for eye rays."""
@@ -255,8 +256,8 @@ class Renderer:
         if isinstance(self._tracer, PathTracer):
             program = self._tracer.program(rays)
         elif isinstance(self.integrator, Staged):
-            given = self._options | {"threshold": self.integrator.threshold, "early_z": self.integrator.early_z}
-            staged = StagedTracer(self._tracer, rays, backend=self.backend, **given)
+            options = self._options | {"threshold": self.integrator.threshold, "early_z": self.integrator.early_z}
+            staged = StagedTracer(self._tracer, rays, backend=self.backend, **options)
             staged.at_once.value = self.integrator.at_once
             self.compile_seconds += time.perf_counter() - started
             return {"staged": staged, "params": staged.params}
@@ -341,7 +342,7 @@ class Renderer:
         if not isinstance(self.integrator, Path):
             return ""
         tracer: Any = None if self.layout is None else self._tracer
-        camera = known(self.scene.camera if camera is None else camera)
+        camera = checked_camera(self.scene.camera if camera is None else camera)
         return origin_of(self.scene, self.layout, tracer, camera, self.integrator, self.backend)
 
     def passes(
@@ -390,8 +391,8 @@ class Renderer:
         if first == samples or self.layout is None:
             yield Image(**layers, stats=self.stats(layers, started), samples=samples, origin=origin)
             return
-        for found, done in self._passes(aim, layers, first, samples, progress):
-            yield Image(**found, stats=self.stats(found, started), samples=done, origin=origin)
+        for pass_layers, done in self._passes(aim, layers, first, samples, progress):
+            yield Image(**pass_layers, stats=self.stats(pass_layers, started), samples=done, origin=origin)
 
     def _passes(
         self,
@@ -409,8 +410,8 @@ class Renderer:
         at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else None
         device = self.kernel, self.params, self.backend, self.layout.scale
         scene = self.scene
-        for found, done in passes(*device, layers, first, samples, progress, at_once, top):
-            yield found, done
+        for pass_layers, done in passes(*device, layers, first, samples, progress, at_once, top):
+            yield pass_layers, done
             if done == samples:
                 return
             if self.scene is not scene:
@@ -446,7 +447,7 @@ class Renderer:
 
     def _aim(self, camera: Camera | None, width: int, height: int, seen: bool = False) -> None:
         """Set the eye rays of a camera, None for the scene's."""
-        camera = known(self.scene.camera if camera is None else camera)
+        camera = checked_camera(self.scene.camera if camera is None else camera)
         assert self.layout is not None
         layout, media = self.layout, self._tracer.surfaces.media
         values = camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype)
@@ -487,6 +488,6 @@ class Renderer:
             unscale(band, self.layout.scale)
             return
         shape = (count * fine, width * fine)
-        found = self.kernel(*inputs, shape=shape) if self.staged is None else self.staged.trace(shape)
-        take_samples(band, found, fine)
+        samples = self.kernel(*inputs, shape=shape) if self.staged is None else self.staged.trace(shape)
+        take_samples(band, samples, fine)
         unscale(band, self.layout.scale)

@@ -165,10 +165,10 @@ class StagedTracer:
         program, kernel = self.programs[stage], self.kernels[stage]
         written = stages.WRITES.get(stage)
         out = written and {name: _stream(band, name) for name in written}
-        given = {name: _stream(band, name) for name in program.inputs}
+        inputs = {name: _stream(band, name) for name in program.inputs}
         if stage in self._masks:
-            given["where"] = self._masked(stage, band)
-        result: sh.Result = kernel.run(**given, out=out)
+            inputs["where"] = self._masked(stage, band)
+        result: sh.Result = kernel.run(**inputs, out=out)
         return result
 
     def _masked(self, stage: str, band: dict[str, Any]) -> Any:

@@ -42,8 +42,8 @@ def in_turn(method: Callable[Concatenate[_Owner, _Given], _Found]) -> Callable[C
     """Make threads that call a method of the same object wait for each other."""
 
     @functools.wraps(method)
-    def called(self: _Owner, /, *given: _Given.args, **named: _Given.kwargs) -> _Found:
+    def called(self: _Owner, /, *arguments: _Given.args, **named: _Given.kwargs) -> _Found:
         with self.turn:
-            return method(self, *given, **named)
+            return method(self, *arguments, **named)
 
     return called

@@ -102,7 +102,7 @@ class Appearance:
                     given[name][:] = color if name == "emission" else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
-                for name, value in ask_surface(program, hit).given.items():
+                for name, value in ask_surface(program, hit).values.items():
                     given[name][:] = sh.normalize(value) if name == "normal" else value
         for name in ("reflectivity", "transmission"):
             if name in self.gives:

@@ -97,14 +97,18 @@ class SurfaceTables:
         self.triangles = triangles
         self.numbers: Any = None  # the table of the numbers by which programs know triangles, if not their places
         self.roundoff = layout.roundoff
-        self.normals = None if layout.normals is None else sh.Table(layout.held(layout.normals), sh.Attrib4f, "normals")
-        self.colors = None if layout.colors is None else sh.Table(layout.held(layout.colors), sh.Attrib4f, "colors")
+        self.normals = (
+            None if layout.normals is None else sh.Table(layout.table_rows(layout.normals), sh.Attrib4f, "normals")
+        )
+        self.colors = (
+            None if layout.colors is None else sh.Table(layout.table_rows(layout.colors), sh.Attrib4f, "colors")
+        )
         self.appearance = Appearance(layout)
         self.tints = any(map(is_programmed, layout.materials))
         self.uvs = (
             None
             if layout.uvs is None or "uv" not in self.appearance.reads
-            else sh.Table(layout.held(layout.uvs), sh.TexCoord2f, "uvs")
+            else sh.Table(layout.table_rows(layout.uvs), sh.TexCoord2f, "uvs")
         )
         self.layout = layout
         self.glow = glow_rows(layout, self.appearance)
@@ -418,7 +422,7 @@ class SurfaceTables:
         """Return the colour under white light from direction `light`."""
         if not self.appearance.shades:
             return self.phong(surface, light)
-        seen = programs.Surface.known(
+        seen = programs.Surface.of_sources(
             {
                 "color": lambda: surface.color,
                 "diffuse": lambda: surface.coefficients.x,

@@ -111,10 +111,10 @@ def build_samples(
     if not len(triangles):
         return nothing(*(int(frame[raster.COUNTS, k]) for k in (0, 2)))
     lines = Scanlines(triangles, frame, conservative, backend)
-    found = BUILDERS[builder](lines)
-    if found is None:
+    streams = BUILDERS[builder](lines)
+    if streams is None:
         return nothing(lines.resolution, lines.blocks)
-    offsets, depths, triangle, slopes = found
+    offsets, depths, triangle, slopes = streams
     halves = None
     if half:
         texels = np.asarray(offsets)
@@ -128,13 +128,13 @@ def build_samples(
 
 def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
     """Return the offsets, depths, triangles and slopes of `Samples` as streams, by sorting; None if there are none."""
-    found = lines.samples()
-    if found is None:
+    samples = lines.samples()
+    if samples is None:
         return None
-    by_depth = sh.argsort(found.depth)
-    order = sh.gather(by_depth, sh.argsort(sh.gather(found.texel, by_depth)))
-    counts = sh.histogram(found.texel, 3 * lines.resolution**2 + 1)
-    parts = (sh.gather(part, order) for part in (found.depth, found.triangle, found.slope))
+    by_depth = sh.argsort(samples.depth)
+    order = sh.gather(by_depth, sh.argsort(sh.gather(samples.texel, by_depth)))
+    counts = sh.histogram(samples.texel, 3 * lines.resolution**2 + 1)
+    parts = (sh.gather(part, order) for part in (samples.depth, samples.triangle, samples.slope))
     return sh.scan(raster.added(), counts, exclusive=True), *parts
 
 
@@ -152,8 +152,8 @@ def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
         return None
     texel = np.repeat(np.arange(len(offsets) - 1, dtype=np.int32), np.diff(offsets))
     parts = (sh.Stream(part, sh.Attrib1i, backend=backend) for part in (texel, triangle))
-    found = lines.run(raster.samples_of_texels(), *parts)
-    return sh.Stream(offsets, sh.Attrib1i, backend=backend), found.depth, found.triangle, found.slope
+    samples = lines.run(raster.samples_of_texels(), *parts)
+    return sh.Stream(offsets, sh.Attrib1i, backend=backend), samples.depth, samples.triangle, samples.slope
 
 
 BUILDERS: dict[str, Callable[[Scanlines], tuple[Any, ...] | None]] = {"sort": sorted_samples, "peel": peeled_samples}

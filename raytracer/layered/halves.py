@@ -83,8 +83,8 @@ def depth_codes(frame: NDArray[np.float32], offsets: NDArray[np.int32], depths: 
     image = images_of(offsets)
     middle, unit = middle_and_unit(frame)
     place = (depths - middle[image]) / unit[image]
-    held = np.copysign(np.maximum(np.abs(place), np.float32(SMALLEST)), place)
-    return np.asarray(held.astype(np.float16).view(np.uint16))
+    clamped = np.copysign(np.maximum(np.abs(place), np.float32(SMALLEST)), place)
+    return np.asarray(clamped.astype(np.float16).view(np.uint16))
 
 
 def decoded(frame: NDArray[np.float32], offsets: NDArray[np.int32], codes: Codes) -> NDArray[np.float32]:

@@ -121,12 +121,12 @@ class _Device:
             return []
         names = ("3i/i", "span"), ("2i/i", "owner"), ("3f/i", "corner"), ("2f/i", "slope")
         used = [(self.gl.buffer(np.ascontiguousarray(part)), *name) for part, name in zip(spans, names, strict=True)]
-        held = [entry for entry in used if entry[2] in self.program]
-        shape = self.gl.vertex_array(self.program, held)
+        attributes = [entry for entry in used if entry[2] in self.program]
+        shape = self.gl.vertex_array(self.program, attributes)
         last, now = self.targets[:2], self.targets[2:]
         for target in last:
             target.clear(-FAR)
-        found: list[NDArray[np.float32]] = []
+        layers: list[NDArray[np.float32]] = []
         while True:
             for numbering, target in enumerate(now):
                 # What is drawn into is not bound: where no depth is known yet, none is read.
@@ -135,8 +135,8 @@ class _Device:
                 self.draw(shape, target, len(spans.place), bool(numbering))
             triangles = np.frombuffer(now[1].read(components=1, dtype="f4"), np.float32)
             if (triangles >= FAR).all():
-                return found
-            found.append(triangles)
+                return layers
+            layers.append(triangles)
             last, now = now, last
 
     def draw(self, shape: Any, target: Any, count: int, numbering: bool) -> None:

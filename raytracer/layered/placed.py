@@ -119,9 +119,9 @@ class PlacedCubes:
         """The samples as a walk reads them, with the numbers of triangles in the scene."""
         parts = []
         for cube, numbers in zip(self.cubes, self.numbers, strict=True):
-            found = cube.records
-            found[:, -1] = numbers[cube.numbers_of].view(np.uint32)
-            parts.append(found)
+            records = cube.records
+            records[:, -1] = numbers[cube.numbers_of].view(np.uint32)
+            parts.append(records)
         return np.concatenate(parts)
 
     @property

@@ -264,7 +264,7 @@ class Camera:
         return cls((x, y, z), (a, b, c), fov=fov)
 
 
-def known(camera: Any) -> Camera:
+def checked_camera(camera: Any) -> Camera:
     """Return a camera; SceneError for anything else."""
     if not isinstance(camera, Camera):
         raise SceneError(f"the camera of a scene is a Camera, such as Camera((0, 0, 5)), not {camera!r}")

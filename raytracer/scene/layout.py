@@ -137,9 +137,9 @@ class Layout:
     def in_working_precision(self) -> Layout:
         """Return the layout with rows as tables hold them: those of objects that move are often computed anew."""
         normals, colors, uvs = (
-            None if rows is None else self.held(rows) for rows in (self.normals, self.colors, self.uvs)
+            None if rows is None else self.table_rows(rows) for rows in (self.normals, self.colors, self.uvs)
         )
-        return replace(self, triangles=self.held(self.triangles), normals=normals, colors=colors, uvs=uvs)
+        return replace(self, triangles=self.table_rows(self.triangles), normals=normals, colors=colors, uvs=uvs)
 
     def exact(self, scene: Scene) -> Layout:
         """Return the layout of the scene as it would be if nothing moved in it, but for its accelerator."""
@@ -180,7 +180,7 @@ class Layout:
         self.forest.join()
         return changes
 
-    def held(self, rows: Rows) -> NDArray[Any]:
+    def table_rows(self, rows: Rows) -> NDArray[Any]:
         """Return rows as a table holds them: in binary32 where kernels work so, which takes half the memory.
 
         Raises SceneError for numbers that binary32 does not hold.

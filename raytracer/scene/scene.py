@@ -28,7 +28,7 @@ from raytracer.meshes.folder import Notices, named
 from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.instance import Instance, placed_all
 from raytracer.meshes.mesh import Mesh
-from raytracer.scene.camera import Camera, known
+from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
@@ -79,7 +79,7 @@ class Scene:
             raise SceneError("a scene has at most one EnvironmentLight")
         if self.camera is None:
             object.__setattr__(self, "camera", fitted(self.meshes, np.eye(3)))
-        known(self.camera)
+        checked_camera(self.camera)
 
     @property
     def triangles(self) -> int:
@@ -229,7 +229,7 @@ def _lights(value: Any) -> tuple[Light, ...]:
 
 def _camera(camera: Camera | Callable[[Camera], Camera] | None, default: Camera) -> Camera:
     """Return `camera`, or what it makes of `default` where it is a function; `default` where it is None."""
-    return known(camera(default) if callable(camera) else default if camera is None else camera)
+    return checked_camera(camera(default) if callable(camera) else default if camera is None else camera)
 
 
 def placed(things: Any) -> tuple[Mesh, ...]:

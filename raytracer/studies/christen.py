@@ -101,7 +101,7 @@ class Study:
     size: tuple[int, int] = SIZE
     cpu: bool = False
 
-    def find(self, **wanted: Any) -> list[Measured]:
+    def find(self, **values: Any) -> list[Measured]:
         """Return the measurements whose case has these values, and the default ones for those that are not named."""
         full = {
             "grid": GRID,
@@ -109,7 +109,7 @@ class Study:
             "threshold": THRESHOLD,
             "at_once": AT_ONCE[-1],
             "way": WAYS[0],
-        } | wanted
+        } | values
         return [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
 
     def markdown(self) -> str:
@@ -153,9 +153,11 @@ class Study:
 
     def _compared(self) -> list[Measured]:
         """Return the measurements in all ways, those of one scene and backend together."""
-        found = self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
-        places = [(m.case.scene, list(self.backends).index(m.case.backend), WAYS.index(m.case.way)) for m in found]
-        return [found[k] for k in sorted(range(len(found)), key=places.__getitem__)]
+        measurements = self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
+        places = [
+            (m.case.scene, list(self.backends).index(m.case.backend), WAYS.index(m.case.way)) for m in measurements
+        ]
+        return [measurements[k] for k in sorted(range(len(measurements)), key=places.__getitem__)]
 
     def _alive_table(self) -> str:
         rows = []
@@ -172,11 +174,11 @@ class Study:
         return counted_on(list(self.backends))
 
     def _milliseconds(self, key: str, values: Sequence[int], scene: str, backend: str, tracer: str) -> list[str]:
-        found = {
+        seconds_by_value = {
             getattr(m.case, key): m.seconds
             for m in self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
         }
-        return [f"{1e3 * found[v]:.0f}" if v in found else "" for v in values]
+        return [f"{1e3 * seconds_by_value[v]:.0f}" if v in seconds_by_value else "" for v in values]
 
     def json(self) -> dict[str, Any]:
         """Return everything, for `json.dump`."""
@@ -205,8 +207,8 @@ class Study:
     def _draw_times(self, axis: Any, backend: str, key: str, title: str) -> None:
         for k, scene in enumerate(SCENES):
             for tracer, style in zip(TRACERS, ("-", "--"), strict=True):
-                found = self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
-                points = sorted((getattr(m.case, key), m.seconds) for m in found)
+                measurements = self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
+                points = sorted((getattr(m.case, key), m.seconds) for m in measurements)
                 if points:
                     x, y = zip(*points, strict=True)
                     axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {tracer}")
@@ -216,8 +218,10 @@ class Study:
     def _draw_calls(self, axis: Any) -> None:
         for k, scene in enumerate(SCENES):
             for at_once, style in zip(AT_ONCE, ("-", "--"), strict=True):
-                found = self.find(scene=scene, backend=self._counted, tracer="staged", threshold=..., at_once=at_once)
-                points = sorted((m.case.threshold, m.calls["traverse"] + m.calls["intersect"]) for m in found)
+                measurements = self.find(
+                    scene=scene, backend=self._counted, tracer="staged", threshold=..., at_once=at_once
+                )
+                points = sorted((m.case.threshold, m.calls["traverse"] + m.calls["intersect"]) for m in measurements)
                 if len(points) > 1:
                     x, y = zip(*points, strict=True)
                     axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {at_once} a call")
@@ -252,24 +256,24 @@ def cases(backends: Sequence[str]) -> list[Case]:
     """Return every case once, the most telling ones first, and those last that take long."""
     fast = [name for name in backends if name != "numpy"]
     counted = counted_on(backends)
-    wanted = [Case(*names) for names in _named(backends)]
-    wanted += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
-    wanted += _counted(SCENES, counted, AT_ONCE[-1])
-    wanted += [
+    all_cases = [Case(*names) for names in _named(backends)]
+    all_cases += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
+    all_cases += _counted(SCENES, counted, AT_ONCE[-1])
+    all_cases += [
         Case(scene, backend, "staged", iterations=ITERATIONS[-1], way=way)
         for backend in fast or [counted]
         for scene in COMPARED
         for way in WAYS[1:]
     ]
-    wanted += _counted([scene for scene in SCENES if scene != "C"], counted, AT_ONCE[0])
-    wanted += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
+    all_cases += _counted([scene for scene in SCENES if scene != "C"], counted, AT_ONCE[0])
+    all_cases += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
     if "numpy" in backends:
-        wanted += [Case(*names, iterations=n) for n in ITERATIONS[:-1] for names in _named(["numpy"])]
-        wanted += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
-    wanted += _counted([scene for scene in SCENES if scene == "C"], counted, AT_ONCE[0])
+        all_cases += [Case(*names, iterations=n) for n in ITERATIONS[:-1] for names in _named(["numpy"])]
+        all_cases += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
+    all_cases += _counted([scene for scene in SCENES if scene == "C"], counted, AT_ONCE[0])
     if "numpy" in backends:
-        wanted += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
-    return list(dict.fromkeys(wanted))
+        all_cases += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
+    return list(dict.fromkeys(all_cases))
 
 
 def _counted(scenes: Iterable[str], backend: str, at_once: int) -> list[Case]:
@@ -300,14 +304,14 @@ def study(
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
     devices = devices_of(backends)
-    wanted, measured = cases(list(devices)), []
+    all_cases, measured = cases(list(devices)), []
     clock = time.process_time if cpu else time.perf_counter
     last: tuple[Case, Renderer] | None = None
-    for case in in_time(wanted, minutes, progress):
+    for case in in_time(all_cases, minutes, progress):
         renderer = _renderer(case, last, clock)
         last = case, renderer
         measured.append(_measure(case, renderer, size, clock))
-    return Study(machine(), devices, tuple(measured), tuple(wanted[len(measured) :]), size, cpu)
+    return Study(machine(), devices, tuple(measured), tuple(all_cases[len(measured) :]), size, cpu)
 
 
 def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> Renderer:
@@ -338,13 +342,13 @@ def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock
     for taken_before in range(_OFTEN):
         started = clock()
         stats = renderer.render(size).stats
-        taken = clock() - started
+        duration = clock() - started
         seconds = () if renderer.staged is None else tuple(renderer.staged.log.seconds)
-        found = Measured(case, taken, stats.rays, dict(stats.calls), stats.alive, seconds)
-        best = found if best is None or found.seconds < best.seconds else best
+        measurement = Measured(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
+        best = measurement if best is None or measurement.seconds < best.seconds else best
         # OpenCL may try another width of packets within the first picture, which takes a compilation.
-        once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (taken > _LATE and case.backend != "opencl")
-        if taken > _SOON and (taken_before or once):
+        once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (duration > _LATE and case.backend != "opencl")
+        if duration > _SOON and (taken_before or once):
             break
     assert best is not None
     return best

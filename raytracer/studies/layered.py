@@ -111,10 +111,11 @@ class Study:
     def studied(self, backend: str) -> list[Measured]:
         """Return the cubes of the model whose errors are studied, by test and resolution."""
         cubes = [m for m in self._of(backend) if m.case.model == self.plan.studied and m.case.accel == "ldc"]
-        found = [m for m in cubes if m.case.block is None]
+        of_default_block = [m for m in cubes if m.case.block is None]
         order = {test: k for k, test in enumerate(_TESTS)}
         return sorted(
-            found, key=lambda m: (order[m.case.hit], m.case.depths == "half", m.case.tolerance or 0, m.case.resolution)
+            of_default_block,
+            key=lambda m: (order[m.case.hit], m.case.depths == "half", m.case.tolerance or 0, m.case.resolution),
         )
 
     def json(self) -> dict[str, Any]:
@@ -150,21 +151,23 @@ class Study:
     def _draw_table(self, build: Any, trace: Any, backend: str) -> None:
         framed = [m for m in self._of(backend) if m.frame_seconds is not None]
         for k, name in enumerate(dict.fromkeys(str(m.case) for m in framed)):
-            found = sorted((m for m in framed if str(m.case) == name), key=lambda m: m.triangles)
-            style = {"marker": _MARKS.get(found[0].case.hit, "x"), "color": f"C{k}", "label": name}
-            build.plot([m.triangles for m in found], [m.build_seconds for m in found], **style)
+            measurements = sorted((m for m in framed if str(m.case) == name), key=lambda m: m.triangles)
+            style = {"marker": _MARKS.get(measurements[0].case.hit, "x"), "color": f"C{k}", "label": name}
+            build.plot([m.triangles for m in measurements], [m.build_seconds for m in measurements], **style)
             trace.plot(
-                [m.triangles for m in found], [(m.frame_seconds or 0) / (m.bvh_seconds or 1) for m in found], **style
+                [m.triangles for m in measurements],
+                [(m.frame_seconds or 0) / (m.bvh_seconds or 1) for m in measurements],
+                **style,
             )
         build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds")
         build.set_title("build", fontsize=10)
         trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH")
         trace.set_title("picture", fontsize=10)
 
-    def _draw_errors(self, axes: Any, found: Sequence[Measured]) -> None:
+    def _draw_errors(self, axes: Any, measurements: Sequence[Measured]) -> None:
         shares, times, memory, pictures = axes
-        for k, test in enumerate(dict.fromkeys(m.case.test for m in found)):
-            line = [m for m in found if m.case.test == test]
+        for k, test in enumerate(dict.fromkeys(m.case.test for m in measurements)):
+            line = [m for m in measurements if m.case.test == test]
             style = {"marker": _MARKS[line[0].case.hit], "color": f"C{k}", "label": test}
             for kind, dashes in zip(KINDS[::2], ("-", "--"), strict=True):
                 wrong = [max(m.wrong[kind].all, _TINY) for m in line]
@@ -191,19 +194,19 @@ class Study:
         """Draw the exact small picture, those through cubes of a low resolution, and how they differ."""
         backend = next(iter(self.backends))
         resolution = self.plan.resolutions[len(self.plan.resolutions) // 2 - 1]
-        found = {
+        pictures = {
             m.case.hit: m.pixels
             for m in self.studied(backend)
             if (m.case.resolution, m.case.tolerance, m.case.depths) == (resolution, None, "single")
         }
         exact = [m.pixels for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "bvh")]
-        if not found or not exact:
+        if not pictures or not exact:
             return
-        figure = new_figure(path, (4 * len(found) + 4, 6.6))
-        axes = figure.subplots(2, 1 + len(found), squeeze=False)
+        figure = new_figure(path, (4 * len(pictures) + 4, 6.6))
+        axes = figure.subplots(2, 1 + len(pictures), squeeze=False)
         axes[0, 0].imshow(exact[0])
         axes[0, 0].set_title("exact")
-        for column, (hit, pixels) in enumerate(found.items(), 1):
+        for column, (hit, pixels) in enumerate(pictures.items(), 1):
             off = _AMPLIFIED * abs(pixels.astype(int) - exact[0])
             axes[0, column].imshow(pixels)
             axes[0, column].set_title(f'{resolution}², "{hit}"')
@@ -245,30 +248,30 @@ def _error(m: Measured) -> list[str]:
     return [f"{m.errors['rmse']:.3g}", f"{m.errors['flip']:.4f}" if "flip" in m.errors else ""]
 
 
-def cases(backends: Sequence[str], given: Sequence[Model], plan: Plan) -> list[Case]:
+def cases(backends: Sequence[str], all_models: Sequence[Model], plan: Plan) -> list[Case]:
     """Return every case once, the most telling ones first."""
-    names = [(model.name, backend) for backend in backends for model in given]
+    names = [(model.name, backend) for backend in backends for model in all_models]
     studied = [(plan.studied, backend) for backend in backends]
-    wanted = [Case(*name, "bvh") for name in studied]
-    wanted += [Case(*name, "ldc", r, hit) for name in studied for hit in _TESTS for r in plan.resolutions]
-    wanted += [Case(*name, "bvh") for name in names]
-    wanted += [Case(*name, "ldc", resolution, "plane") for name in names for resolution in plan.framed]
-    wanted += [Case(*name, "grid") for name in names]
+    all_cases = [Case(*name, "bvh") for name in studied]
+    all_cases += [Case(*name, "ldc", r, hit) for name in studied for hit in _TESTS for r in plan.resolutions]
+    all_cases += [Case(*name, "bvh") for name in names]
+    all_cases += [Case(*name, "ldc", resolution, "plane") for name in names for resolution in plan.framed]
+    all_cases += [Case(*name, "grid") for name in names]
     rounded = [test for test in _TESTS if test != "triangle"]
-    wanted += [
+    all_cases += [
         Case(*name, "ldc", resolution, hit, depths="half")
         for name in studied
         for hit in rounded
         for resolution in plan.resolutions
     ]
-    wanted += [Case(*name, "ldc", plan.framed[0], "plane", block=block) for name in studied for block in plan.blocks]
-    wanted += [
+    all_cases += [Case(*name, "ldc", plan.framed[0], "plane", block=block) for name in studied for block in plan.blocks]
+    all_cases += [
         Case(*name, "ldc", resolution, "sample", tolerance)
         for name in studied
         for tolerance in plan.tolerances
         for resolution in plan.resolutions
     ]
-    return list(dict.fromkeys(wanted))
+    return list(dict.fromkeys(all_cases))
 
 
 def study(
@@ -294,16 +297,16 @@ def study(
         devices = {chosen: devices[chosen]}
     plan = QUICK if quick else FULL
     plan = plan if size is None else dataclasses.replace(plan, size=size)
-    given = [*models(quick), *(_loaded(path) for path in files)]
-    wanted, measured = cases(list(devices), given, plan), []
+    all_models = [*models(quick), *(_loaded(path) for path in files)]
+    all_cases, measured = cases(list(devices), all_models, plan), []
     clock = time.process_time if cpu else time.perf_counter
-    benches = {(m.name, name): Bench(m, name, plan.size, clock) for m in given for name in devices}
-    for case in in_time(wanted, minutes, progress):
+    benches = {(m.name, name): Bench(m, name, plan.size, clock) for m in all_models for name in devices}
+    for case in in_time(all_cases, minutes, progress):
         framed = case.accel != "ldc" or (
             case.resolution in plan.framed and case.tolerance is None and case.block is None
         )
         measured.append(benches[case.model, case.backend].measure(case, framed=framed))
-    return Study(machine(), devices, plan, tuple(measured), tuple(wanted[len(measured) :]), cpu)
+    return Study(machine(), devices, plan, tuple(measured), tuple(all_cases[len(measured) :]), cpu)
 
 
 def _loaded(path: str | Path) -> Model:

@@ -225,9 +225,9 @@ class Bench:
         rounds = max(ROUNDS, len(self.scenes)) if framed else 2
         built = [self._build(case, self.scenes[k % len(self.scenes)]) for k in range(rounds)]
         structure = built[0][1]
-        made = [self._renderer(case, k, built[k][1]) for k in range(len(self.scenes) if framed else 1)]
-        picture = made[0].render(self.small)
-        frame, bvh = self._frames(made) if framed else (None, None)
+        renderers = [self._renderer(case, k, built[k][1]) for k in range(len(self.scenes) if framed else 1)]
+        picture = renderers[0].render(self.small)
+        frame, bvh = self._frames(renderers) if framed else (None, None)
         cube = structure if isinstance(structure, LayeredCube) else None
         shoot = Intersector(self.scenes[0], cube or case.accel, self.backend)
         return Measured(
@@ -252,11 +252,11 @@ class Bench:
         if case.accel != "ldc":
             corners = np.concatenate([mesh.corners for mesh in scene.meshes])
             started = self.clock()
-            found: Any = build(case.accel, corners, backend=self.backend)
+            structure: Any = build(case.accel, corners, backend=self.backend)
         else:
             started = self.clock()
-            found = LayeredCube.of(scene, case.resolution, backend=self.backend, **options)
-        return self.clock() - started, found
+            structure = LayeredCube.of(scene, case.resolution, backend=self.backend, **options)
+        return self.clock() - started, structure
 
     def _renderer(self, case: Case, frame: int, structure: Any) -> Renderer:
         if case.accel == "bvh":
@@ -264,18 +264,18 @@ class Bench:
         options: dict[str, Any] = {"secondary": structure} if case.accel == "ldc" else {"accel": case.accel}
         return Renderer(self.scenes[frame], backend=self.backend, bounces=1, **options)
 
-    def _frames(self, made: list[Renderer]) -> tuple[float, float]:
+    def _frames(self, renderers: list[Renderer]) -> tuple[float, float]:
         """Return the least seconds of a picture and of its exact one, rendered alternately."""
-        for renderer, exact in zip(made, self.exact, strict=False):
+        for renderer, exact in zip(renderers, self.exact, strict=False):
             renderer.render(self.small)  # drivers compile once more when a kernel runs for the first time
             exact.render(self.size)  # OpenCL tries widths of packets in the first large picture
-        found: list[tuple[float, float]] = []
-        for k in range(max(ROUNDS, len(made))):
-            frame = k % len(made)
-            found.append((self._time(made[frame]), self._time(self.exact[frame])))
-            if k and found[-1][0] > _SLOW:
+        durations: list[tuple[float, float]] = []
+        for k in range(max(ROUNDS, len(renderers))):
+            frame = k % len(renderers)
+            durations.append((self._time(renderers[frame]), self._time(self.exact[frame])))
+            if k and durations[-1][0] > _SLOW:
                 break
-        times, exact_times = zip(*found, strict=True)
+        times, exact_times = zip(*durations, strict=True)
         return min(times), min(exact_times)
 
     def _time(self, renderer: Renderer) -> float:
@@ -292,11 +292,11 @@ class Bench:
 
     def _wrong(self, shoot: Intersector, kind: str) -> Wrong:
         """Compare the hits of rays with the exact ones, and time both alternately."""
-        found, exact = self._ask(shoot, kind), self.answers[kind]
+        answers, exact = self._ask(shoot, kind), self.answers[kind]
         is_shadow = kind == "shadow"
-        hit, wanted = (found, exact) if is_shadow else (np.isfinite(found), np.isfinite(exact))
-        both = hit & wanted
-        apart = np.abs(found[both] - exact[both]) > MISPLACED if not is_shadow else np.zeros(1, bool)
+        hit, exact_hit = (answers, exact) if is_shadow else (np.isfinite(answers), np.isfinite(exact))
+        both = hit & exact_hit
+        apart = np.abs(answers[both] - exact[both]) > MISPLACED if not is_shadow else np.zeros(1, bool)
         count = max(len(exact), 1)
         times: list[list[float]] = [[], []]
         for k in range(ROUNDS):
@@ -306,5 +306,5 @@ class Bench:
                 seconds.append(self.clock() - started)
             if k and times[0][-1] > _SLOW:
                 break
-        missed, false, misplaced = (int(wrong.sum()) / count for wrong in (wanted & ~hit, hit & ~wanted, apart))
+        missed, false, misplaced = (int(wrong.sum()) / count for wrong in (exact_hit & ~hit, hit & ~exact_hit, apart))
         return Wrong(len(exact), missed, false, misplaced, min(times[0]), min(times[1]))

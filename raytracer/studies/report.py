@@ -33,14 +33,14 @@ def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
 
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
-    known = {b.name: b.devices[0].name for b in sh.backends() if b.available}
-    names = list(known) if backends is None else list(backends)
+    devices = {b.name: b.devices[0].name for b in sh.backends() if b.available}
+    names = list(devices) if backends is None else list(backends)
     if not names:
         raise SceneError("a study needs a backend: `raytracer doctor` says what is missing")
     for name in names:
-        if name not in known:
+        if name not in devices:
             raise sh.BackendUnavailable(f"{name} is not available", cure="raytracer doctor, which says why")
-    return {name: known[name] for name in names}
+    return {name: devices[name] for name in names}
 
 
 def machine() -> str:
@@ -116,9 +116,9 @@ def new_figure(path: str | Path, size: tuple[float, float] = (10, 6)) -> Any:
     except ImportError as error:
         raise SceneError(f"plots need matplotlib: {sh.packages.install('matplotlib')}") from error
     figure = Figure(figsize=size, layout="constrained")
-    known = sorted(figure.canvas.get_supported_filetypes())
-    if path.suffix[1:].lower() not in known:
-        raise SceneError(f"{path}: plots are written as .{', .'.join(known)}, not as {path.suffix or 'this'}")
+    formats = sorted(figure.canvas.get_supported_filetypes())
+    if path.suffix[1:].lower() not in formats:
+        raise SceneError(f"{path}: plots are written as .{', .'.join(formats)}, not as {path.suffix or 'this'}")
     for written in (path, path.with_suffix(".json")):
         sh.files.check_writable(written)
     return figure

@@ -210,9 +210,9 @@ def errors(image: Image, reference: Image) -> dict[str, float]:
     1/255 off in a channel, `objects` of those that show another object. `flip`, where flip-evaluator is installed, is
     the mean difference that is seen when both are shown in turns, from 0 to 1 (Andersson et al. 2020).
     """
-    seen, wanted = encoded(image.pixels), encoded(reference.pixels)
-    off = 255 * np.abs(seen - wanted)
-    return _flip(seen, wanted) | {
+    seen, expected = encoded(image.pixels), encoded(reference.pixels)
+    off = 255 * np.abs(seen - expected)
+    return _flip(seen, expected) | {
         "rmse": float(np.sqrt(np.mean(off**2))),
         "max": float(off.max()),
         "off": float((off.max(axis=-1) > 1).mean()),
@@ -220,12 +220,12 @@ def errors(image: Image, reference: Image) -> dict[str, float]:
     }
 
 
-def _flip(seen: Pixels, wanted: Pixels) -> dict[str, float]:
+def _flip(seen: Pixels, expected: Pixels) -> dict[str, float]:
     try:
         from flip_evaluator import evaluate
     except ImportError:  # the table then has no such column, as `errors` says
         return {}
-    _, mean, _ = evaluate(wanted.astype(np.float32), seen.astype(np.float32), "LDR", applyMagma=False)
+    _, mean, _ = evaluate(expected.astype(np.float32), seen.astype(np.float32), "LDR", applyMagma=False)
     return {"flip": float(mean)}
 
 
@@ -243,8 +243,8 @@ def tradeoff(
 
 def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -> tuple[Variant, Renderer]:
     """Return the variant that `tradeoff` picks, and what renders it; SceneError if there is none."""
-    found, renderers = _measured(scene, max_error, backend, bounces, None)
-    return found.pick.variant, renderers[found.pick.variant]
+    comparison, renderers = _measured(scene, max_error, backend, bounces, None)
+    return comparison.pick.variant, renderers[comparison.pick.variant]
 
 
 def _measured(
@@ -265,20 +265,23 @@ def _measured(
     for camera in cameras:
         told(len(references), total)
         references.append(exact.render(SIZE, camera=camera))
-    made: list[tuple[Variant, Renderer]] = []
+    built_renderers: list[tuple[Variant, Renderer]] = []
     skipped = []
     for done, variant in enumerate(variants, len(cameras)):
         told(done, total)
         try:
-            made.append((variant, Renderer(scene, integrator=variant.integrator, backend=backend)))
+            built_renderers.append((variant, Renderer(scene, integrator=variant.integrator, backend=backend)))
         except sh.CompileError as error:
             skipped.append((str(variant), error.message))
         except SceneError as error:  # of a cube that memory does not hold
             skipped.append((str(variant), str(error)))
     told(total, total)
-    candidates = [_candidate(v, r, t, cameras, references) for (v, r), t in zip(made, _times(made), strict=True)]
+    candidates = [
+        _candidate(v, r, t, cameras, references)
+        for (v, r), t in zip(built_renderers, _times(built_renderers), strict=True)
+    ]
     candidates.sort(key=lambda c: c.seconds)
-    return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped)), dict(made)
+    return Tradeoff(scene.name, backend, max_error, tuple(candidates), tuple(skipped)), dict(built_renderers)
 
 
 def beside(camera: Camera | None) -> Camera:
@@ -310,10 +313,10 @@ def _variants(scene: Scene, bounces: int) -> list[Variant]:
     numbers = range(bounces + 1) if mirrors else (0,)
     accelerators = [a for a in ACCELERATORS if a != "brute" or scene.triangles <= _BRUTE]
     modes = [("f32", "strict"), ("f32", "relaxed"), ("f32", "fast"), ("f64", "strict"), ("f16", "strict")]
-    made = [Variant(p, m, "bvh", n) for (p, m), n in itertools.product(modes, numbers)]
+    variants = [Variant(p, m, "bvh", n) for (p, m), n in itertools.product(modes, numbers)]
     if scene.triangles > _BRUTE and (scene.lights or (mirrors and bounces)):  # else there is no secondary ray
         accelerators += LAYERED
-    return made + [Variant("f32", "strict", a, bounces if mirrors else 0) for a in accelerators if a != "bvh"]
+    return variants + [Variant("f32", "strict", a, bounces if mirrors else 0) for a in accelerators if a != "bvh"]
 
 
 def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
@@ -327,20 +330,20 @@ def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
         return Renderer(scene, integrator=exact, backend="numpy")
 
 
-def _times(made: Sequence[tuple[Variant, Renderer]]) -> list[tuple[float, tuple[float, float]]]:
+def _times(renderers: Sequence[tuple[Variant, Renderer]]) -> list[tuple[float, tuple[float, float]]]:
     """Return the seconds of a picture by each renderer, the median of the rounds, and their quartiles."""
-    found: list[tuple[float, tuple[float, float]]] = sh.accuracy.pareto.timed(
-        [partial(renderer.render, SIZE) for _, renderer in made], ROUNDS, _ENOUGH
+    times: list[tuple[float, tuple[float, float]]] = sh.accuracy.pareto.timed(
+        [partial(renderer.render, SIZE) for _, renderer in renderers], ROUNDS, _ENOUGH
     )
-    return found
+    return times
 
 
 def _candidate(
     variant: Variant,
     renderer: Renderer,
-    taken: tuple[float, tuple[float, float]],
+    timing: tuple[float, tuple[float, float]],
     cameras: Sequence[Any],
     references: Sequence[Image],
 ) -> Candidate:
-    found = [errors(renderer.render(SIZE, camera=c), r) for c, r in zip(cameras, references, strict=True)]
-    return Candidate(variant, *taken, found[0], max(found[1:], key=lambda e: e["rmse"]))
+    errors_by_camera = [errors(renderer.render(SIZE, camera=c), r) for c, r in zip(cameras, references, strict=True)]
+    return Candidate(variant, *timing, errors_by_camera[0], max(errors_by_camera[1:], key=lambda e: e["rmse"]))

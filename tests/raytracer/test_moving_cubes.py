@@ -46,14 +46,14 @@ def exact():
 @pytest.fixture
 def made(monkeypatch):
     """The cubes that are made, as the numbers of their triangles."""
-    counts, own = [], cubes._made
+    counts, own = [], cubes._build_cube
 
     def counted(*given):
         found = own(*given)
         counts.append(len(found.triangles) // 3)
         return found
 
-    monkeypatch.setattr(cubes, "_made", counted)
+    monkeypatch.setattr(cubes, "_build_cube", counted)
     return counts
 
 
