@@ -28,7 +28,8 @@ RUN = [
     "README.md", "docs/texts.md", "docs/language.md", "docs/library.md", "docs/streams.md", "docs/testing.md",
     "docs/accuracy.md", "docs/clusters.md",
     "docs/shadertoy.md", "docs/live.md",
-    "docs/raytracer.md", "docs/raytracer-files.md", "docs/tutorial.md",
+    "docs/raytracer.md", "docs/raytracer-pictures.md", "docs/raytracer-rays.md", "docs/raytracer-files.md",
+    "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)
 TABLES = [

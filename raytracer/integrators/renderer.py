@@ -166,8 +166,8 @@ class Renderer:
         A scene fits if it has as many meshes, with the same names and as many vertices and faces each, and as many
         lights of the same kinds. Of such a scene only the differences are sent: positions, numbers of materials,
         lights, background and ambient. Nothing is compiled for new numbers. Any other scene rebuilds everything, which
-        `builds` counts, and so does a number that needs other code: see docs/raytracer.md. Raises SceneError as a new
-        Renderer does, and then keeps its scene.
+        `builds` counts, and so does a number that needs other code: see docs/raytracer-pictures.md. Raises SceneError
+        as a new Renderer does, and then keeps its scene.
         """
         check_scene(scene, self.integrator)
         if self._takes(scene):
