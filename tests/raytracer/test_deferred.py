@@ -94,11 +94,12 @@ def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):
     assert 0 < np.abs(found.pixels - exact.pixels).max() < 3e-3
 
 
+@pytest.mark.parametrize("sizes", [(16, 32, 128), pytest.param((16, 64, 256), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hit", ["plane", "triangle"])
-def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit):
+def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit, sizes):
     """The floor is two triangles with a texture: each texel has its own colour, by the exact test as well."""
     made, errors = scene(), []
-    for n in (16, 32, 128):
+    for n in sizes:
         cubes = (LayeredCube.of(made, n, backend="numpy", hit=hit, shading=s) for s in ("exact", "deferred"))
         errors.append(difference(*(render(made, SIZE, backend="numpy", bounces=2, secondary=c) for c in cubes)))
     assert 1 > errors[0] > errors[1] > 2 * errors[2]
