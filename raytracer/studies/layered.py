@@ -139,12 +139,12 @@ class Study:
         The pictures have the path's name with "-pictures" at its end. Raises as `new_figure`.
         """
         path = Path(path)
-        figure = new_figure(path, (15, 9))
+        figure = new_figure(path, (15, 11))
         axes = figure.subplots(2, 3)
         backend = next(iter(self.backends))
         self._draw_table(axes[0, 0], axes[0, 1], backend)
         self._draw_errors(axes.flat[2:], self.studied(backend))
-        finish(axes.flat, fontsize=6, framealpha=0.4)
+        finish(axes.flat, fontsize=7, ncol=3, loc="upper center", bbox_to_anchor=(0.5, -0.13))  # not over the data
         save_figure(figure, path, self.json(), self.csv(), dpi=100)
         self.compare(path.with_stem(f"{path.stem}-pictures"))
 
