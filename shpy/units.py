@@ -65,25 +65,25 @@ def ulp(found: Any, exact: Any = None) -> Budget | Array:
     return ulps(judged.astype(np.float64) if judged.dtype.kind in "iu" else judged, high, rest=rest)
 
 
-def ulps(found: Array, exact: Array, *, dtype: Any = None, rest: Array | None = None) -> Array:
-    """Return |found - exact| in units in the last place of `exact` in the type of `found` (or in `dtype`), float64.
+def ulps(results: Array, exact: Array, *, dtype: Any = None, rest: Array | None = None) -> Array:
+    """Return |results - exact| in units in the last place of `exact` in the type of `results` (or in `dtype`), float64.
 
     The unit is the spacing of the numbers around `exact`: below the least normal number that of the denormals (as in
     OpenCL C 3.0 section 7.4), past the largest finite one that of the largest. Two NaNs are 0 apart, a NaN and a number
     infinitely; an infinity and what rounds to it 0. `rest` is what `exact`, in float64, leaves of the exact number.
     """
-    info = np.finfo(dtype or found.dtype)
+    info = np.finfo(dtype or results.dtype)
     with np.errstate(all="ignore"):
         wide = exact.astype(np.float64)
         magnitude = np.clip(np.abs(wide), float(info.tiny), float(info.max))
         unit = np.ldexp(1.0, np.frexp(magnitude)[1] - 1 - info.nmant)
-        difference = found.astype(np.float64) - wide
+        difference = results.astype(np.float64) - wide
         if rest is not None:
             difference = difference - rest
         away = np.abs(difference) / unit
-        rounded = exact.astype(found.dtype)
-    same = (found == rounded) & ~np.isfinite(found)
-    same |= np.isnan(found) & np.isnan(wide)
+        rounded = exact.astype(results.dtype)
+    same = (results == rounded) & ~np.isfinite(results)
+    same |= np.isnan(results) & np.isnan(wide)
     return np.asarray(np.where(same, 0.0, np.where(np.isnan(away), np.inf, away)))
 
 

@@ -46,12 +46,12 @@ class Appearance:
         self.shades = _distinct([material.shade for material in materials])
         self.several = len({material.shade for material in materials}) > 1
         self.count = len(materials)
-        self.examined = found = [examine_surface(program) for program in self.surfaces]
+        self.examined = examinations = [examine_surface(program) for program in self.surfaces]
         for program in self.shades:
             examine_shade(program)
         self.textured = [name for name in PICTURED if any(name in material.textures for material in materials)]
-        self.gives = frozenset(self.textured).union(*(examined.gives for examined in found))
-        gives = {program: examined.gives for program, examined in zip(self.surfaces, found, strict=True)}
+        self.gives = frozenset(self.textured).union(*(examined.gives for examined in examinations))
+        gives = {program: examined.gives for program, examined in zip(self.surfaces, examinations, strict=True)}
         self.glowing = [
             material.surface is not None and "emission" in gives[material.surface] for material in materials
         ]
@@ -60,8 +60,8 @@ class Appearance:
             or (material.surface is not None and "transmission" in gives[material.surface])
             for material in materials
         ]
-        self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in found))
-        reading = {p for p, examined in zip(self.surfaces, found, strict=True) if "uv" in examined.reads}
+        self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in examinations))
+        reading = {p for p, examined in zip(self.surfaces, examinations, strict=True) if "uv" in examined.reads}
         for material, name in zip(materials, layout.without_uv, strict=True):
             if name and (material.textures or material.surface in reading):
                 reader = "a Texture" if material.textures else place_of(material.surface)
@@ -82,7 +82,7 @@ class Appearance:
         """Return True if there are textures or programs."""
         return bool(self.surfaces or self.shades or self.textured)
 
-    def describe(self, material: Any, hit: Hit, given: dict[str, Any], tilted: Callable[[Any], Any]) -> None:
+    def describe(self, material: Any, hit: Hit, variables: dict[str, Any], tilted: Callable[[Any], Any]) -> None:
         """Store what textures and programs say of a point into the variables of these names.
 
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
@@ -95,18 +95,18 @@ class Appearance:
             with SH_IF(picture >= 0):
                 color = self.atlas.sample(picture, hit.uv)
                 if name == "normal_map":
-                    given["normal"][:] = tilted(color)
+                    variables["normal"][:] = tilted(color)
                 elif name == "color":
-                    given[name] *= color
+                    variables[name] *= color
                 else:
-                    given[name][:] = color if name == "emission" else color.r
+                    variables[name][:] = color if name == "emission" else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():
-                    given[name][:] = sh.normalize(value) if name == "normal" else value
+                    variables[name][:] = sh.normalize(value) if name == "normal" else value
         for name in ("reflectivity", "transmission"):
             if name in self.gives:
-                given[name][:] = sh.clamp(given[name], 0, 1)
+                variables[name][:] = sh.clamp(variables[name], 0, 1)
 
     def number_at(self, name: str, material: Any, uv: Callable[[], Any], otherwise: Any) -> Any:
         """Return the number of a material's texture at `uv()`, which is recorded for it alone, or `otherwise`."""
@@ -144,6 +144,6 @@ def _distinct(programs: Sequence[Program | None]) -> list[Program]:
     return list(dict.fromkeys(program for program in programs if program is not None))
 
 
-def _numbered(known: Sequence[Any]) -> dict[Any, int]:
+def _numbered(items: Sequence[Any]) -> dict[Any, int]:
     """Return the place of each program or texture, counted from 1; None has the number 0."""
-    return {None: 0} | {one: number for number, one in enumerate(known, 1)}
+    return {None: 0} | {one: number for number, one in enumerate(items, 1)}

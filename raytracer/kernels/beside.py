@@ -36,10 +36,10 @@ class GridBeside(Walk):
 
     def bounded(self, bound: AheadBound | None) -> Self:
         """Return the walk through the same tables with another bound of rays that may start from a triangle."""
-        found = copy(self)
-        found.bound = bound
-        found.grid, found.objects = self.grid.bounded(bound), self.objects.bounded(bound)
-        return found
+        walk = copy(self)
+        walk.bound = bound
+        walk.grid, walk.objects = self.grid.bounded(bound), self.objects.bounded(bound)
+        return walk
 
     def renew(self, forest: Forest, changes: Sequence[Change]) -> None:
         """Update the parts of the tables that changed; see `BvhIntersector.renew`."""

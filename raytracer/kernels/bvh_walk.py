@@ -39,7 +39,7 @@ class BvhIntersector(Walk):
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
         self.triangles = Triangles.of(triangles, bvh.low.dtype)
-        rows, levels = self.triangles.given
+        rows, levels = self.triangles.sources
         leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
         self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
         self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items], copy=False)

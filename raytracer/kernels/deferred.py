@@ -49,19 +49,19 @@ class SampledSurfaces:
         self._inputs = cube.numbers_of, cube.weights
         self._program = _program(surfaces)
         self._kernel = self._program.compile(backend, loop_limit=None)
-        self._table = sh.Table(self._made(), sh.Attrib2u, "shades")
+        self._table = sh.Table(self._shade(), sh.Attrib2u, "shades")
         self._shaded_with = self._data()
 
     def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
         """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
         if ranges is None:
-            self._table.update(self._made())
+            self._table.update(self._shade())
         triangles = self._inputs[0]
         for first, past in ranges or ():
-            found = np.flatnonzero((triangles >= first) & (triangles < past))
-            if len(found):  # an object's samples lie together
-                span = slice(found[0], found[-1] + 1)
-                self._table.update(self._made(span), start=int(found[0]))
+            samples = np.flatnonzero((triangles >= first) & (triangles < past))
+            if len(samples):  # an object's samples lie together
+                span = slice(samples[0], samples[-1] + 1)
+                self._table.update(self._shade(span), start=int(samples[0]))
         self._shaded_with = self._data()
 
     def follow(self) -> None:
@@ -79,10 +79,10 @@ class SampledSurfaces:
         row = self._table[sample]
         return unpacked_normal(row.y), unpacked_color(row.x)
 
-    def _made(self, span: slice = slice(None)) -> NDArray[np.uint32]:
+    def _shade(self, span: slice = slice(None)) -> NDArray[np.uint32]:
         if not len(self._inputs[0]):
             return np.zeros((1, 2), np.uint32)
-        return np.stack([np.asarray(part) for part in self._kernel(*(given[span] for given in self._inputs))], axis=1)
+        return np.stack([np.asarray(part) for part in self._kernel(*(column[span] for column in self._inputs))], axis=1)
 
 
 def surface_tables(layout: Layout, triangles: Triangles, backend: str) -> SurfaceTables:

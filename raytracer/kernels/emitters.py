@@ -118,27 +118,27 @@ class Emitters:
 
     def aim(self, surface: Interaction, random: Any) -> Aim:
         """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
-        found = Aim()
+        aim = Aim()
         place, number, density = self.chances.choose(random(0), random(1))
         u, v = sh.unit_float(random(2)), sh.unit_float(random(3))
         if self.placed.count:
             with SH_IF(place < self.first):
-                self._aim_placed(found, surface, number, density)
+                self._aim_placed(aim, surface, number, density)
         if self.shining:
             with SH_IF((place >= self.first) & (place < self.last)):
-                self._aim_triangle(found, surface, number, density, u, v)
+                self._aim_triangle(aim, surface, number, density, u, v)
         if self.around is not None:
             with SH_IF(place >= self.last):
-                self._aim_around(found, self.around, surface, random, u, v)
-        return found
+                self._aim_around(aim, self.around, surface, random, u, v)
+        return aim
 
-    def _aim_placed(self, found: Aim, surface: Interaction, number: Any, chance: Any) -> None:
+    def _aim_placed(self, aim: Aim, surface: Interaction, number: Any, chance: Any) -> None:
         eye = sh.Point3f(0, 0, 0)
         color = sh.Color3f(0, 0, 0)
-        self.placed.aim(number, surface, found.ray, eye, found.limit, color)
-        found.incoming[:] = (pi / chance) * color
+        self.placed.aim(number, surface, aim.ray, eye, aim.limit, color)
+        aim.incoming[:] = (pi / chance) * color
 
-    def _aim_triangle(self, found: Aim, surface: Interaction, number: Any, density: Any, u: Any, v: Any) -> None:
+    def _aim_triangle(self, aim: Aim, surface: Interaction, number: Any, density: Any, u: Any, v: Any) -> None:
         hit = RayHit(FAR)
         over = u + v > 1
         hit.id[:] = number
@@ -148,27 +148,27 @@ class Emitters:
         square = sh.dot(toward, toward)
         with SH_IF(square > 0):
             hit.l[:] = sh.sqrt(square)
-            found.ray[:] = toward / hit.l
-            cosine = abs(sh.dot(sh.Normal3f(*(corner.w for corner in corners)), found.ray))
+            aim.ray[:] = toward / hit.l
+            cosine = abs(sh.dot(sh.Normal3f(*(corner.w for corner in corners)), aim.ray))
             glow = self.surfaces.glow_at(hit)
             emission = sh.Color3f(glow.rgb)
             if "emission" in self.surfaces.appearance.gives:
-                self.surfaces.arrive(hit, found.ray, surface.inter, Interaction(clear=self.surfaces.clear), emission)
+                self.surfaces.arrive(hit, aim.ray, surface.inter, Interaction(clear=self.surfaces.clear), emission)
             if self.surfaces.accept is not None:
                 emission *= sh.cond(self.surfaces.accept(CandidateHit(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):
-                found.incoming[:] = (cosine / (square * density)) * emission
-                found.density[:] = self.per_glow * glow.w * square / cosine
-                found.limit[:] = NEARER * hit.l
+                aim.incoming[:] = (cosine / (square * density)) * emission
+                aim.density[:] = self.per_glow * glow.w * square / cosine
+                aim.limit[:] = NEARER * hit.l
 
-    def _aim_around(self, found: Aim, around: Environment, surface: Interaction, random: Any, u: Any, v: Any) -> None:
+    def _aim_around(self, aim: Aim, around: Environment, surface: Interaction, random: Any, u: Any, v: Any) -> None:
         ray, density = around.sample(surface, random, u, v)
-        found.ray[:] = ray
-        found.density[:] = self.share_around * density
+        aim.ray[:] = ray
+        aim.density[:] = self.share_around * density
         with SH_IF(density > 0):
-            found.incoming[:] = sh.Color3f(1, 1, 1) / found.density
-            found.limit[:] = FAR
-        found.around[:] = True
+            aim.incoming[:] = sh.Color3f(1, 1, 1) / aim.density
+            aim.limit[:] = FAR
+        aim.around[:] = True
 
     def density_of(self, hit: RayHit, ray: Any, face: Any, way: Any) -> Any:
         """Return the density, per steradian, with which `aim` chooses the direction to the triangle that was hit.
@@ -228,14 +228,14 @@ def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:
     y, x = np.mgrid[:height, :width] + 0.5
     edges = np.cos(np.linspace(0, pi, height + 1))
     light = image.mean(axis=2, dtype=np.float64) * (edges[:-1] - edges[1:])[:, None] / (2 * width)
-    found = np.zeros(rows * columns)
+    sums = np.zeros(rows * columns)
     for down in offsets:
         for across in offsets:
             level = np.cos(np.clip((y + down) / height, 0, 1) * pi)
             row = np.minimum(((1 - level) * (rows / 2)).astype(int), rows - 1)
             column = ((x + across) % width * (columns / width)).astype(int) % columns
-            found += np.bincount((row * columns + column).ravel(), (light / len(offsets) ** 2).ravel(), len(found))
-    return (found * len(found)).reshape(rows, columns)
+            sums += np.bincount((row * columns + column).ravel(), (light / len(offsets) ** 2).ravel(), len(sums))
+    return (sums * len(sums)).reshape(rows, columns)
 
 
 def shining_triangles(layout: Layout, glow: Rows) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:

@@ -38,23 +38,23 @@ class Waiting:
 class Stack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
-    def __init__(self, places: int, held: list[Any]) -> None:
+    def __init__(self, places: int, body_arrays: list[Any]) -> None:
         waiting = sh.Array(Waiting, places)  # which names the arrays in emitted texts
-        self.rays, self.held = waiting, held
+        self.rays, self.bodies = waiting, body_arrays
         count = sh.Attrib1i(0)
         self.count = count
 
-    def push(self, ray: Waiting, held: Held | None) -> None:
+    def push(self, ray: Waiting, ray_bodies: Held | None) -> None:
         """Let a ray wait."""
         self.rays[self.count] = ray
-        for row, slot in zip(self.held, held.slots if held else (), strict=True):
+        for row, slot in zip(self.bodies, ray_bodies.slots if ray_bodies else (), strict=True):
             row[self.count] = slot
         self.count += 1
 
-    def pop(self, held: Held | None) -> Any:
-        """Return the ray that came last; `held` become its bodies."""
+    def pop(self, ray_bodies: Held | None) -> Any:
+        """Return the ray that came last; `ray_bodies` become its bodies."""
         self.count -= 1
-        for row, slot in zip(self.held, held.slots if held else (), strict=True):
+        for row, slot in zip(self.bodies, ray_bodies.slots if ray_bodies else (), strict=True):
             slot[:] = row[self.count]
         return self.rays[self.count]
 
@@ -81,18 +81,18 @@ class GlassTracer(Tracer):
         path, surface, pixel = self.begin()
         rays, media = pixel.rays, self.surfaces.media
         share = sh.Color3f(1, 1, 1)
-        held, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
+        ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
         waiting, limit, lightcol = Stack(self.places, rows), sh.Attrib1f(far()), sh.Color3f(0, 0, 0)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
-        self.surfaces.begin(held, self.intersector, eye)
+        self.surfaces.begin(ray_bodies, self.intersector, eye)
         with SH_DO():
             with SH_IF(~through):
                 limit[:] = far()
                 lightcol[:] = 0
                 self.aim(path, surface, ray, eye, limit, lightcol)
-                self.surfaces.take(shadow, held)
+                self.surfaces.take(shadow, ray_bodies)
             hit = self.surfaces.meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
             rays += sh.cond(limit > 0, 1, 0)
             with SH_IF(path.tracing):
@@ -106,7 +106,7 @@ class GlassTracer(Tracer):
                     reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
                     with SH_IF(pixel.object < 0):
                         self.note(pixel, hit, surface)
-                    share *= self.surfaces.reach(held, hit, surface)
+                    share *= self.surfaces.reach(ray_bodies, hit, surface)
                     reflected, bent[:] = refracted(surface)
                     opaque = 1 - surface.transmission
                     local[:] = opaque * (1 - reflectivity)
@@ -122,7 +122,7 @@ class GlassTracer(Tracer):
                     self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through, shadow)
             with SH_IF((path.shadows == 0) & ~through):
                 path.color += share * (local * path.scolor)
-                self.branch(path, surface, share, waiting, held, (mirror, clear, bent), ray, eye)
+                self.branch(path, surface, share, waiting, ray_bodies, (mirror, clear, bent), ray, eye)
             SH_UNTIL(path.finished)
         return pixel
 
@@ -168,7 +168,7 @@ class GlassTracer(Tracer):
         surface: Interaction,
         share: Any,
         waiting: Stack,
-        held: Held | None,
+        ray_bodies: Held | None,
         rays: Any,
         ray: Any,
         eye: Any,
@@ -182,9 +182,9 @@ class GlassTracer(Tracer):
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):
-                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, path.r), held)
-            if held is not None:
-                held.cross()
+                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, path.r), ray_bodies)
+            if ray_bodies is not None:
+                ray_bodies.cross()
             ray[:] = bent
             eye[:] = surface.beyond
             share *= clear
@@ -195,7 +195,7 @@ class GlassTracer(Tracer):
                 share *= mirror
             with SH_ELSE():
                 path.finished[:] = waiting.count == 0
-                last = waiting.pop(held)
+                last = waiting.pop(ray_bodies)
                 ray[:] = last.direction
                 eye[:] = last.eye
                 share[:] = last.share

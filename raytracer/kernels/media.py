@@ -112,7 +112,7 @@ class Media:
         if self.wades:
             self.reference.value = middle
 
-    def held(self) -> Held:
+    def make_ray_bodies(self) -> Held:
         """Return the variables of a ray that is in no body."""
         slots, beyond = ([sh.Attrib1i(0) for _ in self.start] for _ in range(2))
         return Held(slots, Held(beyond))
@@ -120,7 +120,7 @@ class Media:
     def of_rays(self, waiting: int) -> tuple[Held, Held, list[Any]]:
         """Return the bodies of a ray and of its shadow ray, and for each slot an array for those of rays that wait."""
         waiting_bodies = [sh.Array(sh.Attrib1i, waiting) for _ in self.start]
-        return self.held(), self.held(), waiting_bodies
+        return self.make_ray_bodies(), self.make_ray_bodies(), waiting_bodies
 
     def surface_of(self, number: Any, ray: Any) -> Any:
         """Return twice the body to whose surface a triangle belongs, and 1 more where the ray leaves it."""
@@ -153,12 +153,12 @@ class Media:
                 hit.places[0].take(other)
             other.surface[:] = sh.cond(touches & (other.surface > 0), other.surface, 0)
 
-    def begin(self, held: Held, meet: Callable[..., RayHit], behind: Callable[..., Any], eye: Any) -> None:
-        """Let `held` be the bodies in which an eye ray from `eye` starts.
+    def begin(self, ray_bodies: Held, meet: Callable[..., RayHit], behind: Callable[..., Any], eye: Any) -> None:
+        """Let `ray_bodies` be the bodies in which an eye ray from `eye` starts.
 
         `meet(ray, eye, limit)` finds a hit, and `behind(hit, ray, eye)` is where the ray goes on.
         """
-        for slot, start in zip(held.slots, self.start, strict=True):
+        for slot, start in zip(ray_bodies.slots, self.start, strict=True):
             slot[:] = start
         if not self.wades:
             return
@@ -169,41 +169,41 @@ class Media:
         with SH_DO():
             hit = meet(ray, place, left)
             with SH_IF(hit.id >= 0):
-                self.reach(held, hit, (self.surface_of(hit.id, ray) & 1) == 0, 1.0)
-                held.cross()
+                self.reach(ray_bodies, hit, (self.surface_of(hit.id, ray) & 1) == 0, 1.0)
+                ray_bodies.cross()
                 place[:] = behind(hit, ray, place)
             left[:] = sh.cond(hit.id >= 0, left - hit.l, 0.0)
             SH_UNTIL(left <= 0)
 
-    def reach(self, held: Held, hit: RayHit, outside: Any, ior: Any) -> tuple[Any, Any]:
+    def reach(self, ray_bodies: Held, hit: RayHit, outside: Any, ior: Any) -> tuple[Any, Any]:
         """Take in a hit of a surface from `outside`, or from inside, whose body has the refractive index `ior`.
 
-        `held` is corrected by it. Return the share of light that the way to the hit has left, and the refractive index
-        inside relative to that outside: 1 where the medium does not change.
+        `ray_bodies` is corrected by it. Return the share of light that the way to the hit has left, and the refractive
+        index inside relative to that outside: 1 where the medium does not change.
         """
         if isinstance(hit, TouchingHit):
             body, others = sh.max(hit.surface >> 1, 0), [other.surface for other in hit.others]
         else:
             body, others = sh.max(self.body_of[hit.id], 0), []
-        held.put(body, ~outside)
+        ray_bodies.put(body, ~outside)
         for other in others:
-            held.put(sh.cond(other >> 1 == body, 0, other >> 1), (other & 1) == 1)
-        assert held.beyond is not None
-        held.beyond.take(held)
-        held.beyond.put(body, outside)
+            ray_bodies.put(sh.cond(other >> 1 == body, 0, other >> 1), (other & 1) == 1)
+        assert ray_bodies.beyond is not None
+        ray_bodies.beyond.take(ray_bodies)
+        ray_bodies.beyond.put(body, outside)
         for other in others:
-            held.beyond.put(other >> 1, (other & 1) == 0)
-        before, after = (self.index_in(part.innermost(), body, ior) for part in (held, held.beyond))
-        return self.kept(held, hit.l), sh.cond(outside, after / before, before / after)
+            ray_bodies.beyond.put(other >> 1, (other & 1) == 0)
+        before, after = (self.index_in(part.innermost(), body, ior) for part in (ray_bodies, ray_bodies.beyond))
+        return self.kept(ray_bodies, hit.l), sh.cond(outside, after / before, before / after)
 
     def index_in(self, medium: Any, body: Any, ior: Any) -> Any:
         """Return the refractive index of a medium: `ior` for the body that was hit, as a program may say it."""
         return sh.cond(medium == body, sh.cond(body > 0, ior, 1.0), self.rows[medium].a)
 
-    def kept(self, held: Held, way: Any) -> Any:
+    def kept(self, ray_bodies: Held, way: Any) -> Any:
         """Return the share (r, g, b) of light that a way in the ray's medium leaves, by Beer's law."""
-        return sh.exp(-(way / self.scale) * self.rows[held.innermost()].rgb)
+        return sh.exp(-(way / self.scale) * self.rows[ray_bodies.innermost()].rgb)
 
-    def kept_to_light(self, held: Held, way: Any) -> Any:
+    def kept_to_light(self, ray_bodies: Held, way: Any) -> Any:
         """Return the same of the way to a light; nothing is lost to one that is infinitely far, beyond all bodies."""
-        return sh.cond(way < far(), self.kept(held, way), sh.Color3f(1, 1, 1))
+        return sh.cond(way < far(), self.kept(ray_bodies, way), sh.Color3f(1, 1, 1))

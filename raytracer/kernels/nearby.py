@@ -49,15 +49,15 @@ class BoxDistances:
 
     def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
         """Return the keys of a node's boxes, in two halves; see `keys_of`."""
-        found = []
+        boxes = []
         for half in range(2):
             sides = []
             for axis in range(3):
                 low, high = (sh.float_from_bits(records[row + (side + half)]) for side in (2 * axis, 2 * axis + 6))
                 sides.append(highest(low - self.point[axis], self.point[axis] - high, sh.Attrib4f(0)))
             begin = product(sides, sides)
-            found.append((begin, begin <= reach, records[row + (TAGS + half)]))
-        return keys_of(found)
+            boxes.append((begin, begin <= reach, records[row + (TAGS + half)]))
+        return keys_of(boxes)
 
 
 class TriangleDistances:

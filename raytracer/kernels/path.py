@@ -71,8 +71,8 @@ class PathSample:
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
-        self.held: Held | None = None if media is None else media.held()
-        self.shadow: Held | None = None if media is None else media.held()
+        self.ray_bodies: Held | None = None if media is None else media.make_ray_bodies()
+        self.shadow: Held | None = None if media is None else media.make_ray_bodies()
         if straight:
             through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
             rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
@@ -250,7 +250,7 @@ class PathTracer:
         path.finished[:] = False
         if self.straight:
             path.way[:] = 0
-        self.surfaces.begin(path.held, self.intersector, eye)
+        self.surfaces.begin(path.ray_bodies, self.intersector, eye)
 
     def pass_on(
         self, path: PathSample, hit: RayHit, ray: Any, eye: Any, limit: Any, pending: Any, lighted: Any
@@ -268,15 +268,15 @@ class PathTracer:
         self, path: PathSample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
     ) -> None:
         """Make the ray to a light, with `limit` 0 where the light could not be seen."""
-        found = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
-        value, density = self.bsdf.evaluate(surface, found.ray)
-        share = sh.cond(found.density > 0, self.aimed_share(found.density, density), 1.0)
-        pending[:] = path.throughput * value * found.incoming * share
-        ray[:] = found.ray
+        aim = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
+        value, density = self.bsdf.evaluate(surface, aim.ray)
+        share = sh.cond(aim.density > 0, self.aimed_share(aim.density, density), 1.0)
+        pending[:] = path.throughput * value * aim.incoming * share
+        ray[:] = aim.ray
         eye[:] = surface.inter
-        limit[:] = sh.cond(largest(abs(pending)) > 0, found.limit, 0.0)  # a light may be negative
-        around[:] = found.around
-        self.surfaces.take(path.shadow, path.held)
+        limit[:] = sh.cond(largest(abs(pending)) > 0, aim.limit, 0.0)  # a light may be negative
+        around[:] = aim.around
+        self.surfaces.take(path.shadow, path.ray_bodies)
 
     def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any, limit: Any) -> None:
         """Take in the light of a ray that has met nothing."""
@@ -313,8 +313,8 @@ class PathTracer:
         """Take in the light of the surface that was hit, and prepare what comes next."""
         emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
-        if path.held is not None:
-            path.throughput *= self.surfaces.reach(path.held, hit, surface)
+        if path.ray_bodies is not None:
+            path.throughput *= self.surfaces.reach(path.ray_bodies, hit, surface)
         with SH_IF(self.is_first(path)):
             pixel.depth[:] = hit.l
             pixel.normal[:] = surface.normal
@@ -377,8 +377,8 @@ class PathTracer:
         with SH_IF(path.clear & (path.random(6) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
-            if path.held is not None:
-                path.held.cross()
+            if path.ray_bodies is not None:
+                path.ray_bodies.cross()
 
     def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""

@@ -141,8 +141,8 @@ class HitList:
             taken = sh.Attrib1i(-1)
             u = sh.Attrib1f(0)
             v = sh.Attrib1f(0)
-            for held, variable in zip(self.columns, (distance, taken, u, v), strict=True):
-                held.append(variable)
+            for column, variable in zip(self.columns, (distance, taken, u, v), strict=True):
+                column.append(variable)
         self.l, self.id = self.t[-1], -1
 
     @property
@@ -160,9 +160,9 @@ class HitList:
                 here = self.is_before(t, number, place)
                 # What stands before it moves up where the new hit comes before that, too.
                 ahead = self.is_before(t, number, place - 1) if place else False
-                for held, new in zip(self.columns, found, strict=True):
-                    moved = sh.cond(ahead, held[place - 1], new) if place else new
-                    held[place][:] = sh.cond(here, moved, held[place])
+                for column, new in zip(self.columns, found, strict=True):
+                    moved = sh.cond(ahead, column[place - 1], new) if place else new
+                    column[place][:] = sh.cond(here, moved, column[place])
 
     def is_before(self, t: Any, number: Any, place: int) -> Any:
         """Return whether a hit comes before the one at `place`; a free place is at the limit."""
@@ -176,9 +176,9 @@ def intersect(walk: Walk, exact: bool) -> Any:
     def intersect(
         eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
     ) -> NearestHit:
-        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
-        hit = walk(given.ray, given.eye, given.near, given.limit, False)
-        return NearestHit(given.outside(hit.l, hit.id), hit.id, hit.uv, given.wrong)
+        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hit = walk(query.ray, query.eye, query.near, query.limit, False)
+        return NearestHit(query.outside(hit.l, hit.id), hit.id, hit.uv, query.wrong)
 
     return intersect
 
@@ -190,9 +190,9 @@ def occluded(walk: Walk, exact: bool) -> Any:
     def occluded(
         eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
     ) -> Met:
-        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
-        hit = walk(given.ray, given.eye, given.near, given.limit, True)
-        return Met(sh.Attrib1b(hit.id >= 0), given.wrong)
+        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hit = walk(query.ray, query.eye, query.near, query.limit, True)
+        return Met(sh.Attrib1b(hit.id >= 0), query.wrong)
 
     return occluded
 
@@ -204,10 +204,10 @@ def count(walk: Walk, exact: bool) -> Any:
     def count(
         eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
     ) -> Counted:
-        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
-        hits = HitCount(given.limit)
-        walk.collect(hits, given.ray, given.eye, given.near, given.near, False)
-        return Counted(hits.count, given.wrong)
+        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hits = HitCount(query.limit)
+        walk.collect(hits, query.ray, query.eye, query.near, query.near, False)
+        return Counted(hits.count, query.wrong)
 
     return count
 
@@ -218,9 +218,9 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
     `after` is in the kernel's coordinates; -infinity and -1 come before the first hit. The outputs are hits in fours,
     the last hit's distance in the kernel's coordinates, and whether the input is not a ray.
     """
-    made: Any = NamedTuple  # whose fields depend on the size
+    named_tuple: Any = NamedTuple  # whose fields depend on the size
     fours = [(f"hits_{k}", Four) for k in range(0, size, 4)]
-    outputs: Any = made("outputs", [*fours, ("last", sh.Attrib1f), ("wrong", sh.Attrib1b)])
+    outputs: Any = named_tuple("outputs", [*fours, ("last", sh.Attrib1f), ("wrong", sh.Attrib1b)])
 
     @sh.program
     def list_hits(
@@ -233,16 +233,16 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
         after: sh.Attrib1f,
         number: sh.Attrib1i,
     ) -> outputs:
-        given = GivenRay(eye, ray, near, limit, origin, scale, exact)
-        hits = HitList(size, given.limit, after, number)
-        begin = higher(given.near, after - REACH * abs(after))
-        walk.collect(hits, given.ray, given.eye, given.near, begin, False)
-        t = [given.outside(held, taken) for held, taken in zip(hits.t, hits.id_of, strict=True)]
-        found = []
+        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        hits = HitList(size, query.limit, after, number)
+        begin = higher(query.near, after - REACH * abs(after))
+        walk.collect(hits, query.ray, query.eye, query.near, begin, False)
+        t = [query.outside(distance, triangle) for distance, triangle in zip(hits.t, hits.id_of, strict=True)]
+        groups = []
         for k in range(0, size, 4):
             parts = (t, hits.id_of, hits.u, hits.v)
-            found.append(Four(*(kind(*part[k : k + 4]) for kind, part in zip(_KINDS, parts, strict=True))))
-        return outputs(*found, hits.l, given.wrong)
+            groups.append(Four(*(kind(*part[k : k + 4]) for kind, part in zip(_KINDS, parts, strict=True))))
+        return outputs(*groups, hits.l, query.wrong)
 
     return list_hits
 

@@ -258,18 +258,18 @@ class SurfaceTables:
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
-    def reach(self, held: Held | None, hit: RayHit, surface: Interaction) -> Any:
+    def reach(self, ray_bodies: Held | None, hit: RayHit, surface: Interaction) -> Any:
         """Return the share (r, g, b) of light that the way to a hit has left, in the medium that the ray was in.
 
         It also makes the surface's `ior` that inside relative to that outside.
         """
-        if self.media is None or held is None:
+        if self.media is None or ray_bodies is None:
             return sh.Color3f(1, 1, 1)
-        kept, ratio = self.media.reach(held, hit, surface.outside, surface.ior)
+        kept, ratio = self.media.reach(ray_bodies, hit, surface.outside, surface.ior)
         surface.ior[:] = ratio
         return kept
 
-    def passed(self, held: Held | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
+    def passed(self, ray_bodies: Held | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
         """Return the share (r, g, b) of light that comes to a hit and goes straight on, in the medium behind it.
 
         `straight`: only where it would not be refracted.
@@ -279,10 +279,10 @@ class SurfaceTables:
         clear = row.x
         if "transmission" in self.appearance.textured:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
-        if self.media is None or held is None:
+        if self.media is None or ray_bodies is None:
             return clear * sh.cond(row.y == 1, sh.Color3f(1, 1, 1), 0.0) if straight else clear * sh.Color3f(1, 1, 1)
-        kept, ratio = self.media.reach(held, hit, ~self.comes_from_inside(hit, ray), row.y)
-        held.cross()
+        kept, ratio = self.media.reach(ray_bodies, hit, ~self.comes_from_inside(hit, ray), row.y)
+        ray_bodies.cross()
         if straight:
             clear = sh.cond(ratio == 1, clear, 0.0)
         return clear * kept
@@ -296,16 +296,16 @@ class SurfaceTables:
         media.merge(hit, ray, lambda: self.behind(hit, ray, eye))
         return hit
 
-    def take(self, shadow: Held | None, held: Held | None) -> None:
+    def take(self, shadow: Held | None, ray_bodies: Held | None) -> None:
         """Let a shadow ray start in the medium of a ray."""
-        if shadow is not None and held is not None:
-            shadow.take(held)
+        if shadow is not None and ray_bodies is not None:
+            shadow.take(ray_bodies)
 
-    def begin(self, held: Held | None, walk: Any, eye: Any) -> None:
-        """Let `held` be the bodies in which an eye ray from `eye` starts."""
-        if self.media is not None and held is not None:
+    def begin(self, ray_bodies: Held | None, walk: Any, eye: Any) -> None:
+        """Let `ray_bodies` be the bodies in which an eye ray from `eye` starts."""
+        if self.media is not None and ray_bodies is not None:
             eyes = functools.partial(self.meet, walk, lambda: sh.Attrib1b(True))
-            self.media.begin(held, eyes, self.behind, eye)
+            self.media.begin(ray_bodies, eyes, self.behind, eye)
 
     def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
@@ -371,11 +371,11 @@ class SurfaceTables:
                 "outside": lambda: side > 0,
             }
         )
-        given = {"color": surface.color, "diffuse": diffuse, "specular": specular, "shininess": shininess}
-        given |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
+        variables = {"color": surface.color, "diffuse": diffuse, "specular": specular, "shininess": shininess}
+        variables |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
         if self.clear:
-            given |= {"transmission": surface.transmission, "ior": surface.ior}
-        self.appearance.describe(number, seen, given, lambda color: self.tilted(hit, surface.normal, side, color))
+            variables |= {"transmission": surface.transmission, "ior": surface.ior}
+        self.appearance.describe(number, seen, variables, lambda color: self.tilted(hit, surface.normal, side, color))
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
         if self.appearance.shades:
             surface.reflectivity[:] = reflectivity

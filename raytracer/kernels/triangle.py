@@ -162,9 +162,9 @@ class TouchingHit(RayHit):
                 same = ((place.surface == surface) & (place.id >= 0)).copy()
                 with SH_IF(~placed & (moved | (place.id < 0) | nearer)):
                     moved[:] = True
-                    held = place.copy()
+                    displaced = place.copy()
                     place.take(carried)
-                    carried.take(held)
+                    carried.take(displaced)
                 placed |= same
 
 
@@ -229,9 +229,9 @@ class Triangles:
         *,
         copy: bool = True,
     ) -> None:
-        self.given = rows, constant(self.levels_in(rows) if levels is None else levels)
+        self.sources = rows, constant(self.levels_in(rows) if levels is None else levels)
         self.rows = sh.Table(rows, sh.Attrib4f, name, copy=copy)
-        self.levels = sh.Table(self.given[1], sh.Attrib1f, f"levels_of_{name}", copy=False)
+        self.levels = sh.Table(self.sources[1], sh.Attrib1f, f"levels_of_{name}", copy=False)
         self.numbers = numbers
 
     @classmethod
@@ -252,10 +252,10 @@ class Triangles:
         """Return how far the planes of the triangles in `rows` are from 0."""
         levels = np.empty(len(rows) // 3)
         for part in parts(len(levels)):
-            held = rows.reshape(-1, 3, 4)[part].astype(np.float64, copy=False)
-            corners = held[..., :3]
+            wide_rows = rows.reshape(-1, 3, 4)[part].astype(np.float64, copy=False)
+            corners = wide_rows[..., :3]
             # Rounding rows to another precision keeps corners, which are exact in it, but not normals.
-            levels[part] = levels_of(corners, held[..., 3] if rows.dtype == np.float64 else normals_of(corners))
+            levels[part] = levels_of(corners, wide_rows[..., 3] if rows.dtype == np.float64 else normals_of(corners))
         return levels
 
     def renew(self, rows: NDArray[Any], levels: NDArray[np.float64], first: int) -> None:
@@ -312,9 +312,9 @@ class Walk(ABC):
 
     def bounded(self, bound: AheadBound | None) -> Self:
         """Return the walk through the same tables with another bound of rays that may start from a triangle."""
-        found = copy(self)
-        found.bound = bound
-        return found
+        walk = copy(self)
+        walk.bound = bound
+        return walk
 
     def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
         """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""

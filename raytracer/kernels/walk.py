@@ -75,9 +75,9 @@ class AloneWalk:
         found_places = cast(Any, NamedTuple("FoundPlaces", fields))
 
         def find(ray: Any, eye: Any, limit: Any, any_hit: Any) -> Any:
-            found = TouchingHit(limit, hit.accept, hit.surface_of, ray, len(hit.others))
-            self.walk.collect(found, ray, eye, 0.0, 0.0, any_hit)
-            return found_places(*(part for place in found.places for part in place.parts))
+            touching_hit = TouchingHit(limit, hit.accept, hit.surface_of, ray, len(hit.others))
+            self.walk.collect(touching_hit, ray, eye, 0.0, 0.0, any_hit)
+            return found_places(*(part for place in touching_hit.places for part in place.parts))
 
         inputs = {"ray": sh.Vector3f, "eye": sh.Point3f, "limit": sh.Attrib1f, "any_hit": sh.Attrib1b}
         find.__annotations__ = inputs | {"return": found_places}

@@ -60,7 +60,7 @@ class WideIntersector(Walk):
     def __init__(self, bvh: Bvh, triangles: Any, bound: AheadBound | None = None, backend: str = "numpy") -> None:
         self.bound = bound
         self.triangles = Triangles.of(triangles, np.float32)
-        wide = widen(bvh, *self.triangles.given, backend)
+        wide = widen(bvh, *self.triangles.sources, backend)
         self.last = wide.last
         self.records = sh.Table(wide.table.reshape(-1, HALF), sh.Attrib4u, "records", copy=False)
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
@@ -179,11 +179,11 @@ class Stack:
     def __init__(self, size: int) -> None:
         held = sh.Array(sh.Attrib2u, size)
         top = sh.Attrib1i(1)
-        self.held, self.top = held, top
+        self.entries, self.top = held, top
 
     def push(self, key: Any, first: Any) -> None:
         """Push a box onto the stack if the ray meets it. There is no branch, because processors would mispredict it."""
-        self.held[self.top] = sh.Attrib2u(sh.Attrib1u(child(key, first)), key)
+        self.entries[self.top] = sh.Attrib2u(sh.Attrib1u(child(key, first)), key)
         self.top += sh.cond(key != NONE, 1, 0)
 
     def push_all(self, keys: list[Any], first: Any) -> None:
@@ -203,8 +203,8 @@ class Stack:
         """Pop entries until one begins within `reach`, and return it; the bottom one begins at 0."""
         with SH_DO():
             self.top -= 1
-            SH_UNTIL(sh.float_from_bits(self.held[self.top].y) <= reach)
-        number, key = self.held[self.top]
+            SH_UNTIL(sh.float_from_bits(self.entries[self.top].y) <= reach)
+        number, key = self.entries[self.top]
         return number, key
 
 
@@ -240,14 +240,14 @@ class NodeTest:
         def along(axis: int, side: Any, inverse: Any) -> Any:
             return (sh.float_from_bits(records[row + half + side]) - self.eye[axis]) * inverse[axis]
 
-        found = []
+        boxes = []
         for half in range(2):
             x, y, z = (along(axis, self.first[axis], self.sooner) for axis in range(3))
             begin = higher(higher(x, y), higher(z, self.near))
             x, y, z = (along(axis, self.last[axis], self.later) for axis in range(3))
             end = lower(lower(x, y), lower(z, reach))
-            found.append((begin, begin <= end, records[row + (TAGS + half)]))
-        return found
+            boxes.append((begin, begin <= end, records[row + (TAGS + half)]))
+        return boxes
 
 
 class BlockTest:

@@ -14,7 +14,7 @@ from raytracer.kernels.triangle import Triangles
 
 def widened(bvh, corners, backend="numpy"):
     """Return the wide form of a hierarchy over triangles with these corners."""
-    return widen(bvh, *Triangles.of(triangle_rows(corners.astype(np.float64)), np.float32).given, backend)
+    return widen(bvh, *Triangles.of(triangle_rows(corners.astype(np.float64)), np.float32).sources, backend)
 
 
 def boxes_of(wide):
