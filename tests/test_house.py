@@ -154,6 +154,39 @@ def test_functions_are_short():
     assert long == []
 
 
+RIDDLES = {"found", "given", "made", "held", "known", "wanted", "taken", "said"}
+"""Participles that do not say what a value is."""
+
+
+def bound(node):
+    """Return the name that a node gives to a value, a parameter, an attribute or a function; None for other nodes."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+            return name
+        case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+            return name
+
+
+def test_names_are_nouns():
+    """The names that are left are public, such as `sh.accuracy.ulp(found, exact)`, or stand in emitted texts."""
+    places = [
+        f"{shown(path)}:{node.lineno} {bound(node)}"
+        for path, tree in trees().items()
+        for node in ast.walk(tree)
+        if (bound(node) or "").strip("_") in RIDDLES
+    ]
+    assert any(place.startswith("shpy/accuracy/report.py:") for place in places)
+    assert len(places) <= 40, "\n".join(places)
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["found = 1", "def f(given): pass", "self.held = 1", "def _made(): pass", "for known in x: pass", "said: int = 1"],
+)
+def test_the_rule_of_nouns_can_fail(source):
+    assert [name for name in map(bound, ast.walk(ast.parse(source))) if name and name.strip("_") in RIDDLES]
+
+
 def public(body, inside=""):
     """(name, node) of what is public in a module, or in its public classes."""
     for node in body:
