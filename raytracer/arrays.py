@@ -59,7 +59,7 @@ def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
     """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
     triple = three_floats(values)
     if triple is None or not all(map(math.isfinite, triple)):
-        raise SceneError(f"{what} is three finite triple, not {values!r}")
+        raise SceneError(f"{what} is three finite numbers, not {values!r}")
     return triple
 
 

@@ -111,6 +111,10 @@ class Intersector:
             if isinstance(self._structure, LayeredCube):
                 self._structure.check_triangles(self._rows)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for copies and pickles, without kernels and without what programs have recorded."""
+        return {name: value for name, value in self.__dict__.items() if name != "_component"} | {"_kernels": {}}
+
     def move(self, name: str | int | ArrayLike | None = None, transform: ArrayLike | None = None) -> None:
         """Place all meshes, or those of a name, where `transform` takes them from where they were made; None for there.
 

@@ -53,7 +53,7 @@ class GBuffer:
         if number.ndim != 2 or number.dtype.kind not in "iu":
             raise SceneError(
                 f"the object of a GBuffer is (height, width) whole numbers, not {number.shape} of {number.dtype}: "
-                "object.astype(int)"
+                + ("object.astype(int)" if number.ndim == 2 else "object.reshape(height, width)")
             )
         object.__setattr__(self, "object", number.astype(np.int32, casting="unsafe"))
         for name, size in (("position", 3), ("normal", 3), ("uv", 2)):
@@ -96,7 +96,7 @@ def size_of(
     if chooses:
         raise SceneError("a GBuffer is rendered by this process as it is: leave cluster and max_error out")
     if not isinstance(primary, GBuffer):
-        raise SceneError(f"primary is a GBuffer(position, normal, object, uv), not {primary!r:.60}")
+        raise SceneError(f"primary is a GBuffer(position, normal, object, uv), not {type(primary).__name__}")
     size = primary.size if size is None else size
     _check_fits(primary, scene, integrator, size, integrator.samples if samples is None else samples)
     return size
@@ -138,7 +138,7 @@ def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> 
             row, column = np.argwhere(wrong)[0].tolist()
             raise SceneError(
                 f"the {name} of the GBuffer in row {row}, column {column} is {array[row, column].tolist()}: "
-                "a surface's is finite, and a pixel without one has object -1"
+                f"a surface's is finite{' and not 0' * (name == 'normal')}, and a pixel without one has object -1"
             )
         arrays.append(np.where(seen[..., None], array, 0.0))
     position, normal, uv = arrays

@@ -47,7 +47,7 @@ class BvhIntersector(Walk):
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first")
         self.past = sh.Table(past, sh.Attrib1i, "past")
-        nodes = sh.Param(sh.Attrib1i, len(bvh.low))
+        nodes = sh.Param(sh.Attrib1i, len(bvh.low), title="")
         self.nodes = nodes
         working = np.finfo(bvh.low.dtype)
         self.margin = MARGIN * float(working.eps)

@@ -47,8 +47,9 @@ class TracedHit:
     the mesh among the scene's. `normal` is the unit normal, interpolated between normals at corners, and `face` that of
     the triangle, both on the side that the ray comes from. `uv` are the mesh's texture coordinates, 0 where it has
     none. `position` is the point in the scene's units, moved off the triangle to the side that the ray comes from by a
-    bound of its rounding errors: rays that go on from there do not meet the triangle again. Where nothing is met, `t`
-    is infinite, `triangle` and `object` are -1, and the rest is 0.
+    bound of its rounding errors: rays that go on from there do not meet the triangle again. Where the mesh has normals
+    at its corners, it is moved onto the curved surface that they describe, too (Hanika 2021, Ray Tracing Gems II,
+    chapter 4). Where nothing is met, `t` is infinite, `triangle` and `object` are -1, and the rest is 0.
     """
 
     t: sh.Attrib1f
@@ -129,14 +130,14 @@ class ScenePlace:
     def __init__(self, origin: NDArray[np.float64], scale: float, roundoff: float, pose: Pose) -> None:
         self._origin, self._roundoff = origin, roundoff
         values = self._values(pose)
-        # Names that are read off lines: a program that traces two scenes numbers them.
-        scene_origin = sh.Param(sh.Point3f, origin)
-        scene_scale = sh.Param(sh.Attrib1f, scale)
-        scene_moved = sh.Param(sh.Attrib1i, values["moved"])
-        scene_back = sh.Param(sh.Matrix3f, values["back"])
-        scene_turn = sh.Param(sh.Matrix3f, values["turn"])
-        scene_offset = sh.Param(sh.Vector3f, values["offset"])
-        scene_slack = sh.Param(sh.Attrib2f, values["slack"])
+        # Names that are read off lines: a program that traces two scenes numbers them. Pages show no sliders for them.
+        scene_origin = sh.Param(sh.Point3f, origin, title="")
+        scene_scale = sh.Param(sh.Attrib1f, scale, title="")
+        scene_moved = sh.Param(sh.Attrib1i, values["moved"], title="")
+        scene_back = sh.Param(sh.Matrix3f, values["back"], title="")
+        scene_turn = sh.Param(sh.Matrix3f, values["turn"], title="")
+        scene_offset = sh.Param(sh.Vector3f, values["offset"], title="")
+        scene_slack = sh.Param(sh.Attrib2f, values["slack"], title="")
         self.origin, self.scale, self.moved = scene_origin, scene_scale, scene_moved
         self.back, self.turn, self.offset, self.slack = scene_back, scene_turn, scene_offset, scene_slack
 

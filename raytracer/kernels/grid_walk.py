@@ -31,10 +31,10 @@ class CellBox:
     def __init__(self, low: NDArray[Any], size: NDArray[Any], shape: tuple[int, ...]) -> None:
         # In f32 here as in the kernel, so that the far side of the last cell is the far side of the box to the bit.
         corner, cell = low.astype(np.float32), size.astype(np.float32)
-        grid_low = sh.Param(sh.Point3f, corner)
-        grid_high = sh.Param(sh.Point3f, corner + np.array(shape, np.float32) * cell)
-        cell_size = sh.Param(sh.Vector3f, cell)
-        last_cell = sh.Param(sh.Attrib3i, np.array(shape) - 1)
+        grid_low = sh.Param(sh.Point3f, corner, title="")
+        grid_high = sh.Param(sh.Point3f, corner + np.array(shape, np.float32) * cell, title="")
+        cell_size = sh.Param(sh.Vector3f, cell, title="")
+        last_cell = sh.Param(sh.Attrib3i, np.array(shape) - 1, title="")
         self.low, self.high, self.size, self.last = grid_low, grid_high, cell_size, last_cell
 
 
@@ -78,7 +78,7 @@ class GridIntersector(Walk):
         self.triangles = Triangles.of(triangles)
         self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
         self.items = sh.Table(grid.items, sh.Attrib1i, "items")
-        outside = sh.Param(sh.Attrib1i, grid.outside)
+        outside = sh.Param(sh.Attrib1i, grid.outside, title="")
         self.outside = outside
         self.box = CellBox(grid.low, grid.cell, grid.shape)
 

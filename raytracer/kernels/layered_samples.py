@@ -115,7 +115,7 @@ class HalfSamples:
         self.triangles = sh.Table(triangles, sh.Attrib1i, "numbers")
         self.bases = sh.Table(tables.offsets.bases, sh.Attrib1i, "bases")
         self.starts = sh.Table(tables.offsets.starts, sh.Attrib1u, "starts")
-        self.shift = sh.Param(sh.Attrib1i, tables.offsets.shift, name="shift")
+        self.shift = sh.Param(sh.Attrib1i, tables.offsets.shift, name="shift", title="")
 
     def coding(self, frame: Any, axis: Any) -> DepthCoding:
         """Return what decodes the samples of an image."""

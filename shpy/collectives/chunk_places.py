@@ -23,7 +23,7 @@ from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.hostdata import as_array
 from shpy.lang.data.tables import element_class
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Leaf, is_lazy
+from shpy.lang.values.structure import Leaf, is_lazy, is_struct
 from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
 from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
@@ -49,6 +49,12 @@ def gather_chunks(table: Any, index: Any, type_: Any) -> Any:
                 loc=here(),
                 cure="stream.numpy(), or a Dask array of it",
             )
+    if is_struct(type_):
+        raise ShpyTypeError(
+            f"sh.gather of a Dask array reads numbers and vectors, not the struct {type_.__name__}",
+            loc=here(),
+            cure="sh.gather(array, index, sh.Point3f), say, for the array of each field",
+        )
     whole, places = (
         value if is_lazy(value) else da.from_array(as_array(value, what))
         for value, what in ((table, "the table"), (index, "index"))

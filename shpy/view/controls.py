@@ -26,10 +26,11 @@ _STEPS: Final = 200
 
 
 class Controls:
-    """The controls of a program's Params; dependent uniforms, matrices and structs have none."""
+    """The controls of a program's Params; dependent uniforms, matrices, structs, and Params with title="" have none."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
-        self._params = {n: p for n, p in params.items() if isinstance(p, Param) and isinstance(p, Value)}
+        single = {n: p for n, p in params.items() if isinstance(p, Param) and isinstance(p, Value)}
+        self._params = {n: p for n, p in single.items() if p.title != ""}
         self.first = self.values()
         """The values that the file gives."""
 

@@ -14,6 +14,12 @@ import shpy as sh
 draw = np.random.default_rng(5)
 
 
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    d: sh.Vector3f
+
+
 @sh.program
 def mixed(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a * 0.75 + b
@@ -112,6 +118,10 @@ def test_mistakes_of_gather_are_errors_before_anything_runs():
         (
             lambda: sh.gather(stream, index, sh.Attrib1f),
             "type= beside <Stream (4,) of Attrib1f on numpy>, which has its",
+        ),
+        (
+            lambda: sh.gather(table, index, Ray),
+            "sh.gather of a Dask array reads numbers and vectors, not the struct Ray",
         ),
         (lambda: sh.gather(table, index, int), "a Table holds values of the language, not <class 'int'>"),
     ):

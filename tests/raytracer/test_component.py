@@ -1,5 +1,6 @@
 """A scene's walk inside programs of users: what it finds, how often a kernel has it, what moves, what is refused."""
 
+import pickle
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import shpy as sh
 from raytracer import Intersector, LayeredCube, Mesh, Scene, SceneError, TracedHit
 from raytracer.meshes.shapes import box, floor, sphere
 from shpy import SH_FOR, SH_IF
+from shpy.view.controls import Controls
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 BALL = sphere(1.0, rings=8, segments=12)
@@ -207,6 +209,29 @@ def test_what_moves_reaches_programs_that_were_compiled():
     near.move(None)
     for name in TracedHit._fields if hasattr(TracedHit, "_fields") else ("t", "triangle", "position", "normal"):
         np.testing.assert_array_equal(getattr(kernel(origins, directions), name), getattr(before, name))
+
+
+def test_an_intersector_and_its_programs_can_be_pickled():
+    near, (origins, directions) = Intersector(SCENE, backend="numpy"), rays(40)
+    program = traced(near)
+    hits, result = near.intersect(origins, directions), program(origins, directions)
+    copy, program_copy = pickle.loads(pickle.dumps((near, program)))
+    assert copy.intersect(origins, directions).t.tobytes() == hits.t.tobytes()
+    for other in (program_copy, traced(copy)):
+        assert other(origins, directions).position.tobytes() == result.position.tobytes()
+
+
+@pytest.mark.parametrize("accel", ["bvh", "grid", "ldc:16:half"])
+def test_pages_show_no_sliders_of_the_scene(accel):
+    height = sh.Param(sh.Attrib1f, 2.0)
+    near = Intersector(SCENE, accel=accel, backend="numpy")
+
+    @sh.program
+    def trace_ray(direction: sh.Vector3f) -> sh.Attrib1f:
+        return near.trace(sh.Point3f(0, height, 5), direction).t
+
+    assert len(trace_ray.params) > 5
+    assert [control["name"] for control in Controls(trace_ray.params).describe()] == ["height"]
 
 
 def test_a_scene_far_from_0():

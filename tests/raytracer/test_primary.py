@@ -165,7 +165,7 @@ def test_what_cannot_be_right_is_refused(boxes):
     refused("takes the place of the eye rays of Whitted(), not of Path(): leave primary out", integrator=Path())
     refused("not of Staged()", integrator=Staged())
     refused("leave cluster and max_error out", max_error=1.0)
-    refused("primary is a GBuffer(position, normal, object, uv), not 7", primary=7, size=SIZE)
+    refused("primary is a GBuffer(position, normal, object, uv), not int", primary=7, size=SIZE)
     refused("the GBuffer shows objects, and the scene has no triangles: give it the meshes", scene=Scene())
     numbers = boxes.object.copy()
     numbers[20, 20] = 3
@@ -181,7 +181,7 @@ def test_what_cannot_be_right_is_refused(boxes):
         primary=dataclasses.replace(boxes, position=holes),
     )
     refused(
-        f"the normal of the GBuffer in row {row}, column {column} is [0.0, 0.0, 0.0]",
+        f"the normal of the GBuffer in row {row}, column {column} is [0.0, 0.0, 0.0]: a surface's is finite and not 0",
         primary=dataclasses.replace(boxes, normal=0 * boxes.normal),
     )
 

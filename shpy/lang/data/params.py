@@ -34,7 +34,8 @@ class Param:
     """`Param(type, value, name=None)`: a uniform, used like a value of `type`; set `.value` between runs.
 
     The type may be a matrix or a struct. The name defaults to the Python name that it is assigned to. `range=(low,
-    high)` bounds each component, ends included; `step`, `title` and `description` are for pages and viewers.
+    high)` bounds each component, ends included; `step`, `title` and `description` are for pages and viewers, which show
+    no control of a Param with `title=""`.
     Raises ShpyTypeError, naming the Param, for a value that does not fit the type or lies outside the range.
     """
 
