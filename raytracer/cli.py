@@ -406,6 +406,11 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
         file = AnimatedFile(path, options.clip, strict=options.strict)
         frames, fps = spread(file.seconds, options.frames, options.fps)
         return viewing.scenes_of_file(options, file, frames, fps), frames, fps
+    if options.scene in SCENES and not path.exists():
+        raise SceneError(
+            f"the scene {options.scene} stands still: `raytracer render {options.scene}` draws it; `raytracer animate` "
+            "takes `animated`, a GLB or glTF file with animations, or a Python file that defines scene(time)"
+        )
     if options.clip is not None:
         raise SceneError("--clip is for GLB and glTF files, whose animations have names: leave it out")
     fps = sh.videos.FPS if options.fps is None else options.fps

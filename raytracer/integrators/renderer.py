@@ -239,7 +239,10 @@ class Renderer:
         if not tracer.surfaces.clear:
             return tracer
         if isinstance(self.integrator, Staged):
-            raise SceneError("the staged tracer follows mirrored rays alone, and this scene has glass: unified")
+            raise SceneError(
+                "the staged tracer follows mirrored rays alone, and this scene has glass: "
+                "choose the unified tracer, Whitted()"
+            )
         return GlassTracer(*arguments)
 
     def _choose(self, camera: Camera, seen: bool = False) -> None:

@@ -249,6 +249,12 @@ def is_layered(accel: str) -> bool:
         raise SceneError(
             f'a layered depth cube is "ldc", "ldc:1024", "ldc:1024:half" or "ldc:1024:triangle", not {accel!r}'
         )
+    for word, choices in zip(words[1:], (HITS, SHADINGS), strict=False):
+        if word not in choices:
+            raise SceneError(
+                f"{word!r} in {accel!r} is none of {', '.join(map(repr, choices))}; "
+                '"half" stands last, as in "ldc:1024:half"'
+            )
     _check_depths("half" if half else "single", _hit_and_shading(words)[0], words[0] if words else "")
     return True
 

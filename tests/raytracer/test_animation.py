@@ -166,9 +166,11 @@ def test_a_file_may_define_dataclasses(tmp_path, monkeypatch):
     assert make(0.0).meshes[0].vertices.tolist() == animated(0.5).meshes[0].vertices.tolist()
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_file_that_is_not_there(tmp_path, capsys):
     with pytest.raises(SceneError, match="there is no file"):
         made_by(tmp_path / "none.py")
+    assert cli.main(["animate", "boxes", "-o", str(tmp_path / "frames")]) == 1
+    assert "the scene boxes stands still: `raytracer render boxes` draws it" in capsys.readouterr().err
 
 
 def test_the_command_animates_what_its_camera_options_say(tmp_path):

@@ -201,7 +201,9 @@ def test_only_scenes_with_glass_have_its_code():
 
 
 def test_the_staged_tracer_refuses_glass():
-    with pytest.raises(SceneError, match="staged tracer follows mirrored rays alone"):
+    with pytest.raises(
+        SceneError, match=r"staged tracer follows mirrored rays alone, .* glass: choose the unified tracer, Whitted"
+    ):
         render(Scene([box(material=CLEAR)]), (8, 8), backend="numpy", tracer="staged")
 
 

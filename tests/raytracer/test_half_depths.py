@@ -178,7 +178,12 @@ def test_words_are_read_in_pairs():
         (lambda: LayeredCube.of(box(), 8, depths="f16"), "depths is one of 'single', 'half', not 'f16'"),
         (lambda: Intersector(box(), "ldc:64:triangle:half", "numpy"), 'write "ldc:64:triangle" .* or "ldc:64:half"'),
         (lambda: Renderer(Scene(box()), accel="ldc:64:triangle:half"), 'is exact: write "ldc:64:triangle"'),
-        (lambda: Intersector(box(), "ldc:64:half:triangle", "numpy"), "hit is one of 'sample', .*, not 'half'"),
+        (lambda: Intersector(box(), "ldc:64:half:triangle", "numpy"), "'half' in 'ldc:64:half:triangle' is none of"),
+        (
+            lambda: Renderer(Scene(box()), accel="ldc:64:haf"),
+            "'haf' .* 'sample', 'plane', 'triangle'; \"half\" stands last",
+        ),
+        (lambda: Intersector(box(), "ldc:64:plane:defer"), "'defer' .* none of 'exact', 'deferred'"),
         (lambda: Intersector(box(), "ldc:half", "numpy"), '"ldc:1024:half" or "ldc:1024:triangle", not \'ldc:half\''),
     ],
 )
