@@ -157,7 +157,8 @@ class Intersector:
         f16, and where its program runs in another precision than the scene's.
         """
         component = self._recorded("trace")
-        return component.trace(given_ray("trace", origin, direction, t_min, t_max), self._ahead(leaving))
+        ray = given_ray("trace", origin, direction, t_min, t_max)
+        return component.trace(ray, self._ahead(leaving))
 
     def blocked(
         self, origin: Any, direction: Any, t_max: Any = np.inf, t_min: Any = 0.0, *, leaving: bool = True

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.accel.bounds import far
 from raytracer.accel.space import WORKING, Rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
@@ -34,6 +35,8 @@ Pose = tuple[Rows, Rows, Rows] | None
 """The pose of a scene: (turn, back, offset) takes its own point x to `turn @ x + offset`, and `back` inverts `turn`.
 
 None is where it was made."""
+UNLIMITED = float(np.finfo(np.float32).max)
+"""The limit of a ray that has none. Drivers in fast mode compute with no infinity."""
 SHIFTED, POSED = 4.0, 16.0
 """Roundings of its coordinates by which a point is moved off its triangle farther: where the scene is far from 0, and
 where the object has been moved, so that a point is turned on its way out and on its way back."""
@@ -288,7 +291,10 @@ def let_names_be_numbered(thing: Any) -> None:
 
 
 def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
-    """Return the subroutine that finds a ray's hit; where `any_hit` holds, the first that is found."""
+    """Return the subroutine that finds a ray's hit; where `any_hit` holds, the first that is found.
+
+    A `t_max` from `UNLIMITED` on is no limit, whatever the direction's length.
+    """
 
     @sh.subroutine
     def find_hit(
@@ -296,14 +302,19 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
     ) -> FoundHit:
         eye, ray = place.own(origin, direction)
         converted = GivenRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
-        hit = walk(converted.ray, converted.eye, converted.near, converted.limit, any_hit)
+        limit = sh.cond(~converted.wrong & (t_max >= UNLIMITED), far(), converted.limit)
+        hit = walk(converted.ray, converted.eye, converted.near, limit, any_hit)
         return FoundHit(converted.outside(hit.l, hit.id), hit.id, hit.uv, converted.shrink)
 
     return find_hit
 
 
 def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray."""
+    """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray.
+
+    An infinite number as `t_max` becomes `UNLIMITED`.
+    """
+    t_max = UNLIMITED if isinstance(t_max, float) and t_max == np.inf else t_max
     kinds = {"origin": sh.Point3f, "direction": sh.Vector3f, "t_min": sh.Attrib1f, "t_max": sh.Attrib1f}
     cures = {sh.Point3f: "sh.Point3f(x, y, z)", sh.Vector3f: "sh.Vector3f(x, y, z)", sh.Attrib1f: "a number"}
     values = []

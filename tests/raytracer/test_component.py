@@ -104,6 +104,13 @@ def test_normals_and_uv_are_interpolated(kernel):
     np.testing.assert_allclose(result.normal[result.object == 1], result.face[result.object == 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_rays_without_a_limit_meet_what_there_is_in_fast_mode(backend, near):
+    origins, directions = rays(64)
+    met = traced(near).compile(backend, math="fast")(origins, directions).hit
+    assert (met == (near.intersect(origins, directions).triangle >= 0)).mean() > 0.9
+
+
 def test_where_nothing_is_met(kernel):
     result = kernel([[0, 9, 0], [0, 9, 0], [np.nan, 0, 0]], [[0, 1, 0], [0, 0, 0], [0, 1, 0]])
     assert np.all(np.isinf(result.t))
