@@ -26,13 +26,11 @@ from benchmarks import (
     builders,
     chaining,
     clusters,
-    cubes,
     equal_error,
     features,
     files,
     frames,
     functions,
-    glass_rays,
     machine,
     moving,
     paths,
@@ -40,12 +38,10 @@ from benchmarks import (
     plot,
     rays,
     record,
-    refits,
     report,
     rounds,
     startup,
     studies,
-    trades,
     view,
     widths,
 )
@@ -64,38 +60,31 @@ KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, 
 CHAINS = {w.name: w for w in (*gray_scott.WORKS, *(m.WORK for m in (jacobi, life, particles)), *collectives.WORKS)}
 WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES, *paths.NAMES)
 """The names of what is run side by side."""
-STUDIES = (
-    studies.STUDIES
-    | trades.STUDIES
-    | cubes.STUDIES
-    | {
-        "compiling": startup.compiling,
-        "starting": startup.starting,
-        "importing": startup.importing,
-        "functions": functions.functions,
-        "modes": functions.modes,
-        "strict-frames": functions.strict_frames,
-        "widths": widths.widths,
-        "frames-auto": animation.frames_auto,
-        "calls": calls.calls,
-        "features": features.features,
-        "hits": alike.hits,
-        "whitted": alike.whitted,
-        "path-z": lambda mesh, quick: paths.z_test(quick),
-        "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
-        "glass": equal_error.glass,
-        "glass-rays": glass_rays.glass_rays,
-        "moving": lambda mesh, quick: moving.moving(mesh, quick),
-        "planes": lambda mesh, quick: moving.planes(quick),
-        "files": lambda mesh, quick: files.files(quick),
-        "refits": lambda mesh, quick: refits.refits(quick),
-        "cluster": lambda mesh, quick: clusters.cluster(quick),
-        "partitions": lambda mesh, quick: clusters.partitions(quick),
-        "builders": lambda mesh, quick: builders.builders(quick),
-        "chaining": chaining.chaining,
-        "early": chaining.early,
-    }
-)
+STUDIES = studies.STUDIES | {
+    "compiling": startup.compiling,
+    "starting": startup.starting,
+    "importing": startup.importing,
+    "functions": functions.functions,
+    "modes": functions.modes,
+    "strict-frames": functions.strict_frames,
+    "widths": widths.widths,
+    "frames-auto": animation.frames_auto,
+    "calls": calls.calls,
+    "features": features.features,
+    "hits": alike.hits,
+    "whitted": alike.whitted,
+    "path-z": lambda mesh, quick: paths.z_test(quick),
+    "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
+    "glass": equal_error.glass,
+    "moving": lambda mesh, quick: moving.moving(mesh, quick),
+    "planes": lambda mesh, quick: moving.planes(quick),
+    "files": lambda mesh, quick: files.files(quick),
+    "cluster": lambda mesh, quick: clusters.cluster(quick),
+    "partitions": lambda mesh, quick: clusters.partitions(quick),
+    "builders": lambda mesh, quick: builders.builders(quick),
+    "chaining": chaining.chaining,
+    "early": chaining.early,
+}
 """Studies of shpy, most of them without a peer."""
 
 

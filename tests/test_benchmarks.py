@@ -229,12 +229,12 @@ def test_a_slow_run_is_a_failure(monkeypatch, capsys):
 
 
 def test_studies_give_tables(mesh, capsys):
-    assert command.main(["--only", "accelerators,layered,lights,starting,importing", "--peers", "none", "--quick"]) == 0
+    assert command.main(["--only", "accelerators,lights,starting,importing", "--peers", "none", "--quick"]) == 0
     printed = capsys.readouterr().out
     assert "| knot | " in printed
     assert "| numpy  | " in printed
     assert "| `shpy`      | " in printed
-    for name in ("accelerators", "layered", "lights", "starting", "importing"):
+    for name in ("accelerators", "lights", "starting", "importing"):
         assert f"### {name}" in printed
 
 
