@@ -312,21 +312,28 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
 def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Any, Any, Any, Any]:
     """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray.
 
-    An infinite number as `t_max` becomes `UNLIMITED`.
+    An infinite number as `t_max` becomes `UNLIMITED`. Values of 64 bits are refused, since nothing narrows by itself.
     """
     t_max = UNLIMITED if isinstance(t_max, float) and t_max == np.inf else t_max
     kinds = {"origin": sh.Point3f, "direction": sh.Vector3f, "t_min": sh.Attrib1f, "t_max": sh.Attrib1f}
-    cures = {sh.Point3f: "sh.Point3f(x, y, z)", sh.Vector3f: "sh.Vector3f(x, y, z)", sh.Attrib1f: "a number"}
+    cures = {
+        sh.Point3f: "sh.Point3f(x, y, z)",
+        sh.Vector3f: "sh.Vector3f(x, y, z)",
+        sh.Attrib1f: "a number",
+    }
+    narrow = {sh.Point3f: "sh.Point3f(p)", sh.Vector3f: "sh.Vector3f(v)", sh.Attrib1f: "sh.Attrib1f(t)"}
+    double: Any = sh.Attrib1d
     values = []
     for (what, kind), value in zip(kinds.items(), (origin, direction, t_min, t_max), strict=True):
-        size = getattr(type(value), "size", None)
+        size, is_wide = getattr(type(value), "size", None), getattr(value, "base", None) is double.base
         try:
-            if isinstance(size, int) and size != (1 if kind is sh.Attrib1f else 3):
+            if is_wide or (isinstance(size, int) and size != (1 if kind is sh.Attrib1f else 3)):
                 raise TypeError
             values.append(kind(value.tolist() if isinstance(value, np.ndarray) else value))
         except (sh.ShpyError, TypeError, ValueError):
             spoken = type(value).__name__ if hasattr(type(value), "size") else repr(value)
-            raise SceneError(f"{users_line()}: the {what} of {name} is {cures[kind]}, not {spoken:.60}") from None
+            cure = (narrow if is_wide else cures)[kind]
+            raise SceneError(f"{users_line()}: the {what} of {name} is {cure}, not {spoken:.60}") from None
     return tuple(values)
 
 

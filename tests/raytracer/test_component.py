@@ -314,6 +314,12 @@ def test_errors_name_the_line_and_what_to_write(near):
         def flat(origin: sh.Point3f, direction: sh.Attrib2f) -> sh.Attrib1f:
             return near.trace(origin, direction).t
 
+    with pytest.raises(SceneError, match=r"the origin of trace is sh.Point3f\(p\), not Point3d"):
+
+        @sh.program
+        def exact(origin: sh.Point3d) -> sh.Attrib1f:
+            return near.trace(origin, (0, 0, 1)).t
+
     with pytest.raises(SceneError, match="the t_max of blocked is a number, not 'far'"):
 
         @sh.program
