@@ -33,6 +33,7 @@ from raytracer.meshes.folder import shown
 from raytracer.rendering import render
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.loading import FORMATS
+from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
 from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
@@ -234,6 +235,14 @@ def _size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def _still(options: argparse.Namespace) -> Scene:
+    """Return the scene of the options without a time; SceneError for one that has none of its own."""
+    path = Path(options.scene)
+    if options.scene in ANIMATIONS or (path.suffix.lower() == ".py" and path.is_file()):
+        raise SceneError(f"{options.scene} is a function of the time: --time 0, say, chooses a moment of it")
+    return viewing.scene_of(options)
+
+
 def _render(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.png")
     writer(output, options.size)  # complains now about a path that cannot be written later
@@ -244,7 +253,7 @@ def _render(options: argparse.Namespace) -> int:
     viewing.check(
         options, output, lights_all=isinstance(chosen_integrator, integrator.Path), framed=options.scene not in SCENES
     )
-    scene = viewing.scene_of(options) if options.time is None else scene_at(options, options.time)
+    scene = _still(options) if options.time is None else scene_at(options, options.time)
     title, resume_path = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(chosen_integrator, integrator.Path):
         title, resume_path = f"{title}, {chosen_integrator.samples:,} samples", _begun(options, output)

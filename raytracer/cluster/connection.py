@@ -55,9 +55,21 @@ def connected(cluster: Any) -> Iterator[Any]:
         with client:
             yield client
         return
-    with _workers(count) as here, distributed.Client(here, set_as_default=False) as client:
+    with _quiet(), _workers(count) as here, distributed.Client(here, set_as_default=False) as client:
         client.wait_for_workers(count)
         yield client
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence what Dask logs of connections that close while the workers end: it turns its own silence off before."""
+    logger = logging.getLogger("distributed.batched")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _count_of(cluster: Any) -> int | None:

@@ -1,10 +1,12 @@
 """Pictures by the workers of a cluster: real processes of this machine, and the bits of one process."""
 
+import logging
 import os
 import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager, nullcontext
 from unittest.mock import Mock
 
 import numpy as np
@@ -186,6 +188,28 @@ def test_a_cluster_without_workers_is_told(monkeypatch, partitions):
         pytest.raises(ClusterError, match="the cluster has no workers: start some by `dask worker "),
     ):
         render(Scene.builtin("boxes"), (4, 4), backend="numpy", cluster=client, partitions=partitions)
+
+
+def test_connections_that_close_while_the_workers_end_are_not_logged(monkeypatch, caplog):
+    told = logging.getLogger("distributed.batched").info
+
+    @contextmanager
+    def workers(count):
+        yield count
+        told("Batched Comm Closed")
+
+    class Client(nullcontext):
+        def __init__(self, cluster, **options):
+            super().__init__(Mock())
+
+    monkeypatch.setattr(connection, "_workers", workers)
+    monkeypatch.setattr(connection, "_distributed", lambda: Mock(Client=Client))
+    caplog.set_level(logging.INFO)
+    with connection.connected("local:2"):
+        pass
+    assert not caplog.records
+    told("another")
+    assert [record.message for record in caplog.records] == ["another"]
 
 
 def test_without_dask_the_command_that_installs_it_is_named(monkeypatch):

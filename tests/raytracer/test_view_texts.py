@@ -79,6 +79,8 @@ def test_a_scene_that_stands_still_has_no_time(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     assert main(["render", "boxes", "--time", "1", "--backend", "numpy", "--size", "4x3"]) == 1
     assert "--time is for scenes that move, and boxes stands still: leave it out" in capsys.readouterr().err
+    assert main(["render", "animated", "--backend", "numpy", "--size", "4x3"]) == 1
+    assert "animated is a function of the time: --time 0, say, chooses a moment" in capsys.readouterr().err
 
 
 def test_numbers_are_written_with_all_their_digits(files, monkeypatch):
