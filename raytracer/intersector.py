@@ -157,8 +157,7 @@ class Intersector:
         f16, and where its program runs in another precision than the scene's.
         """
         component = self._recorded("trace")
-        ray = given_ray("trace", origin, direction, t_min, t_max)
-        return component.trace(ray, self._ahead(leaving))
+        return component.trace(given_ray("trace", origin, direction, t_min, t_max), self._ahead(leaving))
 
     def blocked(
         self, origin: Any, direction: Any, t_max: Any = np.inf, t_min: Any = 0.0, *, leaving: bool = True
@@ -427,8 +426,7 @@ class Intersector:
 
     def _walk_for(self, name: str, alone: bool, leaving: bool) -> Walk:
         """Return the walk for a query. A grid may visit a triangle twice, so queries for several hits use a BVH."""
-        roundoff = float(np.finfo(self._floats).eps) / 2
-        bound = AheadBound(roundoff, START) if leaving else None
+        bound = self._ahead(leaving, START)
         assert self._structure is not None
         several = name in ("count", "list_hits", "list_more")
         if several and self._is_layered:
@@ -443,9 +441,7 @@ class Intersector:
         """Return True if rays diverge, so that each walks through the BVH in a packet of one lane."""
         if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
             return False
-        if self._moved is not None:  # see `walk.scene_walk`
-            return False
-        if np.any(rays.near < 0):
+        if self._moved is not None or np.any(rays.near < 0):  # see `walk.scene_walk`
             return False
         low, high = (
             side[0] / self._frame.scale + self._frame.origin for side in (self._structure.low, self._structure.high)
@@ -462,8 +458,7 @@ class Intersector:
     @cached_property
     def _component(self) -> Component:
         """The walk as a component of programs, made on first use."""
-        surfaces = Surfaces.of(self._meshes, self._floats)
-        frame = self._frame
+        surfaces, frame = Surfaces.of(self._meshes, self._floats), self._frame
         return Component(self._walk, frame.origin, frame.scale, self._precision, surfaces, self._placed)
 
     @property
