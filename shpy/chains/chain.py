@@ -254,10 +254,11 @@ class Loop(Chain):
                 run.watches.pop()
                 return
             run.open = not watch.wrote
+        ends = "kernels that discard" if self.until is None else f"a kernel {self.until} that discards"
         raise LoopLimitExceeded(
             f"{self} took more than {self.loop_limit} rounds",
             loc=self.loc,
-            cure="kernels that discard every element in the end, or loop_limit=N if it needs more (None: no limit)",
+            cure=f"{ends} every element in the end, or loop_limit=N if it needs more (None: no limit)",
             result=run.so_far(),
         )
 

@@ -242,12 +242,18 @@ def test_devices():
     )
 
 
+def test_a_loop_that_goes_on_names_the_kernel_that_decides():
+    with pytest.raises(sh.LoopLimitExceeded, match="a kernel sink that discards every element in the end"):
+        sh.loop(grow, sink, until="sink", loop_limit=3).run(x=[500.0], backend="numpy")
+
+
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_budgets(backend):
     chain = sh.loop(sink, loop_limit=3)
     with pytest.raises(sh.LoopLimitExceeded) as caught:
         chain.run(x=[0.5, 1.5, 5.0], backend=backend)
     assert caught.value.message == "loop(sink) took more than 3 rounds"
+    assert caught.value.cure.startswith("kernels that discard every element in the end")
     assert caught.value.loc.line == inspect.getsourcelines(test_budgets)[1] + 2
     np.testing.assert_array_equal(caught.value.result.streams["x"], [-0.5, -0.5, 2])
     assert caught.value.result.counts == {"sink": 6}
