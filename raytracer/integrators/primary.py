@@ -55,6 +55,12 @@ class GBuffer:
                 f"the object of a GBuffer is (height, width) whole numbers, not {number.shape} of {number.dtype}: "
                 + ("object.astype(int)" if number.ndim == 2 else "object.reshape(height, width)")
             )
+        odd = number[(number < -1) | (number > np.iinfo(np.int32).max)]
+        if odd.size:
+            raise SceneError(
+                f"the object of a GBuffer has {odd[0]}: it holds the numbers of meshes, from 0 on, and -1 in a pixel "
+                "without a surface"
+            )
         object.__setattr__(self, "object", number.astype(np.int32, casting="unsafe"))
         for name, size in (("position", 3), ("normal", 3), ("uv", 2)):
             if name == "uv" and self.uv is None:

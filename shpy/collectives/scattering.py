@@ -51,6 +51,11 @@ def gather(stream: Any, index: Any, type: Any = None) -> Any:
     """
     if is_lazy(stream) or is_lazy(index):
         return gather_chunks(stream, index, type)
+    if isinstance(stream, dict) and any(map(is_lazy, stream.values())):
+        field = next(iter(stream))
+        raise ShpyTypeError(
+            "gather takes one Dask array, not a dict of them", loc=here(), cure=f'sh.gather(table["{field}"], index)'
+        )
     elements = check_stream(stream, "gather")
     if type is not None:
         raise ShpyTypeError(

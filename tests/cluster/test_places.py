@@ -123,6 +123,7 @@ def test_mistakes_of_gather_are_errors_before_anything_runs():
             lambda: sh.gather(table, index, Ray),
             "sh.gather of a Dask array reads numbers and vectors, not the struct Ray",
         ),
+        (lambda: sh.gather({"o": table}, index), "gather takes one Dask array, not a dict of them"),
         (lambda: sh.gather(table, index, int), "a Table holds values of the language, not <class 'int'>"),
     ):
         with pytest.raises(sh.ShpyTypeError, match=re.escape(message)):

@@ -222,5 +222,8 @@ def test_the_arrays_of_a_buffer_fit_each_other():
         GBuffer(three, three, one, three)
     with pytest.raises(SceneError, match=r"object of a GBuffer is \(height, width\) whole numbers, .* of float64"):
         GBuffer(three, three, one.astype(float))
+    for number in (-2, 2**31, 2**32 + 1):
+        with pytest.raises(SceneError, match=f"object of a GBuffer has {number}: it holds the numbers of meshes"):
+            GBuffer(three, three, np.where(one == 0, number, one))
     with pytest.raises(SceneError, match="slack of a GBuffer is a share of the distance from 0 to 1, not 2"):
         GBuffer(three, three, one, slack=2)
