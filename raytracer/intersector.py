@@ -391,8 +391,7 @@ class Intersector:
         key = name, place, leaving
         if key not in self._kernels:
             program = getattr(component, name)(self._component, self._ahead(leaving, START))
-            layered = self._target == "opencl" and isinstance(self._structure, LayeredCube)
-            lanes: dict[str, Any] = {"lanes": 1} if layered else {}
+            lanes: dict[str, Any] = {"lanes": 1} if self._target == "opencl" and self._is_layered else {}
             self._kernels[key] = program.compile(**self._options, device=place.device or None, **lanes)
         return self._kernels[key](origins, directions, t_min, t_max)
 

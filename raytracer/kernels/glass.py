@@ -16,8 +16,7 @@ from raytracer.accel.bounds import far
 from raytracer.kernels.bsdf import largest
 from raytracer.kernels.media import Held
 from raytracer.kernels.surfaces import Interaction
-from raytracer.kernels.tracer import MIN_CONTRIBUTION, PathState, Pixel, Tracer, mirrored
-from raytracer.scene.layout import Layout
+from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
@@ -64,17 +63,10 @@ class GlassTracer(Tracer):
 
     scattered = True
 
-    def __init__(
-        self,
-        layout: Layout,
-        background: Any,
-        ambient: float,
-        bounces: int,
-        backend: str,
-        min_contribution: float = MIN_CONTRIBUTION,
-    ) -> None:
-        super().__init__(layout, background, ambient, bounces, backend, min_contribution)
-        self.places = max(WAITING, 1 << (bounces - 1).bit_length())
+    @property
+    def places(self) -> int:
+        """The rays that may wait at a time."""
+        return max(WAITING, 1 << (self.most_bounces - 1).bit_length())
 
     def __call__(self, ray: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""

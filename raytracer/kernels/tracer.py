@@ -74,8 +74,9 @@ class PathState:
 class Tracer:
     """The tables of a scene, and the loop that follows a ray through it.
 
-    `features` says what the recorded kernel contains. A `min_contribution` other than the default one ends the rays of
-    a smaller share of the picture.
+    `most_bounces` is the number that the kernel has room for; the param `bounces` may be less. `features` says what the
+    recorded kernel contains. A `min_contribution` other than the default one ends the rays of a smaller share of the
+    picture.
     """
 
     scattered = False
@@ -92,7 +93,7 @@ class Tracer:
         self.intersector = scene_walk(layout, backend, scattered=self.scattered)
         self.background = Sky(background)
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
-        self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
+        self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.least: Any = min_contribution
         self.cuts = min_contribution != MIN_CONTRIBUTION
         if self.cuts:

@@ -255,3 +255,23 @@ def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():
     origins, directions = rays(100)
     exact = Intersector(scene(ball=turned(0.4)), backend="numpy").occluded(origins, directions)
     assert (shoot.occluded(origins, directions) == exact).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("accel", "backend"),
+    [("bvh", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "numpy"), ("ldc:32:triangle", "opencl")],
+)
+def test_streams_of_rays_meet_objects_where_they_have_moved(accel, backend):
+    """Queries that were compiled before a move see it; those through cubes of moved objects have one lane on OpenCL."""
+    shoot, (origins, directions) = Intersector(scene(), accel, backend), rays(200)
+    origins, directions = origins.astype(np.float32), directions.astype(np.float32)
+    streams = sh.Stream(origins, sh.Point3f, backend), sh.Stream(directions, sh.Vector3f, backend)
+    for move in ({}, *MOVES[:2]):
+        for name, matrix in move.items():
+            shoot.move(name, matrix)
+        hits = shoot.intersect(*streams)
+        expected = Intersector(scene(**move), backend="numpy").intersect(origins, directions)
+        for field, stream in hits._asdict().items():
+            np.testing.assert_array_equal(stream.numpy(), getattr(expected, field), field)
+    if backend == "opencl":
+        assert {kernel.options.lanes for kernel in shoot._kernels.values()} == {1}
