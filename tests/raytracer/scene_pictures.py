@@ -23,3 +23,11 @@ def frames(scenes):
         renderer.show(scene)
         yield renderer.render(SIZE)
     assert renderer.builds <= 3
+
+
+def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):
+    """Return the matrix (4, 4) that scales along the axes, turns about y by an angle in radians, and moves."""
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack([np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) * scale, offset])
+    return matrix

@@ -40,18 +40,18 @@ def test_a_kernel_decodes_every_number_of_binary16(backend):
     def decode(item: sh.Attrib1i) -> sh.Attrib1f:
         return HalfSamples.depth(tables, item, SimpleNamespace(unit=1.0, middle=0.0))
 
-    found = decode.compile(backend)(np.arange(len(codes), dtype=np.int32))
-    np.testing.assert_array_equal(found, codes.view(np.float16).astype(np.float32))
+    decoded = decode.compile(backend)(np.arange(len(codes), dtype=np.int32))
+    np.testing.assert_array_equal(decoded, codes.view(np.float16).astype(np.float32))
 
 
 def test_numbers_in_groups_are_read_back():
     rng = np.random.default_rng(2)
     for most, shift in ((3, 6), (3000, 5), (100_000, 0)):
         numbers = np.cumsum(rng.integers(0, most, 1001)).astype(np.int32)
-        found = halves.grouped(numbers)
-        assert found.shift == shift
-        words = np.stack([found.starts & 0xFFFF, found.starts >> 16], axis=1).reshape(-1)[: len(numbers)]
-        np.testing.assert_array_equal(found.bases[np.arange(1001) >> shift] + words.astype(np.int32), numbers)
+        groups = halves.grouped(numbers)
+        assert groups.shift == shift
+        words = np.stack([groups.starts & 0xFFFF, groups.starts >> 16], axis=1).reshape(-1)[: len(numbers)]
+        np.testing.assert_array_equal(groups.bases[np.arange(1001) >> shift] + words.astype(np.int32), numbers)
 
 
 @pytest.mark.parametrize("hit", ["plane", "sample"])
@@ -63,8 +63,8 @@ def test_every_backend_gives_the_same_samples_and_hits(hit):
     for backend, cube in zip(BACKENDS[1:], others, strict=True):
         np.testing.assert_array_equal(cube.images.halves, one.images.halves)
         np.testing.assert_array_equal(cube.images.ranges, one.images.ranges)
-        for found, expected in zip(Intersector(KNOT, cube, backend).intersect(origins, directions), hits, strict=True):
-            np.testing.assert_array_equal(found, expected)
+        for column, expected in zip(Intersector(KNOT, cube, backend).intersect(origins, directions), hits, strict=True):
+            np.testing.assert_array_equal(column, expected)
 
 
 @pytest.mark.parametrize("mesh", [KNOT, KNOT.moved((1e5, -3e5, 2e5)), joined([KNOT, floor(900)])], ids=str)
@@ -96,11 +96,11 @@ def test_many_samples_in_few_texels(resolution):
     """Groups of texels become smaller; the hits are those of binary32 but for roundings of depths."""
     ball = sphere(rings=150, segments=250)
     origins, directions = rays(300)
-    found, exact = (
+    half, exact = (
         Intersector(ball, LayeredCube.of(ball, resolution, 8, "opencl", conservative=True, depths=depths), "opencl")
         for depths in ("half", "single")
     )
-    t, expected = (shoot.intersect(origins, directions).t for shoot in (found, exact))
+    t, expected = (shoot.intersect(origins, directions).t for shoot in (half, exact))
     assert (np.isfinite(t) == np.isfinite(expected)).mean() > 0.97
     both = np.isfinite(t) & np.isfinite(expected)
     assert np.median(abs(t[both] - expected[both])) < 2e-3
@@ -113,9 +113,9 @@ def test_hits_are_nearly_as_exact_as_with_binary32(hit, most):
     wrong = {}
     for depths in ("single", "half"):
         cube = LayeredCube.of(KNOT, 256, backend="opencl", hit=hit, depths=depths)
-        found = Intersector(KNOT, cube, "opencl").intersect(origins, directions)
+        hits = Intersector(KNOT, cube, "opencl").intersect(origins, directions)
         with np.errstate(invalid="ignore"):
-            wrong[depths] = (~((found.t == exact.t) | (abs(found.t - exact.t) < 0.01))).mean()
+            wrong[depths] = (~((hits.t == exact.t) | (abs(hits.t - exact.t) < 0.01))).mean()
     assert wrong["single"] < most
     assert wrong["half"] < wrong["single"] + 0.005
 
@@ -126,9 +126,9 @@ def test_a_ray_that_leaves_a_surface_does_not_hit_it():
     number = rng.integers(0, len(ball), 4000)
     places = np.einsum("nk,nkd->nd", rng.dirichlet((1, 1, 1), 4000), ball.corners[number])
     outward = ball.face_normals[number] * np.sign(np.einsum("nk,nk->n", ball.face_normals[number], places))[:, None]
-    found = Intersector(ball, "ldc:1024:half", "opencl")
-    assert found.occluded(places, outward + places, leaving=True).mean() < 0.001
-    assert found.occluded(places, outward).mean() > 0.2
+    shoot = Intersector(ball, "ldc:1024:half", "opencl")
+    assert shoot.occluded(places, outward + places, leaving=True).mean() < 0.001
+    assert shoot.occluded(places, outward).mean() > 0.2
 
 
 def test_pictures_moves_and_the_command(tmp_path):

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scene_pictures import SIZE, same
+from scene_pictures import SIZE, same, turned
 
 from raytracer import Camera, LayeredCube, Material, PointLight, Renderer, Scene
 from raytracer.integrators import cubes
@@ -21,13 +21,6 @@ def scene(*placed):
     for number, matrix in enumerate(placed, 1):
         meshes[number] = meshes[number].transformed(matrix)
     return Scene(meshes, [PointLight((3, 6, 5), (0.8, 0.8, 0.7))], Camera((0, 2, 6), (0, 0, 0), fov=45))
-
-
-def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):
-    c, s = np.cos(angle), np.sin(angle)
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack([np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) * scale, offset])
-    return matrix
 
 
 MOVES = [

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scene_pictures import SIZE, same
+from scene_pictures import SIZE, same, turned
 
 import shpy as sh
 from raytracer import Camera, Intersector, LayeredCube, Material, PointLight, Renderer, Scene, SceneError, TracedHit
@@ -30,13 +30,6 @@ def scene(**placed):
     ]
     meshes = [mesh.transformed(placed[mesh.name]) if mesh.name in placed else mesh for mesh in meshes]
     return Scene(meshes, [PointLight((3, 6, 5), (0.8, 0.8, 0.7))], Camera((0, 2, 6), (0, 0, 0), fov=45))
-
-
-def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):
-    c, s = np.cos(angle), np.sin(angle)
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack([np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) * scale, offset])
-    return matrix
 
 
 MOVES = [
@@ -145,14 +138,14 @@ def test_hits_after_a_move_are_those_of_a_new_scene(accel, backend):
         fresh = Intersector(scene(**move), backend="numpy")
         hits = shoot.intersect(origins, directions)
         assert (hits.triangle != before.triangle).any()
-        for found, expected in zip(hits, fresh.intersect(origins, directions), strict=True):
-            np.testing.assert_array_equal(found, expected)
+        for column, expected in zip(hits, fresh.intersect(origins, directions), strict=True):
+            np.testing.assert_array_equal(column, expected)
         np.testing.assert_array_equal(shoot.points(hits), fresh.points(hits))
         np.testing.assert_array_equal(shoot.occluded(origins, directions), hits.triangle >= 0)
     shoot.move("ball")
     shoot.move("box", None)
-    for found, expected in zip(shoot.intersect(origins, directions), before, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for column, expected in zip(shoot.intersect(origins, directions), before, strict=True):
+        np.testing.assert_array_equal(column, expected)
 
 
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
@@ -166,8 +159,8 @@ def test_counts_lists_and_closest_points_after_a_move(accel):
         fresh = Intersector(scene(**move), backend="numpy")
         np.testing.assert_array_equal(shoot.count(origins, directions), fresh.count(origins, directions))
         for ask in (lambda one: one.all_hits(origins, directions), lambda one: one.closest_point(origins)):
-            for found, expected in zip(ask(shoot), ask(fresh), strict=True):
-                np.testing.assert_array_equal(found, expected)
+            for answer, expected in zip(ask(shoot), ask(fresh), strict=True):
+                np.testing.assert_array_equal(answer, expected)
 
 
 def test_one_object_moves_among_all_that_are_moved_and_leaves_the_kernels():
@@ -198,10 +191,10 @@ def test_programs_that_trace_a_scene_see_moves(accel, backend):
 
     def traced(one):
         @sh.program
-        def found(origin: sh.Point3f, direction: sh.Vector3f) -> TracedHit:
+        def hit_of(origin: sh.Point3f, direction: sh.Vector3f) -> TracedHit:
             return one.trace(origin, direction, leaving=False)
 
-        return found
+        return hit_of
 
     early = traced(shoot).compile(backend)
     before = early(origins, directions)
@@ -211,12 +204,12 @@ def test_programs_that_trace_a_scene_see_moves(accel, backend):
     for move in ({}, *MOVES[:2]):
         for name, matrix in move.items():
             shoot.move(name, matrix)
-        found = kernel(origins, directions)
+        hits = kernel(origins, directions)
         expected = traced(Intersector(scene(**move), backend="numpy")).compile("numpy")(origins, directions)
         for name, one in expected._asdict().items() if move else before._asdict().items():
-            np.testing.assert_array_equal(getattr(found, name), one, name)
+            np.testing.assert_array_equal(getattr(hits, name), one, name)
         if move:
-            assert (found.triangle != before.triangle).any()
+            assert (hits.triangle != before.triangle).any()
     with pytest.raises(SceneError, match=r"test_moving_grid\.py:\d+: the move of 'ball' has given .* program anew"):
         early(origins, directions)
 
@@ -243,8 +236,8 @@ def test_moves_that_cannot_be_are_errors_and_change_nothing(accel, move, words):
     before = shoot.intersect(origins, directions)
     with pytest.raises(SceneError, match=words):
         shoot.move(*move)
-    for found, expected in zip(shoot.intersect(origins, directions), before, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for column, expected in zip(shoot.intersect(origins, directions), before, strict=True):
+        np.testing.assert_array_equal(column, expected)
 
 
 def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():

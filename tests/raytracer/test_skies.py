@@ -48,8 +48,8 @@ def seen_directions(size, camera):
     width, height = size
     half = np.tan(np.radians(camera.fov) / 2) / min(size)
     y, x = np.mgrid[:height, :width] + 0.5
-    found = np.stack([(2 * x - width) * half, (height - 2 * y) * half, np.full((height, width), -1.0)], axis=-1)
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+    directions = np.stack([(2 * x - width) * half, (height - 2 * y) * half, np.full((height, width), -1.0)], axis=-1)
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
 
 @pytest.mark.parametrize("integrator", [Whitted(), Staged(), Path(samples=1)], ids=lambda i: type(i).__name__)
@@ -57,9 +57,9 @@ def test_the_eye_sees_each_direction_of_a_program(integrator):
     camera = Camera((0, 0, 5), (0, 0, 0), fov=70)
     scene = Scene([far_box()], camera=camera, background=shown_direction)
     image = render(scene, (12, 8), integrator=integrator, backend="numpy")
-    wanted = 0.5 + 0.5 * seen_directions((12, 8), camera)
+    expected = 0.5 + 0.5 * seen_directions((12, 8), camera)
     # A path's ray goes anywhere in its pixel.
-    np.testing.assert_allclose(image.pixels, wanted, atol=0.06 if isinstance(integrator, Path) else 1e-6)
+    np.testing.assert_allclose(image.pixels, expected, atol=0.06 if isinstance(integrator, Path) else 1e-6)
     assert (image.object_id == -1).all()
     assert image.stats.features["sky"]
 
@@ -71,8 +71,8 @@ def test_a_mirror_shows_the_mirrored_direction(integrator):
     scene = Scene([wall], camera=camera, background=shown_direction)
     image = render(scene, (12, 8), integrator=integrator, backend="numpy")
     assert (image.object_id == 0).all()
-    wanted = 0.5 + 0.5 * seen_directions((12, 8), camera) * (1, 1, -1)
-    np.testing.assert_allclose(image.pixels, wanted, atol=0.03 if isinstance(integrator, Path) else 1e-6)
+    expected = 0.5 + 0.5 * seen_directions((12, 8), camera) * (1, 1, -1)
+    np.testing.assert_allclose(image.pixels, expected, atol=0.03 if isinstance(integrator, Path) else 1e-6)
 
 
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=1)], ids=lambda i: type(i).__name__)
@@ -81,17 +81,17 @@ def test_a_pane_shows_what_is_behind_it(integrator):
     scene = Scene([floor(40, PANE).moved(tilt=90)], camera=camera, background=shown_direction)
     image = render(scene, (12, 8), integrator=integrator, backend="numpy")
     assert (image.object_id == 0).all()
-    wanted = 0.5 + 0.5 * seen_directions((12, 8), camera)
-    np.testing.assert_allclose(image.pixels, wanted, atol=0.03 if isinstance(integrator, Path) else 1e-6)
+    expected = 0.5 + 0.5 * seen_directions((12, 8), camera)
+    np.testing.assert_allclose(image.pixels, expected, atol=0.03 if isinstance(integrator, Path) else 1e-6)
 
 
 def test_a_picture_lies_as_that_of_an_environment_light_does():
     texture = Texture(PIXELS, filter="nearest")
-    given = {"meshes": [far_box()], "camera": AROUND}
-    seen = render(Scene(**given, background=texture), (12, 6), backend="numpy")
+    parts = {"meshes": [far_box()], "camera": AROUND}
+    seen = render(Scene(**parts, background=texture), (12, 6), backend="numpy")
     np.testing.assert_array_equal(seen.pixels, PIXELS)
     lit = render(
-        Scene(**given, lights=[EnvironmentLight(texture)]), (12, 6), integrator=Path(samples=1), backend="numpy"
+        Scene(**parts, lights=[EnvironmentLight(texture)]), (12, 6), integrator=Path(samples=1), backend="numpy"
     )
     np.testing.assert_array_equal(lit.pixels, PIXELS)
 
@@ -121,30 +121,30 @@ def test_a_background_lights_nothing_and_an_environment_is_seen_instead():
 def mirrors(**changes):
     """Return a scene with mirrors, a light and a picture around."""
     ball = sphere(1.0, Material((0.2, 0.2, 0.2), reflectivity=0.8), rings=6, segments=10)
-    given = {
+    parts = {
         "meshes": [ball, GROUND],
         "lights": [DirectionalLight((1, -2, -1))],
         "camera": Camera((0, 1, 5), (0, 0, 0)),
     }
-    return Scene(**(given | {"background": Texture(PIXELS)} | changes))
+    return Scene(**(parts | {"background": Texture(PIXELS)} | changes))
 
 
 def test_backends_and_accelerators_agree_to_the_last_bit():
-    wanted = render(mirrors(), (16, 12), backend="numpy")
-    assert len(np.unique(wanted.pixels)) > 300
+    expected = render(mirrors(), (16, 12), backend="numpy")
+    assert len(np.unique(expected.pixels)) > 300
     for backend in ("opencl", "glsl"):
-        same(render(mirrors(), (16, 12), backend=backend), wanted)
+        same(render(mirrors(), (16, 12), backend=backend), expected)
     for integrator in (Staged(), Whitted(accel="grid"), Whitted(accel="ldc:64:triangle")):
-        same(render(mirrors(), (16, 12), integrator=integrator, backend="numpy"), wanted)
+        same(render(mirrors(), (16, 12), integrator=integrator, backend="numpy"), expected)
 
 
 def test_glass_before_a_picture_is_the_same_on_each_backend():
     ball = sphere(1.0, Material((0, 0, 0), specular=0, transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), rings=8)
     scene = mirrors(meshes=[ball, GROUND], lights=())
-    wanted = render(scene, (12, 9), backend="numpy")
+    expected = render(scene, (12, 9), backend="numpy")
     for backend in ("opencl", "glsl"):
-        same(render(scene, (12, 9), backend=backend), wanted)
-    through = wanted.pixels[wanted.object_id == 0]
+        same(render(scene, (12, 9), backend=backend), expected)
+    through = expected.pixels[expected.object_id == 0]
     assert len(np.unique(through, axis=0)) > 10, "the picture is seen through the ball"
 
 
@@ -152,8 +152,8 @@ def test_cubes_with_deferred_shading_show_it_in_mirrors():
     wall = floor(40, MIRROR).moved(tilt=90)
     scene = Scene([wall], camera=Camera((0, 0, 3), (0, 0, 0), fov=20), background=shown_direction)
     cube = LayeredCube.of(scene, 16, backend="numpy", shading="deferred")
-    found = render(scene, (12, 8), integrator=Whitted(secondary=cube), backend="numpy")
-    same(found, render(scene, (12, 8), backend="numpy"))
+    image = render(scene, (12, 8), integrator=Whitted(secondary=cube), backend="numpy")
+    same(image, render(scene, (12, 8), backend="numpy"))
 
 
 def test_another_colour_is_data_and_another_kind_of_background_is_another_kernel():
@@ -164,9 +164,9 @@ def test_another_colour_is_data_and_another_kind_of_background_is_another_kernel
         scene = mirrors(background=shown, lights=[DirectionalLight((1, -2, len(builds)))])
         renderer.show(scene)
         builds.append(renderer.builds)
-        found = renderer.render((8, 6))
+        image = renderer.render((8, 6))
         if len(builds) in (1, 3):  # where numbers and tables changed, and no kernel
-            same(found, render(scene, (8, 6), backend="numpy"))
+            same(image, render(scene, (8, 6), backend="numpy"))
     assert builds == [1, 2, 2, 3]
 
 
@@ -238,8 +238,8 @@ def test_rays_of_a_smaller_share_than_the_least_contribution_are_not_followed(gl
         meshes.append(box((0.01, 0.01, 0.01), PANE).moved((0, -40, 40)))
     scene = Scene(meshes, [PointLight((0, 0, 0))], Camera((0, 0, 0), (0, -1, 0.2), fov=30), ambient=0.5)
     for least, bounces in ((0.6, 0), (0.5, 0), (0.3, 1), (0.2, 2), (0, 4)):
-        found = render(scene, (6, 4), integrator=Whitted(bounces=4, min_contribution=least), backend="numpy")
-        same(found, render(scene, (6, 4), bounces=bounces, backend="numpy"))
+        image = render(scene, (6, 4), integrator=Whitted(bounces=4, min_contribution=least), backend="numpy")
+        same(image, render(scene, (6, 4), bounces=bounces, backend="numpy"))
 
 
 @pytest.mark.parametrize("least", [-0.1, 1.5, float("nan"), "0.1", True])
@@ -259,8 +259,8 @@ def test_the_command_shows_a_picture(tmp_path, monkeypatch, capsys):
     words = ["render", "boxes", "--backend", "numpy", "--size", "8x6", "--bounces", "1"]
     assert main([*words, "--background", "sky.png", "-o", "seen.npy"]) == 0
     scene = dataclasses.replace(Scene.builtin("boxes"), background=Texture("sky.png"))
-    wanted = render(scene, (8, 6), bounces=1, backend="numpy")
-    np.testing.assert_array_equal(np.load("seen.npy", allow_pickle=False)["pixels"], wanted.pixels)
+    expected = render(scene, (8, 6), bounces=1, backend="numpy")
+    np.testing.assert_array_equal(np.load("seen.npy", allow_pickle=False)["pixels"], expected.pixels)
     assert main([*words, "--background", "gone.png", "-o", "seen.npy"]) == 1
     assert "there is no picture gone.png" in capsys.readouterr().err
 
