@@ -1,6 +1,6 @@
-"""A contract of import-linter: no circle of files, where imports in functions and for the type checker count too.
+"""Contracts of import-linter: no circle of files or folders; imports in functions and for the type checker count too.
 
-`lint-imports` checks it with the others of pyproject.toml.
+`lint-imports` checks them with the others of pyproject.toml.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from grimp import ImportGraph
-from importlinter import Contract, ContractCheck, output
+from importlinter import Contract, ContractCheck, fields, output
 
 
 class NoCircles(Contract):
@@ -18,13 +18,48 @@ class NoCircles(Contract):
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
         """Find the circles."""
-        circles = circles_of({m: graph.find_modules_directly_imported_by(m) for m in graph.modules})
+        circles = circles_of(self.edges(graph))
         return ContractCheck(kept=not circles, metadata={"circles": circles})
+
+    def edges(self, graph: ImportGraph) -> dict[str, set[str]]:
+        """Return what each file imports."""
+        return {m: graph.find_modules_directly_imported_by(m) for m in graph.modules}
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         """Print the circles."""
         for circle in check.metadata["circles"]:
             output.print_error(f"circle: {' -> '.join(circle)}")
+
+
+class NoFolderCircles(NoCircles):
+    """No folder imports itself through another: a folder is its own files, without those of the folders in it.
+
+    The files at the top of a root package stand for themselves, since the layers of that package order them.
+    """
+
+    type_name = "no_folder_circles"
+    unordered = fields.SetField(subfield=fields.StringField(), required=False, default=set())
+    """Packages whose folders are not in order yet."""
+
+    def edges(self, graph: ImportGraph) -> dict[str, set[str]]:
+        """Return what each folder imports."""
+        edges: dict[str, set[str]] = {}
+        for module in graph.modules:
+            folder = folder_of(module, graph)
+            others = {folder_of(m, graph) for m in graph.find_modules_directly_imported_by(module)} - {folder}
+            edges.setdefault(folder, set()).update(() if f"{folder}.".startswith(self._unordered()) else others)
+        return edges
+
+    def _unordered(self) -> tuple[str, ...]:
+        return tuple(f"{package}." for package in self.unordered or ())
+
+
+def folder_of(module: str, graph: ImportGraph) -> str:
+    """Return the folder of a file: a package for its `__init__` and the files beside it."""
+    if graph.find_children(module):
+        return module
+    folder = module.rpartition(".")[0]
+    return folder if "." in folder else module
 
 
 def reached(edges: dict[str, set[str]], start: str) -> set[str]:

@@ -15,7 +15,13 @@ from dataclasses import dataclass
 from shpy.backend.base import Backend, Device
 from shpy.errors import BackendUnavailable
 
-NAMES = ("numpy", "opencl", "glsl")
+_MODULES = {
+    "numpy": "shpy.backend.numpy.device.run",
+    "opencl": "shpy.backend.opencl.device.run",
+    "glsl": "shpy.backend.glsl",
+}
+"""The module that defines each backend."""
+NAMES = tuple(_MODULES)
 
 _default: str | None = None
 _backends: dict[str, Backend] = {}
@@ -38,7 +44,7 @@ def backend(name: str) -> Backend:
     if result is None:
         if not isinstance(name, str) or name not in NAMES:
             raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
-        result = _backends[name] = importlib.import_module(f"shpy.backend.{name}").backend
+        result = _backends[name] = importlib.import_module(_MODULES[name]).backend
     return result
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shpy.backend.base import Call, Options
-from shpy.backend.numpy import backend
+from shpy.backend.numpy.device.run import backend
 from shpy.backend.numpy.lanes import MANY, dot, maximum, minimum, select
 from shpy.ir import meaning
 from shpy.ir.builder import Builder

@@ -39,7 +39,7 @@ from shpy.backend.emit.tree import (
     Pointer,
     Stmt,
 )
-from shpy.backend.tree_text import tree_text
+from shpy.backend.emit.tree_text import tree_text
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
 

@@ -42,7 +42,7 @@ from shpy.backend.emit.tree import (
     Tuple,
     Update,
 )
-from shpy.backend.tree_text import tree_text
+from shpy.backend.emit.tree_text import tree_text
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type

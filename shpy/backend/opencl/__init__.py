@@ -1,5 +1,1 @@
 """OpenCL: kernels in OpenCL C 1.2 for GPUs and, by PoCL, for CPUs."""
-
-from shpy.backend.opencl.device.run import backend
-
-__all__ = ["backend"]
