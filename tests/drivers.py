@@ -199,7 +199,6 @@ def drivers_of_debian(number: int) -> list[Driver]:
 DRIVERS = [
     Driver("llvmpipe", "glsl", MESA),
     Driver("llvmpipe at GL 3.3", "glsl", {**MESA, "MESA_GL_VERSION_OVERRIDE": "3.3"}),
-    Driver("llvmpipe without gpu_shader5", "glsl", {**MESA, "MESA_EXTENSION_OVERRIDE": "-GL_ARB_gpu_shader5"}),
     Driver("softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}),
     Driver("zink on lavapipe", "glsl", {**MESA, **ZINK}, LAVAPIPE),
     *lanes_of("PoCL", (1, *WIDTHS, *WIDER)),

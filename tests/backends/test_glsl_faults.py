@@ -56,6 +56,18 @@ def sorted_out(x: sh.Attrib1f, v: sh.Attrib2f, high: sh.Attrib1f) -> sh.Attrib3f
     return found
 
 
+def test_a_device_without_precise_has_fast_mode_alone(wrong: Any) -> None:
+    wrong(keeps_order=False)
+    for math in ("strict", "portable", "relaxed"):
+        with pytest.raises(sh.CompileError, match=f"{math} mode needs GL_ARB_gpu_shader5") as error:
+            compiled(sorted_out, "glsl", math=math)
+        assert error.value.cure == 'math="fast", or backend="numpy"'
+        assert error.value.loc is not None
+    kernel = compiled(sorted_out, "glsl", math="fast")
+    assert 'programs compile with math="fast" alone' in " ".join(kernel.notes)
+    assert kernel(1.0, (2.0, 3.0), 2.0).tolist() == [0, 1, 1]
+
+
 def test_comparisons_are_hidden_where_a_driver_negates_them(wrong: Any) -> None:
     x, high = (grid.ravel() for grid in np.meshgrid(*2 * [np.float32([np.nan, 1, 2, np.inf, -np.inf])]))
     given = x, np.stack([x, -x], axis=-1), high

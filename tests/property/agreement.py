@@ -7,12 +7,9 @@ Each backend runs twice: undisturbed, and in the stress mode over many copies of
 
 from __future__ import annotations
 
-import os
 import zlib
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache, cached_property
-from multiprocessing import get_context
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -22,9 +19,6 @@ from stress.mode import stressed
 import shpy as sh
 from shpy.backend.base import Array, Options
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let
-from shpy.ir.traverse import walk
-from shpy.passes.lower import needs_binary64
 from shpy.passes.modes import Math
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
@@ -35,8 +29,6 @@ from shpy.testing.generated.syntax import Const, Tree
 Precision = Literal["f16", "f32", "f64"]
 Answers = tuple[list[Array], Array]
 LIMIT = 1_048_576
-WITHOUT_PRECISE = "glsl-without-precise"
-"""GLSL on a device that has no GL_ARB_gpu_shader5, and so no `precise`."""
 WORKING = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 
@@ -103,7 +95,7 @@ class Expected:
             off = differs(found, wanted)
             wrong |= (off.any(axis=-1) if off.ndim > 1 else off) & (how == WRITTEN)
         for k in np.flatnonzero(wrong):
-            if flushes_denormals(_plain(who)) and self.denormal(int(k)):
+            if flushes_denormals(who) and self.denormal(int(k)):
                 continue
             given = {i.name: a[k].tolist() for i, a in zip(self.program.inputs, self.inputs, strict=True)}
             raise AssertionError(
@@ -116,7 +108,7 @@ class Expected:
         options = self.options
         return kernel(
             self.recorded,
-            _plain(who),
+            who,
             precision=options.precision,
             loop_limit=options.loop_limit,
             math=options.math,
@@ -249,12 +241,6 @@ def check(
         module = expected.recorded.ir
         assert sh.parse(str(module)) == module
         for backend in backends:
-            if backend == WITHOUT_PRECISE:  # which has no binary64 that rounds as it should
-                statements = (s for f in expected.recorded.ir.functions for s in walk(f.body))
-                portable = precision == "f32" and any(isinstance(s, Let) and needs_binary64(s) for s in statements)
-                asked = wanted(program, inputs, precision, "portable") if portable else expected
-                asked.compare(*elsewhere(asked, backend), backend)
-                continue
             expected.compare(*ran(expected, backend), backend)
             if backend.partition("-")[0] in STRESSED:
                 check_stressed(expected, backend)
@@ -273,33 +259,6 @@ def check_stressed(expected: Expected, backend: str) -> None:
     repeated = Repeated(expected, SHAPES[seed % len(SHAPES)])
     with stressed(seed):
         repeated.compare(*ran(repeated, backend), backend)
-
-
-def _plain(backend: str) -> str:
-    return "glsl" if backend == WITHOUT_PRECISE else backend
-
-
-def elsewhere(expected: Expected, backend: str) -> Answers:
-    """Outputs and ends from a process in which Mesa has no GL_ARB_gpu_shader5: a driver asks the environment once."""
-    options = expected.options
-    given = (expected.program, expected.inputs, options.precision, options.math, backend)
-    return _process().submit(_ran_there, *given).result()
-
-
-@cache
-def _process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_leave_out_precise)
-
-
-def _leave_out_precise() -> None:
-    os.environ["MESA_EXTENSION_OVERRIDE"] = "-GL_ARB_gpu_shader5"
-
-
-def _ran_there(program: Tree, inputs: list[Array], precision: Precision, math: Math, backend: str) -> Answers:
-    from shpy.backend.glsl.device.context import open_context
-
-    assert not open_context(None).limits.keeps_order
-    return ran(wanted(program, inputs, precision, math), backend)
 
 
 def ran(expected: Expected, backend: str) -> Answers:

@@ -1,6 +1,6 @@
 """Generated programs agree on the interpreter, before and after the passes, on numpy, OpenCL and GLSL, bit by bit.
 
-60 in every run, each on one width of OpenCL and on GLSL with or without `precise`: shard after shard the next.
+60 in every run, each on one width of OpenCL and on GLSL: shard after shard the next.
 460 more, and 6,300 on all of these, are `pytest -m slow -n 2` and the name of this file. Some of both compute at f64 or
 f16, where the interpreter is the reference. A failure prints the program as text that a person can run, the element and
 both answers.
@@ -13,7 +13,7 @@ import pytest
 from backends.running import LANES, WIDE
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis.strategies import integers
-from property.agreement import WITHOUT_PRECISE, Precision, check
+from property.agreement import Precision, check
 
 from shpy.ir.ops import OPS
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
@@ -61,12 +61,11 @@ ROTATION = ("opencl-1", "opencl-8", "opencl-1", "opencl-4", "opencl-1", "opencl-
 
 
 def rotated(shard: int) -> tuple[str, ...]:
-    """Every backend; OpenCL at one of its widths, GLSL with `precise` or without."""
-    glsl = ("glsl", WITHOUT_PRECISE)[shard // 3 % 2]
-    return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], glsl)
+    """Every backend; OpenCL at one of its widths."""
+    return ("interpreter", "prepared", "numpy", ROTATION[shard % len(ROTATION)], "glsl")
 
 
-@pytest.mark.sampled(22)  # shards 0 and 11: one lane and 16, with `precise` and without, and one whose compiler derives
+@pytest.mark.sampled(22)  # shards 0 and 11: one lane and 16, and one whose compiler derives
 @each_part
 @pytest.mark.parametrize("shard", range(12))
 def test_programs_agree(shard: int, part: int) -> None:
@@ -121,7 +120,7 @@ def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:
     return ("prepared", "numpy", *opencl, *["glsl"] * (precision == "f16"))
 
 
-EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl", WITHOUT_PRECISE)
+EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl")
 
 
 @pytest.mark.slow

@@ -105,6 +105,7 @@ class GlslBackend:
 
     def _compiled(self, module: Module, options: Options, limits: Limits) -> GlslExecutable:
         """Compile for a device that has these limits."""
+        _check_order(module, options, limits)
         runtime = self._runtime(options.device or 0)
         target, exact = _target(limits, module, options), options.math != "fast"
 
@@ -193,13 +194,12 @@ def _judged(backend: GlslBackend, device: int, limits: Limits) -> Limits:
 
 
 def _target(limits: Limits, module: Module, options: Options) -> Target:
-    """Return the abilities of a device, for the passes; loops in the prologue need a compiler that keeps `precise`.
+    """Return the abilities of a device, for the passes.
 
     Only shpy's own functions use the device's binary64. A program that uses f64 itself is refused.
     """
-    looped = frozenset(LOOPED) if limits.keeps_order else frozenset()
     doubles = limits.doubles and options.precision != "f64" and Base.D not in bases_of(module)
-    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=looped, doubles=doubles)
+    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=frozenset(LOOPED), doubles=doubles)
 
 
 def _printable(module: Module, exact: bool) -> Module:
@@ -253,9 +253,7 @@ def _groups(count: int, most: int) -> tuple[tuple[int, ...], ...]:
 def _notes(limits: Limits) -> tuple[str, ...]:
     notes = list(notes_of(limits.wrong, binary64=limits.doubles))
     if not limits.keeps_order:
-        notes.append(
-            "this device lacks GL_ARB_gpu_shader5: bit operations keep arithmetic in order instead, which takes time"
-        )
+        notes.append('this device lacks GL_ARB_gpu_shader5: programs compile with math="fast" alone')
     if not limits.stores_apart:
         notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
     if not limits.chooses:
@@ -269,6 +267,17 @@ def _notes(limits: Limits) -> tuple[str, ...]:
     if not limits.reads:
         notes.append("this device misreads decimal numbers: texts have their bits")
     return tuple(notes)
+
+
+def _check_order(module: Module, options: Options, limits: Limits) -> None:
+    """Raise CompileError where the mode needs `precise` and the device lacks it, as GPUs of before about 2011 do."""
+    if options.math != "fast" and not limits.keeps_order:
+        raise CompileError(
+            f"{options.math} mode needs GL_ARB_gpu_shader5 (OpenGL 4.0), which this device lacks: its compiler may "
+            "reorder arithmetic",
+            loc=module.entry.loc,
+            cure='math="fast", or backend="numpy"',
+        )
 
 
 def _refuse(module: Module, target: Target) -> None:

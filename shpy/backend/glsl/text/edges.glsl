@@ -2,16 +2,7 @@
 // Read by prologue.py, which emits what a program uses and adds the vector forms. Parameters are precise, for what is
 // computed where they are handed over must be as well: a driver may take `sh_isnan(a - a)` for `sh_isnan(0.0)`.
 
-// x, from which the driver cannot reorder operations: in place of `precise` where the driver lacks it.
-float sh_keep(precise float x) {
-    return uintBitsToFloat(floatBitsToUint(x) ^ sh_nothing);
-}
-
-// x, which the driver cannot know to be equal to x. An xor as in sh_keep would not do: the driver cancels two of them.
-float sh_apart(precise float x) {
-    return uintBitsToFloat(floatBitsToUint(x) + sh_nothing);
-}
-
+// x, from which the driver cannot derive other conditions.
 bool sh_keep(precise bool x) {
     return (uint(x) ^ sh_nothing) != 0u;
 }

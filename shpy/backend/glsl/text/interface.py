@@ -45,7 +45,7 @@ class Limits:
     wrong: frozenset[str] = frozenset()
     """The operations that it gets wrong, of FAULTS in `shpy/backend/device/probe.py`."""
     keeps_order: bool = True
-    """True if it has `precise`."""
+    """True if it has `precise`: without it only fast mode compiles."""
     stores_apart: bool = True
     """True if each element's store at a varying index reaches its own element."""
     chooses: bool = True

@@ -40,9 +40,6 @@ GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross",
 FAST: Final = (TRANSCENDENTALS - {"hypot", "log10"}) | GEOMETRIC
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
-_KEPT: Final = frozenset({"add", "sub", "mul", "div", "sqrt", "neg", *COMPARISONS})
-"""Operations that drivers combine with others: Mesa takes `sqrt(x) * sqrt(x)` for x, and `x + -x` for 0."""
-
 _ORDERED: Final = frozenset({"lt", "le", "gt", "ge"})
 """Comparisons that NVIDIA's compiler negates: it takes `!(a < b)` for `a >= b`, also where one is NaN.
 
@@ -84,9 +81,9 @@ _ONE_ITERATION: Final = "one iteration: so that exits do not nest what follows t
 class GlslUnit(Unit):
     """One shader: names, prologue and limits of the device.
 
-    `exact`: operations keep their order; without `precise`, by hiding each result from the driver. `flagged`: loops
-    tell whether they finished, for the device may stop them of its own accord; `limited`: loops without a known bound
-    have a limit of ours. Functions that are `sheltered` stand in a loop of one iteration.
+    `exact`: operations keep their order. `flagged`: loops tell whether they finished, for the device may stop them of
+    its own accord; `limited`: loops without a known bound have a limit of ours. Functions that are `sheltered` stand in
+    a loop of one iteration.
     """
 
     target = "glsl"
@@ -96,9 +93,8 @@ class GlslUnit(Unit):
         self.limits, self.exact = limits, exact
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered_functions(module)
         self.leaves_loops = limits.leaves_loops
-        self.kept_apart = exact and not limits.keeps_order
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
-        self.prologue = Prologue(exact=exact, precise=limits.keeps_order, signs=limits.signs)
+        self.prologue = Prologue(exact=exact, signs=limits.signs)
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         take = self.globals.take
@@ -197,29 +193,11 @@ class GlslBody(Body):
         return conditions | precise_operands(self.function, inlined - conditions, unit.callees, least, unit.hidden)
 
     def operation(self, let: Let) -> Expr:
-        """Return the expression of one Let; `sh_keep(a + b)` stays apart from others where nothing is `precise`."""
-        expression, type, unit = super().operation(let), let.value.type, self.unit
-        kept = _KEPT if unit.kept_apart else unit.hidden
-        if let.op in kept and self.types[let.args[0]].is_float:
+        """Return the expression of one Let; `sh_keep(a < b)` where the driver derives other conditions from it."""
+        expression, type = super().operation(let), let.value.type
+        if let.op in self.unit.hidden and self.types[let.args[0]].is_float:
             return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, expression)
         return expression
-
-    def args(self, let: Let) -> list[Expr]:
-        """Return the operands; where nothing is `precise`, hide what is subtracted, and what divides itself.
-
-        The driver finds equal numbers that the IR does not show, as components of vectors and where it inlines calls,
-        and takes `x - x` for 0, although NaN and infinity give NaN.
-        """
-        operands = super().args(let)
-        if self.unit.kept_apart and let.op in ("sub", "div") and self.types[let.args[0]].is_float:
-            if let.args[0] == let.args[1] or (let.op == "sub" and self._reads(operands[1])):
-                type = self.types[let.args[1]]
-                operands[1] = tree.call(self.unit.prologue.use("sh_apart", (type,)), type, operands[1])
-        return operands
-
-    def _reads(self, e: Expr) -> bool:
-        """Return whether an expression depends on anything but literals."""
-        return any(isinstance(part, Name) and part != self.unit.zero for part in tree.walk(e))
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
         """Name GLSL's function, or one of the prologue."""

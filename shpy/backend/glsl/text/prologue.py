@@ -83,16 +83,13 @@ class Helper:
 
 
 @cache
-def helpers(precise: bool = True, signs: bool = True) -> tuple[Helper, ...]:
+def helpers(signs: bool = True) -> tuple[Helper, ...]:
     """Return every function of the prologue in the order of the file; functions stand below those that they call.
 
-    Those of kept.glsl take the place of their namesakes where a device has no `precise`, and those of signs.glsl where
-    its choices lose the signs of zeros.
+    Those of signs.glsl take the place of their namesakes where the choices of a device lose the signs of zeros.
     """
-    edges = _read("edges.glsl")
-    files = [*([] if precise else ["kept.glsl"]), *([] if signs else ["signs.glsl"])]
-    others = {(h.name, h.types): h for file in files for h in _read(file)}
-    return tuple(others.get((h.name, h.types), h) for h in edges)
+    others = {} if signs else {(h.name, h.types): h for h in _read("signs.glsl")}
+    return tuple(others.get((h.name, h.types), h) for h in _read("edges.glsl"))
 
 
 def _read(file: str) -> tuple[Helper, ...]:
@@ -113,13 +110,12 @@ def _read(file: str) -> tuple[Helper, ...]:
 class Prologue:
     """The functions that one shader uses.
 
-    `exact`: what is handed to them keeps its order of operations; `precise`: the device has the qualifier for that;
-    `signs`: its choices keep the signs of zeros.
+    `exact`: the operations of their arguments keep their order; `signs`: the device's choices keep the signs of zeros.
     """
 
-    def __init__(self, *, exact: bool = True, precise: bool = True, signs: bool = True) -> None:
+    def __init__(self, *, exact: bool = True, signs: bool = True) -> None:
         self._exact = exact
-        self._helpers = helpers(precise or not exact, signs or not exact)
+        self._helpers = helpers(signs or not exact)
         self._used: set[Helper] = set()
         self._sized: set[tuple[Helper, int]] = set()
 
