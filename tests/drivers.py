@@ -2,7 +2,7 @@
 
     python -m tests.drivers --get                   # downloads what is not installed to a folder of its own
     python -m tests.drivers                         # runs the list on what is there; writes docs/drivers.md
-    python -m tests.drivers softpipe rusticl        # on these; the other rows of the table stay
+    python -m tests.drivers llvmpipe rusticl        # on these; the other rows of the table stay
     python -m tests.drivers PoCL --print            # writes nothing
     python -m tests.drivers --certify               # runs `shpy certify` instead; writes the table of docs/certify.md
 
@@ -163,7 +163,6 @@ class Driver:
 
 LAVAPIPE = Source("lavapipe", "libvulkan_lvp.so", debian=("mesa-vulkan-drivers", "libvulkan1"))
 INTEL = Source("intel", "libintelocl.so", pypi=("intel-opencl-rt", "intel-cmplr-lib-rt", "tbb", "tcmlib"))
-OCLGRIND = Source("oclgrind", "liboclgrind-rt-icd.so", debian=("oclgrind", "liboclgrind-21.10"))
 RUSTICL = Source(
     "rusticl", "libRusticlOpenCL.so.1", debian=("mesa-opencl-icd", "libclc-15", "libllvmspirvlib15"), fixed=True
 )
@@ -187,7 +186,6 @@ def drivers_of_debian(number: int) -> list[Driver]:
     name, egl = f"Debian {number}", of_debian(number, "libEGL_mesa.so.0")
     return [
         Driver(f"{name}: llvmpipe", "glsl", MESA, egl),
-        Driver(f"{name}: softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}, egl),
         Driver(f"{name}: zink on lavapipe", "glsl", {**MESA, **ZINK}, of_debian(number, "libvulkan_lvp.so")),
         *lanes_of(f"{name}: PoCL", (1, 8, 16), source=of_debian(number, "libpocl.so.2")),
         *lanes_of(
@@ -199,11 +197,9 @@ def drivers_of_debian(number: int) -> list[Driver]:
 DRIVERS = [
     Driver("llvmpipe", "glsl", MESA),
     Driver("llvmpipe at GL 3.3", "glsl", {**MESA, "MESA_GL_VERSION_OVERRIDE": "3.3"}),
-    Driver("softpipe", "glsl", {**MESA, "GALLIUM_DRIVER": "softpipe"}),
     Driver("zink on lavapipe", "glsl", {**MESA, **ZINK}, LAVAPIPE),
     *lanes_of("PoCL", (1, *WIDTHS, *WIDER)),
     *lanes_of("Intel CPU", (1, 8), source=INTEL),
-    *lanes_of("Oclgrind", (1, 8), source=OCLGRIND),
     *lanes_of("rusticl", (1, 8), environment=LLVMPIPE_CL, source=RUSTICL),
     *lanes_of("PoCL of PyPI", (1, 8, 16), source=POCL),
     *drivers_of_debian(13),

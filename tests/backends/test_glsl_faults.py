@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
 from backends.running import compiled_anew as compiled, differs, flushes_denormals
+from patience import HANGING
 
 import shpy as sh
 from shpy import SH_ELSE, SH_IF
@@ -25,27 +29,6 @@ from shpy.testing.reference import Reference
 
 
 @sh.program
-def stored(k: sh.Attrib1i, v: sh.Attrib2f):
-    a, b, c = sh.Array(sh.Attrib1f, 5), sh.Array(sh.Attrib2f, 3), sh.Array(sh.Attrib1b, 4)
-    a[k] = v.x
-    a[sh.Attrib1u(k + 1)] = v.y
-    b[k] = v
-    c[k] = v.x > 0
-    return a[0], a[4], a[2], b[1], c[k], c[1]
-
-
-def test_stores_at_a_varying_index_are_corrected(wrong: Any) -> None:
-    wrong(stores_apart=False)
-    kernel = compiled(stored, "glsl")
-    assert "for (int sh_i = 0; sh_i < 5; sh_i += 1)" in kernel.source
-    assert "mixes up stores" in " ".join(kernel.notes)
-    k = np.int32([*range(-3, 8), 2**31 - 1, -(2**31)])
-    given = k, np.arange(2 * len(k), dtype=np.float32).reshape(-1, 2) - 5
-    for found, wanted in zip(kernel(*given), Kernel(stored.recorded, Reference(), Options())(*given), strict=True):
-        assert np.array_equal(found, wanted)
-
-
-@sh.program
 def sorted_out(x: sh.Attrib1f, v: sh.Attrib2f, high: sh.Attrib1f) -> sh.Attrib3f:
     found = sh.Attrib3f(0)
     for n, holds in enumerate((x < high, x >= high, sh.all(v > high))):
@@ -54,6 +37,14 @@ def sorted_out(x: sh.Attrib1f, v: sh.Attrib2f, high: sh.Attrib1f) -> sh.Attrib3f
         with SH_ELSE():
             found[n] = 1
     return found
+
+
+def test_softpipe_is_refused() -> None:
+    """It stores into the arrays of other elements, in silence."""
+    environment = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "softpipe"}
+    command = [sys.executable, "-c", "import shpy as sh; print(sh.backends()[2].reason)"]
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGING, check=True)
+    assert process.stdout.startswith("glsl needs OpenGL 3.3 without a window: Mesa's softpipe mixes up the arrays")
 
 
 def test_a_device_without_precise_has_fast_mode_alone(wrong: Any) -> None:
@@ -204,15 +195,15 @@ def test_comparisons_stand_apart_where_a_driver_makes_maxima_of_choices(wrong: A
     assert np.array_equal(kernel(a, b), np.float32([np.nan, 1, 5]), equal_nan=True)
 
 
-@pytest.mark.parametrize("off", [None, "stores", "choices", "exits", "negations", "signs", "decimals"])
+@pytest.mark.parametrize("off", [None, "choices", "exits", "negations", "signs", "decimals"])
 def test_what_a_shader_draws_tells_the_faults_of_opengl(off: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A driver that draws what it should has none of them, and one that draws something else has that one."""
     questions = {
-        "stores": probes.STORES, "choices": probes.CHOICES, "exits": probes.EXITS, "negations": probes.NEGATIONS,
+        "choices": probes.CHOICES, "exits": probes.EXITS, "negations": probes.NEGATIONS,
         "signs": probes.SIGNS, "decimals": probes.decimal_floats(),
     }  # fmt: skip
     drawn = {text: [1.0] * 8 for text in questions.values()}
-    drawn |= {probes.STORES: [0.0] * 3 + [5.0] + [0.0] * 4, probes.EXITS: [5.0] * 8}
+    drawn[probes.EXITS] = [5.0] * 8
     if off is not None:
         drawn[questions[off]][7] = 2.0
     context = open_context(0)

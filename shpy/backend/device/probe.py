@@ -25,11 +25,11 @@ from shpy.passes.library import CORRECTABLE
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """The operations that are probed; `convert` converts a float to an int."""
-_OF_COMPILERS: Final = frozenset({"zeros", "exits", "optimiser"})
+_OF_COMPILERS: Final = frozenset({"zeros", "exits"})
 FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", *_OF_COMPILERS})
 """Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
-`0 * x` for 0 or `x < 0 ? x : 0` for a minimum of any zeros, one that leaves loops before the conditions of their exits
-hold, and one whose optimiser makes errors."""
+`0 * x` for 0 or `x < 0 ? x : 0` for a minimum of any zeros, and one that leaves loops before the conditions of their
+exits hold."""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)
@@ -143,8 +143,6 @@ def notes_of(wrong: Iterable[str], *, binary64: bool) -> tuple[str, ...]:
         notes.append(f"this device gets {' and '.join(hopeless)} wrong: strict mode refuses programs with it")
     if not binary64:
         notes.append(NO_BINARY64)
-    if "optimiser" in wrong:
-        notes.append("this device makes errors in optimised programs: they are built with -cl-opt-disable")
     if "zeros" in wrong:
         notes.append(
             "this device confuses zeros (0 * x with 0, or -0.0 with 0.0): strict and relaxed mode hide them from it"

@@ -254,8 +254,6 @@ def _notes(limits: Limits) -> tuple[str, ...]:
     notes = list(notes_of(limits.wrong, binary64=limits.doubles))
     if not limits.keeps_order:
         notes.append('this device lacks GL_ARB_gpu_shader5: programs compile with math="fast" alone')
-    if not limits.stores_apart:
-        notes.append("this device mixes up stores at an index that varies: loops over the array correct them")
     if not limits.chooses:
         notes.append("this device takes a < b ? b : a for a maximum, also of NaN: comparisons stand apart")
     if not limits.negates:

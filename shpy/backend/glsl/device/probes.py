@@ -34,17 +34,6 @@ void main() {
 }
 """
 
-# Neighbouring fragments store at different indices of their arrays.
-STORES: Final = """\
-#version 330 core
-layout(location = 0) out vec4 found;
-void main() {
-    float a[3] = float[3](0.0, 0.0, 0.0);
-    a[clamp(int(gl_FragCoord.x) - 2, 0, 2)] = 5.0;
-    found = vec4(a[1]);
-}
-"""
-
 # A loop whose second exit never holds, as it follows `v += 1`.
 EXITS: Final = """\
 #version 330 core
@@ -188,7 +177,6 @@ def decimal_doubles() -> str:
 
 
 QUESTIONS: Final = {
-    "stores": (STORES, [0, 0, 0, 5, 0, 0, 0, 0]),
     "exits": (EXITS, [5] * 8),
     "choices": (CHOICES, [1] * 8),
     "negations": (NEGATIONS, [1] * 8),

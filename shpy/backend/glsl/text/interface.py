@@ -46,8 +46,6 @@ class Limits:
     """The operations that it gets wrong, of FAULTS in `shpy/backend/device/probe.py`."""
     keeps_order: bool = True
     """True if it has `precise`: without it only fast mode compiles."""
-    stores_apart: bool = True
-    """True if each element's store at a varying index reaches its own element."""
     chooses: bool = True
     """True if `a < b ? b : a` gives a where a is NaN."""
     fuses: bool = False

@@ -22,13 +22,13 @@ from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Unit
 from shpy.backend.emit.operations import COMPARISONS
 from shpy.backend.emit.structure import Body
-from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Declare, Exit, Expr, Index, Literal, Name, number
+from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Exit, Expr, Index, Literal, Name, number
 from shpy.backend.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backend.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
 from shpy.backend.glsl.text.nesting import sheltered_functions
 from shpy.backend.glsl.text.prologue import Prologue, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let, Loop, Module, Store
+from shpy.ir.nodes import Let, Loop, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.nesting import is_shelter
@@ -294,20 +294,6 @@ class GlslBody(Body):
         return tree.picked(whole, range(let.value.type.size), let.value.type)
 
     # Statements
-
-    def store_element(self, s: Store, index: int, e: Expr) -> None:
-        """Append a store into an array; at each constant index in turn, where a device takes none that varies."""
-        at, variable = self.exprs[index], self.variables[s.variable]
-        if self.unit.limits.stores_apart or isinstance(at, Literal):
-            super().store_element(s, index, e)
-            return
-        k = Name(INT, "sh_i")
-        stored = self.assign(s, Index(variable.type, self.slots[s.variable], k), e)
-        chosen = at if at.type is INT else Cast(INT, at)
-        test = tree.If(tree.infix("==", k, chosen, BOOL), (stored,))
-        step = tree.Assign(k, tree.infix("+", k, number(1)))
-        less = tree.infix("<", k, number(variable.length or 0), BOOL)
-        self.out.append(tree.Loop((test,), (Declare(INT, k.text, number(0)),), less, step, loc=s.loc))
 
     def statements(self) -> None:
         """Make the function's statements, in a loop of one iteration if it is sheltered."""

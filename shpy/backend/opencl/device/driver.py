@@ -46,8 +46,6 @@ from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import Math
 from shpy.passes.pipeline import Target
 
-_PLAIN = "-cl-opt-disable"
-"""The option for a compiler whose optimisations give wrong results."""
 _CPU_SECONDS = 0.5
 """The intended seconds of a dispatch on a CPU. Only Ctrl-C has to wait for its end, and long ones keep cores busy."""
 ANY_SIZE = 1 << 16
@@ -178,8 +176,7 @@ class Machine:
 
     def options(self, math: Math) -> list[str]:
         """Return the options with which a program of this mode is built."""
-        plain = [*self._options, _PLAIN] if "optimiser" in self.wrong else self._options
-        return [*plain, "-cl-fast-relaxed-math"] if math == "fast" else plain
+        return [*self._options, "-cl-fast-relaxed-math"] if math == "fast" else self._options
 
     def build(self, text: str, math: Math = "strict") -> Any:
         """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
@@ -382,31 +379,24 @@ class Machine:
 
     @in_ieee_arithmetic
     def _asked(self) -> frozenset[str]:
-        try:
-            faults = self._faults_with(self._options)
-        except self.cl.Error:
-            faults = frozenset({"optimiser"})
-        return faults if "optimiser" not in faults else self._faults_with([*self._options, _PLAIN]) | faults
-
-    def _faults_with(self, options: list[str]) -> frozenset[str]:
-        """Probe programs that are built with these options: return the names of the device's faults."""
+        """Probe the device: return the names of its faults; BackendUnavailable if it refuses the kernel."""
         lanes = self.lanes
         text = EXACTNESS.replace("WIDE", str(lanes) if lanes > 1 else "")
-        flags = np.tile(np.array([0, 1], np.uint8), COUNT)
-        results, ints = np.empty((7, COUNT), np.float32), np.empty((5, COUNT), np.int32)
-        inputs = (*hard_inputs(), np.full(COUNT, np.nan, np.float32), flags)
-        self.probe(text, inputs, (results, ints), options)
+        results, ints = np.empty((7, COUNT), np.float32), np.empty((4, COUNT), np.int32)
+        try:
+            self.probe(text, (*hard_inputs(), np.full(COUNT, np.nan, np.float32)), (results, ints))
+        except self.cl.Error as error:
+            name = self.device.name.strip()
+            raise BackendUnavailable(f"{name} refuses a small kernel of OpenCL C 1.2 ({error})") from error
         wrong = wrong_operations({**dict(zip(PROBED, results, strict=False)), "convert": ints[0]})
-        others = zip(("convert_nan", "zeros", "optimiser", "exits"), ints[1:], strict=True)
+        others = zip(("convert_nan", "zeros", "exits"), ints[1:], strict=True)
         return wrong | {name for name, differences in others if differences.any()}
 
     @in_ieee_arithmetic
-    def probe(
-        self, text: str, arrays: Sequence[Array], results: Sequence[Array], options: list[str] | None = None
-    ) -> None:
+    def probe(self, text: str, arrays: Sequence[Array], results: Sequence[Array]) -> None:
         """Run the kernel `probe` of a text over COUNT elements in packets; return the output arrays."""
         with self.lock:
-            program = self._compiled(text, options or self.options("strict"))
+            program = self._compiled(text, self._options)
             kernel = self.cl.Kernel(program, "probe")
             inputs, outputs = [self.upload(array) for array in arrays], [self.take(array.nbytes) for array in results]
             kernel.set_args(*inputs, *outputs)
