@@ -8,11 +8,11 @@ Stage: the command line, in the worker.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
 
+import shpy as sh
 from raytracer.integrators.integrator import Integrator
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.scene import Scene
@@ -50,9 +50,7 @@ class Renderers:
     """Renderers by their form, each made in a thread; a form that failed keeps its error until it is asked for."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
-        self._wake = wake
-        self._results: dict[Form, Any] = {}
-        self._begun: set[Form] = set()
+        self._drawers: sh.view.Background[Form, Drawer] = sh.view.Background(wake)
         self._last: Drawer | None = None
 
     def best(self, form: Form, scene: Scene) -> Drawer | None:
@@ -60,28 +58,20 @@ class Renderers:
 
         Raises the error with which the wanted drawer could not be made.
         """
-        if form not in self._begun:
-            self._begun.add(form)
-            threading.Thread(target=self._make, args=(form, scene), daemon=True).start()
-        result = self._results.get(form)
-        if isinstance(result, Exception):
+        self._drawers.begin(form, partial(_make, form, scene))
+        error = self._drawers.error(form)
+        if error is not None:
             # Another scene, such as one without an environment light, may be possible.
-            self._begun.discard(form)
-            del self._results[form]
-            raise result
-        if result is not None:
-            self._last = result
+            self._drawers.forget(form)
+            raise error
+        if self._drawers.is_done(form):
+            self._last = self._drawers.result(form)
         return self._last
 
     def is_ready(self, form: Form) -> bool:
         """Return whether a form has been made, or has failed."""
-        return form in self._results
+        return self._drawers.has_ended(form)
 
-    def _make(self, form: Form, scene: Scene) -> None:
-        try:
-            renderer = Renderer(scene, integrator=form.integrator, backend=form.backend)
-            result: Any = Drawer(form, renderer, scene)
-        except Exception as error:  # of a driver too: the page shows it
-            result = error
-        self._results[form] = result
-        self._wake()
+
+def _make(form: Form, scene: Scene) -> Drawer:
+    return Drawer(form, Renderer(scene, integrator=form.integrator, backend=form.backend), scene)

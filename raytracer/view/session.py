@@ -11,7 +11,6 @@ made, and when the camera has come to rest.
 from __future__ import annotations
 
 import dataclasses
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -35,8 +34,6 @@ from raytracer.view.texts import Shown
 
 _REST: Final = 0.15
 """Seconds without a change until a coarse picture is refined: a piece that is under way delays the next answer."""
-_LONGEST: Final = 0.25
-"""Seconds that the time advances from frame to frame at most: after a long computation the scene does not jump."""
 _STEP: Final = 1 / 24
 """Seconds of a single step."""
 _EXPOSURE: Final = {
@@ -51,41 +48,39 @@ _EXPOSURE: Final = {
 }
 
 
-class Session:
+class Session(sh.view.Live):
     """The frames of one scene, as the state of the view asks for them."""
 
     def __init__(
         self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
     ) -> None:
         """Open the scene. Raises SceneError, and whatever reading a file raises."""
-        self.request, self.options = request, options_of(request)
+        self.options = options_of(request)
+        super().__init__(request, wake, self.options.backend or sh.view.preferred())
         with sh.view.noted(Path(request["path"])):
             self.opened = open_scene(self.options)
-        self.size, self.time, self.frame, self.playing, self.mark = (512, 512), 0.0, 0, False, False
         first = self.opened.make(0.0)
         self.edits = Edits(first)
         self._integrators = {kind: chosen(self.options, kind) for kind in INTEGRATORS}
-        self._backend, self._kind = self.options.backend or sh.view.preferred(), self.options.integrator
+        self._kind = self.options.integrator
         self.camera: Camera | None = None
         """The camera that the page has turned; None for the scene's."""
         self.stamp: Any = None
         """The mark that the page sent with the last camera: it tells which frame shows it."""
         self.stops = self._stops = float(self.options.exposure or 0.0)
-        self._wake = wake
         self._renderers = Renderers(wake)
         self._refinement: Refinement | None = None
         self._drawer: Drawer | None = None
         self._scene = first
-        self._changed, self._exposed, self._single = True, False, False
-        self._clock = self._moved = time.monotonic()
-        self._waking = False
+        self._exposed, self._waking = False, False
+        self._moved = time.monotonic()
 
     # The state
 
     @property
     def form(self) -> Form:
         """The backend and the integrator that the page has chosen."""
-        return Form(self._backend, self._integrators[self._kind])
+        return Form(self.backend, self._integrators[self._kind])
 
     @property
     def seen(self) -> Camera:
@@ -105,7 +100,7 @@ class Session:
             "seconds": self.opened.seconds,
             "backends": sh.view.available(),
             "integrators": list(INTEGRATORS),
-            "backend": self._backend,
+            "backend": self.backend,
             "integrator": self._kind,
             "notices": list(self.opened.notices),
         }
@@ -124,20 +119,15 @@ class Session:
             refused.append(f"an exposure is a number from -{viewing.MOST:g} to {viewing.MOST:g}, not {stops:g}")
         elif stops != self.stops:
             self.stops, self._exposed = stops, True
-        size = changes.get("size", self.size)
-        self.size = int(size[0]), int(size[1])
-        self._backend = changes.get("backend") or self._backend
-        self.time = float(changes.get("time", self.time))
-        self.frame = int(changes.get("frame", self.frame))
-        self.playing, mark = changes.get("playing", self.playing), changes.get("mark", self.mark)
+        mark = self.mark
+        refused += super().set(changes)
         self._exposed |= mark != self.mark
-        self.mark = mark
         if "scene" in changes:
             try:
                 self._look(changes["scene"])
             except (SceneError, KeyError, TypeError, ValueError) as error:
                 refused.append(str(error))
-        self._clock = self._moved = time.monotonic()
+        self._moved = time.monotonic()
         self._changed |= bool(set(changes) - {"params", "mark"}) or bool(params) or not changes
         return refused
 
@@ -155,15 +145,6 @@ class Session:
         numbers = {name: float(camera[name]) for name in ("fov", "span")}
         # Directions that a calibration fixes would not follow.
         self.camera = dataclasses.replace(self.seen, **places, **numbers, intrinsics=None)  # type: ignore[arg-type]
-
-    def reset(self) -> None:
-        """Restart at the time 0."""
-        self.time, self.frame = 0.0, 0
-        self._changed = True
-
-    def step(self) -> None:
-        """Advance by one frame."""
-        self._single = self._changed = True
 
     def woken(self) -> None:
         """Note that a renderer has been made, or that it is time to refine."""
@@ -213,16 +194,11 @@ class Session:
             return False
         if not self._waking:
             self._waking = True
-            timer = threading.Timer(left, self._wake)
-            timer.daemon = True
-            timer.start()
+            self.wake_after(left)
         return True
 
     def _go_on(self) -> None:
-        now = time.monotonic()
-        passed = _STEP if self._single else min(now - self._clock, _LONGEST)
-        self._clock = now
-        self.time = (self.time + passed) % self.opened.seconds
+        self.time = (self.time + self.passed(_STEP)) % self.opened.seconds
         self.frame += 1
         self._changed = True
 
@@ -299,7 +275,7 @@ class Session:
         shown = Shown(
             self.options,
             self.size,
-            self._backend,
+            self.backend,
             self.form.integrator,
             self.camera,
             self.seen,

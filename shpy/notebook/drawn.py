@@ -2,7 +2,7 @@
 
 Stage: view. A request names a frame by its moment; a chain advances when the frame's number differs from the last.
 
-    Pixels(program, (640, 360), {"backend": "opencl"}).draw(Moment((640, 360), time=1.5))
+    Pixels(program, (640, 360), Form("opencl", "strict")).draw(Moment((640, 360), time=1.5))
 """
 
 from __future__ import annotations
@@ -13,23 +13,29 @@ from typing import Any
 from shpy.chains.chain import Chain
 from shpy.evolution import Evolution
 from shpy.programs import Program
-from shpy.screen import Moment, drawn, moves
+from shpy.screen import Moment, moves, run_at
+from shpy.view.kernels import Form, Kernels
 
 
 class Pixels:
-    """A program of pixels."""
+    """A program of pixels; numpy draws it while the driver of another backend compiles."""
 
     evolves = False
     steps = 1
 
-    def __init__(self, program: Program, size: tuple[int, int], options: dict[str, Any]) -> None:
-        self._program, self._options = program, options
+    def __init__(
+        self, program: Program, size: tuple[int, int], form: Form, values: Mapping[str, Any] | None = None
+    ) -> None:
+        self._kernels, self._form, self._values = Kernels(program, lambda: None), form, values
         self.size, self.title, self.params = size, program.name, program.params
         self.moves = moves(program)
 
     def draw(self, moment: Moment) -> Any:
-        """Return the output at a moment."""
-        return drawn(self._program, moment, **self._options)
+        """Return the output at a moment; raise the error with which the backend refuses the program."""
+        kernel, form = self._kernels.best(self._form)
+        if form != self._form and (refused := self._kernels.refused(self._form)):
+            raise refused
+        return run_at(kernel, self._kernels.program.inputs, moment, self._values)
 
 
 class Running:

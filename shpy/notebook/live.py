@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from shpy.backend.registry import NAMES, default_backend
 from shpy.chains.chain import Chain
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
@@ -18,6 +19,7 @@ from shpy.packages import install
 from shpy.passes.modes import Math
 from shpy.programs import Program
 from shpy.screen import check_pictures
+from shpy.view.kernels import Form
 
 
 def widget(
@@ -35,8 +37,9 @@ def widget(
 
     This process computes the frames, on any backend, and sets the Params' values: `gain.value` follows the slider, and
     the slider follows a value set in another cell. Inputs are filled by name as `sh.animate` does; `mouse` follows the
-    pointer while it is pressed. `values` are the other inputs. With `encode`, numbers are linear light, which becomes
-    sRGB. `size` is (width, height) of a program's picture, (512, 512) by default.
+    pointer while it is pressed. numpy draws while the driver of another backend compiles. `values` are the other
+    inputs. With `encode`, numbers are linear light, which becomes sRGB. `size` is (width, height) of a program's
+    picture, (512, 512) by default.
 
     A chain is run `steps` times for each frame, which a field of the widget changes; `values` are its first streams,
     and `show` is the program that makes colours of its streams, as in `sh.animate`.
@@ -44,6 +47,9 @@ def widget(
     Raises ShpyTypeError for anything but a program of pixels or a chain with its streams; ShpyError, with the command
     that installs it, where anywidget is missing.
     """
+    if backend not in (None, *NAMES):
+        cure = " or ".join(f'backend="{name}"' for name in NAMES)
+        raise ShpyTypeError(f"backend={backend!r} names no backend", loc=here(), cure=cure)
     drawn: Pixels | Running
     if isinstance(shown, Chain):
         if math != "strict":
@@ -57,7 +63,7 @@ def widget(
         for name in values.keys() - shown.inputs.keys():
             message = f"{name} is a Param of {shown.name}, for which the widget has a control"
             raise ShpyTypeError(message, loc=here(), cure=f"{name}.value = …")
-        drawn = Pixels(shown, size or (512, 512), {"backend": backend, "math": math, **values})
+        drawn = Pixels(shown, size or (512, 512), Form(backend or default_backend(), math), values)
     else:
         raise ShpyTypeError(f"{shown!r} is neither a program nor a chain", loc=here(), cure="sh.widget(program)")
     try:

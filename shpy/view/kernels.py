@@ -10,15 +10,15 @@ first frame is done, so that the two do not compete for the interpreter's lock.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 from shpy.backend.registry import backends
 from shpy.errors import ShpyError
 from shpy.programs import Program
+from shpy.run.background import Background
 
 QUICK: Final = "numpy"
 """The backend that draws while another one's driver compiles."""
@@ -42,76 +42,44 @@ class Kernels:
 
     def __init__(self, program: Program, wake: Callable[[], None]) -> None:
         self.program = program
-        self._wake = wake
-        self._done = threading.Condition()
-        self._results: dict[Form, Any] = {}
-        self._begun: set[Form] = set()
-        self._later: dict[Form, threading.Timer] = {}
+        self._compiled: Background[Form, Any] = Background(wake)
 
     def best(self, choice: Form) -> tuple[Any, Form]:
         """Return the wanted kernel if compiled, else wait for the quick one; raise if both are refused."""
-        there, quick = self._results.get(choice), Form(QUICK, choice.math)
-        if there is None or isinstance(there, Exception):
-            meanwhile = self._wait(quick)
-            if not isinstance(meanwhile, Exception):
-                self._begin_later(choice)
-                return meanwhile, quick
+        if not self._compiled.is_done(choice):
+            quick = Form(QUICK, choice.math)
+            self.wait_for_any(choice)
+            if self._compiled.is_done(quick):
+                self._compiled.begin_after(_HEAD_START, choice, partial(self._compile, choice))
+                return self.exactly(quick), quick
         return self.exactly(choice), choice
 
     def wait_for_any(self, choice: Form) -> None:
         """Wait until the wanted form or the quick one is compiled, or is refused."""
-        if choice not in self._results:
-            self._wait(Form(QUICK, choice.math))
+        if not self._compiled.is_done(choice):
+            quick = Form(QUICK, choice.math)
+            self.begin(quick)
+            self._compiled.wait(quick)
 
     def exactly(self, form: Form) -> Any:
         """Return the kernel of a form, after compiling it if need be; raise the error if it is refused."""
-        kernel = self._wait(form)
-        if isinstance(kernel, Exception):
-            raise kernel
-        return kernel
+        self.begin(form)
+        return self._compiled.result(form)
 
     def refused(self, form: Form) -> Exception | None:
         """Return the error with which the target refused a form, else None."""
-        result = self._results.get(form)
-        return result if isinstance(result, Exception) else None
+        return self._compiled.error(form)
 
     def is_awaited(self, form: Form) -> bool:
         """Return whether a form is compiling, or about to."""
-        return form not in self._results and (form in self._begun or form in self._later)
-
-    def _wait(self, form: Form) -> Any:
-        """Wait for a form; return its kernel or the error with which it was refused."""
-        self.begin(form)
-        with self._done:
-            self._done.wait_for(lambda: form in self._results)
-        return self._results[form]
-
-    def _begin_later(self, form: Form) -> None:
-        """Begin to compile a form at the second call, after a frame of the quick one, or `_HEAD_START` later."""
-        if form in self._later or form in self._begun:
-            self.begin(form)
-            return
-        timer = self._later[form] = threading.Timer(_HEAD_START, self.begin, (form,))
-        timer.daemon = True
-        timer.start()
+        return self._compiled.is_awaited(form)
 
     def begin(self, form: Form) -> None:
         """Begin to compile a form, if that has not begun."""
-        with self._done:
-            if form in self._begun:
-                return
-            self._begun.add(form)
-        threading.Thread(target=self._compile, args=(form,), daemon=True).start()
+        self._compiled.begin(form, partial(self._compile, form))
 
-    def _compile(self, form: Form) -> None:
-        try:
-            result: Any = self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
-        except Exception as error:  # also from a driver: the page shows it, and other forms continue
-            result = error
-        with self._done:
-            self._results[form] = result
-            self._done.notify_all()
-        self._wake()
+    def _compile(self, form: Form) -> Any:
+        return self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
 
 
 @cache

@@ -10,10 +10,9 @@ streams are brought to where the kernel is that reads them.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from shpy.chains.member import Member
 from shpy.errors import ShpyError
 from shpy.evolution import extent, given_to, last_stream, stepped
 from shpy.programs import Program
+from shpy.run.background import Background
 from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels
@@ -64,12 +64,12 @@ class Ongoing:
         """The Params of the chain."""
         self.params = self.stepping | (self.kernels.program.params if self.kernels else {})
         self._in_form = cache(self._compiled)
-        self._wake = wake
         self._state: Held | None = None
         self._size: tuple[int, int] | None = None
         self._own: tuple[int, int] | None = None
         """The size of the streams, which `start` may choose itself."""
-        self._ready: dict[Key, Exception | bool] = {}
+        self._trials: Background[Key, None] = Background(wake)
+        """The first run in each form, which compiles the kernels."""
 
     @property
     def show_inputs(self) -> Mapping[str, Any]:
@@ -115,14 +115,13 @@ class Ongoing:
 
     def advance(self, moment: Moment, choice: Form, steps: int) -> bool:
         """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
-        start = self._present(moment.size)
+        streams = dict(self._present(moment.size).streams)
         forms = tuple(dict.fromkeys((choice, Form(QUICK, choice.math))))
         for form in reversed(forms):
-            self._prepare((form, moment.size), moment, start.streams)
-        states = [(form, self._ready[form, moment.size]) for form in forms]
-        ready = [form for form, state in states if state is True]
+            self._trials.begin((form, moment.size), partial(self._try, moment, form, streams))
+        ready = [form for form in forms if self._trials.is_done((form, moment.size))]
         if not ready:
-            refused = [state for _, state in states if isinstance(state, Exception)]
+            refused = [error for form in forms if (error := self._trials.error((form, moment.size)))]
             if len(refused) == len(forms):
                 raise refused[0]
             return False
@@ -137,20 +136,9 @@ class Ongoing:
             state = Held({**state.streams, **written}, state.streams, moment, form)
         self._state = state
 
-    def _prepare(self, key: Key, moment: Moment, streams: Mapping[str, Any]) -> None:
-        """Begin to compile a form, if that has not begun."""
-        if key not in self._ready:
-            self._ready[key] = False
-            threading.Thread(target=self._compile, args=(key, moment, dict(streams)), daemon=True).start()
-
-    def _compile(self, key: Key, moment: Moment, streams: dict[str, Any]) -> None:
+    def _try(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> None:
         """Compile the kernels by one run, whose results are discarded."""
-        try:
-            self._run(moment, key[0], streams)
-            self._ready[key] = True
-        except Exception as error:  # also from a driver: the page shows it
-            self._ready[key] = error
-        self._wake()
+        self._run(moment, form, streams)
 
     def _run(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> dict[str, Any]:
         return stepped(self._in_form(form), moment, _placed(streams, form), form.backend)
@@ -195,15 +183,13 @@ class Ongoing:
 
     def is_awaited(self, choice: Form) -> bool:
         """Return whether the chain or `show` is compiled for the wanted form."""
-        key = choice, self._own or (0, 0)
-        return self._ready.get(key, True) is False or (self.kernels is not None and self.kernels.is_awaited(choice))
+        waits = self._trials.is_awaited((choice, self._own or (0, 0)))
+        return waits or (self.kernels is not None and self.kernels.is_awaited(choice))
 
     def refused(self, choice: Form) -> Exception | None:
         """Return the error with which a target refuses the chain or `show`; a quick form draws in its place."""
-        state = self._ready.get((choice, self._own or (0, 0)))
-        if isinstance(state, Exception):
-            return state
-        return self.kernels.refused(choice) if self.kernels else None
+        error = self._trials.error((choice, self._own or (0, 0)))
+        return error or (self.kernels.refused(choice) if self.kernels else None)
 
     def state(self) -> Held | None:
         """Return what the present picture was made of."""

@@ -9,7 +9,6 @@ Stage: view. `child` calls it from one thread; `wake` is called from others when
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +23,7 @@ from shpy.view import oddities, questions
 from shpy.view.controls import Controls
 from shpy.view.frames import Frame, History
 from shpy.view.kernels import Form, available, preferred, warm as warm_backends
+from shpy.view.live import Live
 from shpy.view.ongoing import Ongoing
 from shpy.view.reading import files_read
 from shpy.view.searches import Searches
@@ -36,34 +36,31 @@ _COARSE: Final = 0.03
 """The intended seconds of a coarse frame."""
 _FIRST: Final = 96
 """Pixels along the longer side of the first picture, when the time per pixel is unknown."""
-_LONGEST: Final = 0.25
-"""The most seconds by which time advances between frames, so that it does not jump after a long computation."""
 _KEPT: Final = 4
 """The frames about which a page may ask: those on their way to it, and the one that it shows."""
 _REST: Final = 3.0
 """The pause after a quick frame, in durations of the frame, while the wanted kernel compiles on the same processor."""
 
 
-class Session:
+class Session(Live):
     """The frames of one program or chain for the state of the view."""
 
     def __init__(
         self, request: dict[str, Any], wake: Callable[[], None], tell: Callable[[dict[str, Any]], None]
     ) -> None:
         """Record the file; errors of its code pass through. `tell` sends a header to the server."""
+        super().__init__(request, wake, preferred())
         self.searches = Searches(tell)
         begun = time.monotonic()
-        self.request = request
         self.opened = open_file(Path(request["path"]))
         self.name, value = self.opened.pick(request.get("program"))
         self.subject = subject_of(value, self.opened, wake)
-        self._wake, self._rest = wake, 0.0
+        self._rest = 0.0
         self.controls = Controls(self.opened.in_order(self.subject.params))
         self.recording = time.monotonic() - begun
-        self.size = self._extent = (512, 512)
-        self.form = Form(preferred(), "strict")
-        self.playing, self.encode, self.mark, self.steps = True, False, False, 1
-        self.time, self.frame = 0.0, 0
+        self._extent = self.size
+        self.form = Form(self.backend, "strict")
+        self.playing, self.encode, self.steps = True, False, 1
         self.mouse = (0.0, 0.0, 0.0, 0.0)
         """In pixels of the full picture."""
         self._drawn: Form | None = None
@@ -74,8 +71,7 @@ class Session:
         self._stepped: dict[str, list[Any]] = {}
         """The values of the Params in the last step."""
         self._history = History()
-        self._changed, self._refine, self._single = True, False, False
-        self._clock = time.monotonic()
+        self._refine = False
         self._cost: dict[Form, float] = {}
 
     def describe(self) -> dict[str, Any]:
@@ -99,30 +95,19 @@ class Session:
 
     def set(self, changes: dict[str, Any]) -> list[str]:
         """Change the state of the view; return a message for each Param that refuses its value."""
-        size = changes.get("size", self.size)
-        self.size = int(size[0]), int(size[1])
-        self.form = Form(changes.get("backend") or self.form.backend, changes.get("math") or self.form.math)
-        self.encode, self.mark = changes.get("encode", self.encode), changes.get("mark", self.mark)
-        self.steps = changes.get("steps", self.steps)
-        self.time = float(changes.get("time", self.time))
-        self.frame = int(changes.get("frame", self.frame))
+        super().set(changes)
+        self.form = Form(self.backend, changes.get("math") or self.form.math)
+        self.encode, self.steps = changes.get("encode", self.encode), changes.get("steps", self.steps)
         if "mouse" in changes:
             x, y, press_x, press_y = map(float, changes["mouse"])
             self.mouse = x, y, press_x, press_y
-        self.playing = changes.get("playing", self.playing)
-        self._clock = time.monotonic()
         self._changed, self._rest = True, 0.0  # a moved slider ends the pause
         return self.controls.assign(changes.get("params", {}))
 
     def reset(self) -> None:
-        """Restart at the time 0."""
-        self.time, self.frame = 0.0, 0
+        """Restart at the time 0, with the first streams of a chain."""
+        super().reset()
         self.subject.reset()
-        self._changed = True
-
-    def step(self) -> None:
-        """Advance by one frame."""
-        self._single = self._changed = True
 
     def next(self) -> tuple[dict[str, Any], NDArray[np.uint8]] | None:
         """Return the header and the pixels (height, width, 4) of the next frame; None if nothing has changed."""
@@ -190,9 +175,7 @@ class Session:
     def _pause(self, seconds: float) -> None:
         """Compute no frame for these seconds, or until the wanted kernel is ready."""
         self._rest = time.monotonic() + seconds
-        timer = threading.Timer(seconds + 0.001, self._wake)  # just after the end, since it wakes only once
-        timer.daemon = True
-        timer.start()
+        self.wake_after(seconds + 0.001)  # just after the end, since it wakes only once
 
     def _rests(self) -> bool:
         """Return whether a pause lasts; it ends early if the wanted kernel is ready."""
@@ -208,13 +191,11 @@ class Session:
         return (self._changed or self._refine) and not (lacking and self.subject.lacks_picture(self.size))
 
     def _advance(self, extent: tuple[int, int]) -> None:
-        now = time.monotonic()
-        passed = min(now - self._clock, _LONGEST)
-        self._clock = now
+        passed = self.passed(1 / 60)
         if self.subject.advance(self._moment(extent), self.form, self.steps):
             self._stepped = self.controls.values()
             self._history = self._history.after(self.steps, self._determining())
-            self.time += 1 / 60 if self._single else passed
+            self.time += passed
             self.frame += 1
             self._changed = True
 

@@ -4,14 +4,20 @@ import base64
 import io
 import json
 import sys
+import threading
 
 import numpy as np
 import pytest
+from patience import HANGING
 from PIL import Image as pillow
 from views import chromium, new_page
 
 import shpy as sh
+from benchmarks.pages import wait_until
 from shpy.screen import Moment, drawn, pixels
+from shpy.view.kernels import Form
+
+WANTED = Form("opencl", "strict")
 
 gain = sh.Param(sh.Attrib1f, 0.5, name="gain", range=(0, 1), title="Gain", description="How bright it is")
 tint = sh.Param(sh.Color3f, (1, 0.5, 0.25), name="tint", range=(0, 1))
@@ -96,6 +102,44 @@ def test_a_widget_answers_with_the_frame_that_is_asked_for(monkeypatch):
     assert (gain.value, on.value) == (0.25, True)  # None brings the first value back
 
 
+def test_numpy_draws_until_the_driver_of_the_wanted_backend_has_compiled(monkeypatch):
+    ready, asked, compiled = threading.Event(), [], lamp.compile
+
+    def compile(target, **options):
+        asked.append(target)
+        if target == "opencl":
+            assert ready.wait(HANGING)
+        return compiled(target, **options)
+
+    monkeypatch.setattr(lamp, "compile", compile)
+    widget = sh.widget(lamp, size=(6, 4), backend="opencl", time=0.25)
+    first = widget.frame()
+    assert asked == ["numpy"]
+    ready.set()
+    wait_until(lambda: np.array_equal(widget.frame(), first) and widget._shown._kernels.best(WANTED)[1] == WANTED)
+    assert asked == ["numpy", "opencl"]
+    assert np.array_equal(widget.frame(), first)
+
+
+def test_a_backend_that_refuses_the_program_says_so(monkeypatch):
+    def compile(target, **options):
+        raise sh.ShpyError(f"{target} refuses")
+
+    monkeypatch.setattr(
+        lamp, "compile", lambda target, c=lamp.compile, **o: (compile if target == "glsl" else c)(target, **o)
+    )
+    widget = sh.widget(lamp, size=(6, 4), backend="glsl")
+
+    def error():
+        try:
+            widget.frame()
+        except sh.ShpyError as refused:
+            return str(refused)
+
+    wait_until(lambda: error() is not None)
+    assert error() == "glsl refuses"
+
+
 def test_what_shows_no_widgets_shows_the_picture():
     widget = sh.widget(lamp, size=(6, 4), backend="numpy")
     bundle = widget._repr_mimebundle_()
@@ -154,6 +198,7 @@ def test_a_chain_goes_on_with_each_frame_and_begins_anew(monkeypatch):
         (of_points, {}, "of_points is no program of pixels"),
         (lamp, {"size": (0, 1)}, "is no width and height"),
         (lamp, {"gain": 1}, "gain is a Param of lamp, for which the widget has a control"),
+        (lamp, {"backend": "cuda"}, "backend='cuda' names no backend"),
         (lamp, {"spede": 1}, "spede is neither an input nor a Param of lamp"),
     ],
 )

@@ -9,6 +9,7 @@ from pictured_chains import CHAINS, HEAD
 from shpy.chains.chain import sequence
 from shpy.evolution import Evolution, last_stream
 from shpy.ir.interpreter import Interpreter
+from shpy.run.background import Background
 from shpy.screen import Moment
 from shpy.view.kernels import Form
 from shpy.view.ongoing import Ongoing
@@ -43,23 +44,35 @@ def expected(found, subject, moments):
     return pictures
 
 
+class Locked(Background):
+    """Results that are made when a test lets them."""
+
+    def begin(self, key, make):
+        pass
+
+    def begin_after(self, seconds, key, make):
+        pass
+
+    def let(self, key, make):
+        super().begin(key, make)
+        self.wait(key)
+
+
 class Gate(Ongoing):
     """A chain whose kernels are ready when a test says so."""
 
     def __init__(self, *given):
         super().__init__(*given)
+        self._trials = Locked()
         if self.kernels:
-            self.kernels.begin = self.kernels._begin_later = lambda form: None
-
-    def _prepare(self, key, moment, streams):
-        self._ready.setdefault(key, False)
+            self.kernels._compiled = Locked()
 
     def let(self, what, form):
         """Let the chain, or `show`, be compiled in a form."""
         if what == "chain":
-            self._ready[form, self.extent(SIZE)] = True
+            self._trials.let((form, self.extent(SIZE)), lambda: None)
         elif self.kernels:
-            self.kernels._results[form] = self.kernels.program.compile(form.backend, math=form.math)
+            self.kernels._compiled.let(form, lambda: self.kernels.program.compile(form.backend, math=form.math))
 
 
 ORDERS = list(itertools.permutations([("show", False), ("show", True), ("chain", False), ("chain", True)]))
@@ -79,7 +92,7 @@ def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, t
         subject.let(what, wanted if is_wanted else QUICK)
         for _ in range(2):
             number += subject.advance(moments[number], wanted, 1)
-            ready = subject.kernels is None or subject.kernels._results
+            ready = subject.kernels is None or subject.kernels._compiled._results
             if ready and not subject.lacks_picture(SIZE):
                 output, form = subject.draw(moments[number], wanted)
                 assert form in (wanted, QUICK)
@@ -110,15 +123,23 @@ def test_a_page_may_choose_other_backends_and_modes_while_a_chain_runs(opened, n
             assert np.allclose(output, pictures[number], atol=1e-3, equal_nan=True)
 
 
+def refuse(text):
+    def make():
+        raise ValueError(text)
+
+    return make
+
+
 def test_a_form_that_a_target_refuses_leaves_the_quick_one(opened):
     found, wanted = opened("two_buffers"), Form("glsl", "strict")
     subject, moment = Gate(found.pick(None)[1], found, lambda: None), Moment(SIZE)
     subject.let("chain", QUICK)
-    subject._ready[wanted, SIZE] = ValueError("no")
+    subject._trials.let((wanted, SIZE), refuse("no"))
     assert subject.advance(moment, wanted, 1)
     assert str(subject.refused(wanted)) == "no"
     assert subject.draw(moment, wanted)[1] == QUICK
-    subject._ready[QUICK, SIZE] = ValueError("neither")
+    subject._trials.forget((QUICK, SIZE))
+    subject._trials.let((QUICK, SIZE), refuse("neither"))
     with pytest.raises(ValueError, match="no"):
         subject.advance(moment, wanted, 1)
 
