@@ -263,7 +263,7 @@ def test_properties_draw_the_same_examples_in_every_run(request):
 _LATE = (
     *(f"shpy.{name}" for name in ("accuracy", "cli", "testing", "ir.interpreter", "ir.parser")),
     *(f"shpy.backend.{name}" for name in ("device.probe", "device.store", "emit", "glsl", "numpy", "opencl")),
-    *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "strict", "terms", "vectorize")),
+    *(f"shpy.passes.{name}" for name in ("library", "lower", "pipeline", "formulas", "vectorize")),
     *("shpy.notebook", "shpy.view", "importlib.metadata"),
     *("lark", "mapbox_earcut", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )

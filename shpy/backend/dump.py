@@ -1,7 +1,7 @@
 """SHPY_DUMP=ir,vector,tree,source: print what the stages give, to standard error.
 
 Stage: emit. `ir` is the module as it was recorded, `vector` what `vectorize` made of it, `tree` each
-function of the output tree (see `emit/tree_text.py`), `source` the emitted text.
+function of the output tree (see `emit/spell_tree.py`), `source` the emitted text.
 """
 
 from __future__ import annotations

@@ -247,9 +247,10 @@ _geometry("f: T T S -> T", m.refract, "GLSL 4.60 section 8.5; 0 at total reflect
 _geometry("f: T T T -> T", m.faceforward, "n where dot(reference, i) < 0, else -n", exact=True)
 
 
-# Transcendentals: in strict mode those of `passes/exact`, correctly rounded; in portable mode those of `passes/strict`;
-# in relaxed mode the target's own within the bounds of OpenCL's full profile (OpenCL C 3.0 section 7.4), or those of
-# portable mode where the target has none that keep them. The numbers bound portable and relaxed mode, and f64.
+# Transcendentals: in strict mode the formulas of `passes/formulas/strict`, correctly rounded; in portable mode those of
+# `passes/formulas/portable`; in relaxed mode the target's own within the bounds of OpenCL's full profile (OpenCL C 3.0
+# section 7.4), or those of portable mode where the target has none that keep them. The numbers bound portable and
+# relaxed mode, and f64.
 def _transcendental(
     name: str,
     meaning: Callable[..., Any],

@@ -90,7 +90,7 @@ class _Half(Rebase):
 
     def _transcendental(self, let: Let, value: Value) -> None:
         """Emit a function whose exact value is rounded once: by formulas that need no binary64, or by the target."""
-        from shpy.passes.strict.halves import CORRECTED
+        from shpy.passes.formulas.strict.halves import CORRECTED
 
         types = (value.type,) * len(let.args)
         if let.op in self.exact:

@@ -6,7 +6,7 @@ Stage: improve. `definition("reflect", (f3, f3))` gives the pure function
 
 Composites are defined in `ir/meaning.py`. The same definition runs on arrays, so that every target gives the same bits.
 Definitions may use other composites; `lower` lowers those in turn. A definition's parameter names are those of the
-emitted function. Transcendentals are those of `strict`, which is imported when the first one is asked for.
+emitted function. Transcendentals are those of `formulas`, which is imported when the first one is asked for.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from functools import cache
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
+from shpy.passes.formulas.rounding import to_odd
+from shpy.passes.formulas.terms import Term, define
 from shpy.passes.modes import Formulas
 from shpy.passes.names import fresh
-from shpy.passes.rounding import to_odd
-from shpy.passes.terms import Term, define
 
 
 def _half_fma(a: Term, b: Term, c: Term) -> Term:
@@ -43,7 +43,7 @@ def _half_from_double(x: Term) -> Term:
 _ROUNDINGS: dict[str, Callable[..., Term]] = {"half_fma": _half_fma, "half_from_double": _half_from_double}
 """The functions that `lower_half` calls."""
 
-PARTS = frozenset({"payne_hanek", "far_reduced", "sin_strict", "cos_strict", "tan_strict"})
+PARTS = frozenset({"payne_hanek", "sin_strict", "cos_strict", "tan_strict"})
 """Operations that occur only in definitions: functions that several definitions call."""
 
 BOUNDED = {name: f"{name}_bounded" for name in ("sin", "cos", "tan")}
@@ -53,7 +53,7 @@ HALVES = {f"{name}_half": name for name in TRANSCENDENTALS}
 """For each function that rounds a result in binary32 to binary16, the function whose result it rounds."""
 
 CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
-"""Operations of binary32 that `strict/arithmetic.py` corrects for devices that round them wrong or have none.
+"""Operations of binary32 that `formulas/arithmetic.py` corrects for devices that round them wrong or have none.
 
 "convert_nan" is the conversion of a float to an int where it gives anything but 0 for a NaN; `lower` corrects it.
 """
@@ -75,25 +75,21 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
         return _part(name, types)
     if is_exact(name, first, formulas):
         called = f"{name}_strict{first.size if first.size > 1 else ''}"
-        if formulas == "pairs":
-            from shpy.passes.pairs import FUNCTIONS as PAIRED
-
-            return define(called, PAIRED[name], types)
-        from shpy.passes.exact import rounded
+        from shpy.passes.formulas.strict import rounded
 
         return define(called, rounded(name), types, fused=formulas == "fused")
     if name in TRANSCENDENTALS:
-        from shpy.passes.strict import FUNCTIONS
+        from shpy.passes.formulas.portable import FUNCTIONS
 
         base = "_d" if first.base is Base.D else ""
         mode = "portable" if formulas == "portable" and not base else "strict"
         return define(f"{name}_{mode}{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
     if name in HALVES:
-        from shpy.passes.strict.halves import correction
+        from shpy.passes.formulas.strict.halves import correction
 
         return define(f"{name}{first.size if first.size > 1 else ''}", correction(HALVES[name]), types)
     if name in CORRECTABLE:
-        from shpy.passes.strict.arithmetic import CORRECTED
+        from shpy.passes.formulas.arithmetic import CORRECTED
 
         return define(f"{name}_corrected{first.size if first.size > 1 else ''}", CORRECTED[name], types)
     if name in _ROUNDINGS:
@@ -105,12 +101,8 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
 
 def _part(name: str, types: tuple[Type, ...]) -> Function:
     """Return a function of PARTS or BOUNDED, which only definitions and `lower` use."""
-    from shpy.passes.strict import payne_hanek
+    from shpy.passes.formulas.portable import payne_hanek
 
-    if name == "far_reduced":
-        from shpy.passes.pairs.circular import far_reduced
-
-        return define(name, far_reduced, types)
     function, _, which = name.partition("_")
     if which == "strict":
         return definition(function, types)

@@ -51,13 +51,6 @@ def lower(
     return library.added(lowered_module)
 
 
-def needs_binary64(let: Let) -> bool:
-    """Return whether only binary64 can round a function of strict mode correctly."""
-    from shpy.passes.pairs import FUNCTIONS
-
-    return let.op not in FUNCTIONS and is_exact(let.op, let.value.type, "pairs")
-
-
 class _Lower(Rewriter):
     def __init__(
         self,
@@ -96,7 +89,7 @@ class _Lower(Rewriter):
             if op in self.exact:
                 self.emit(let)
                 return
-            if self.library.formulas == "pairs" and needs_binary64(let):
+            if self.library.formulas == "none":
                 raise CompileError(
                     f"{op} needs binary64 in strict mode, which promises the exact value rounded, and this device has "
                     "none",

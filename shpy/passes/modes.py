@@ -21,11 +21,11 @@ MODES: Final[tuple[str, ...]] = get_args(Math)
 REPRODUCIBLE: Final = frozenset({"strict", "portable"})
 """The modes that give the same bits on every target: each operation is rounded by itself, without contraction."""
 
-Formulas = Literal["fused", "doubles", "pairs", "portable"]
+Formulas = Literal["fused", "doubles", "none", "portable"]
 """The formulas of the elementary functions of binary32.
 
-fused, doubles: in binary64, with or without fused operations (`exact`). pairs: in pairs of binary32. portable: in
-binary32 alone (`strict`).
+fused, doubles: strict mode's, in binary64, with or without fused operations. none: strict mode has none on a device
+without binary64. portable: in binary32 alone.
 """
 
 
@@ -34,5 +34,5 @@ def formulas_of(math: Math, doubles: bool, fuses: bool = False) -> Formulas:
     if math != "strict":
         return "portable"
     if not doubles:
-        return "pairs"
+        return "none"
     return "fused" if fuses else "doubles"

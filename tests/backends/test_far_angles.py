@@ -20,8 +20,8 @@ import shpy as sh
 from shpy.backend.base import Array
 from shpy.ir.ops import OPS
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import TWO_BY_PI_DIGITS
-from shpy.passes.strict.payne_hanek import FAR
+from shpy.passes.formulas.coefficients import TWO_BY_PI_DIGITS
+from shpy.passes.formulas.portable.payne_hanek import FAR
 
 NAMES = ("sin", "cos", "tan")
 DTYPES: dict[str, Any] = {"f32": np.float32, "f64": np.float64}

@@ -12,7 +12,7 @@ from backends.test_math_modes import REFERENCES, UNARY, program
 
 import shpy as sh
 from shpy.ir.ops import OPS
-from shpy.passes.strict.halves import EXCEPTIONS
+from shpy.passes.formulas.strict.halves import EXCEPTIONS
 from shpy.testing.arrays import differing
 
 ALL = np.arange(1 << 16, dtype=np.uint16).view(np.float16)

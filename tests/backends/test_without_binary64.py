@@ -1,9 +1,8 @@
-"""Devices without binary64: which strict functions they have, what is refused there, and with which words."""
+"""Devices without binary64: what is refused there, with which words, and what runs as everywhere."""
 
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -21,20 +20,14 @@ from shpy.backend.device.probe import NO_BINARY64
 from shpy.backend.glsl.device.context import open_context
 from shpy.backend.opencl.device.driver import machine_of
 from shpy.backend.registry import backend as backend_named
-from shpy.ir.exact import hard_cases
 from shpy.ir.ops import TRANSCENDENTALS
-from shpy.passes import pairs
 from shpy.run import kernel as kernels
 from shpy.run.kernel import Kernel
-from shpy.testing.arrays import differing, flat_leaves
 from shpy.testing.certify.findings import Section, Target
 from shpy.testing.certify.functions import function, sweep_checks
 from shpy.testing.certify.sections import Ran, run_section
-from shpy.testing.reference import flushes_denormals
 
-TARGETS = [("opencl", 1), ("opencl", 16), ("opencl", "auto"), ("glsl", "auto")]
-REFUSED = sorted(TRANSCENDENTALS - pairs.FUNCTIONS.keys())
-TINY = 2.0**-126
+REFUSED = sorted(TRANSCENDENTALS)
 
 
 @pytest.fixture
@@ -61,22 +54,9 @@ def compiled(program: sh.Program, backend: str, **options: Any) -> Kernel:
     return Kernel(program.recorded, backend_named(backend), Options(**options))
 
 
-@pytest.mark.parametrize(("backend", "lanes"), TARGETS)
-@pytest.mark.parametrize("name", sorted(pairs.FUNCTIONS))
-def test_five_functions_are_rounded_correctly(name: str, backend: str, lanes: Any, without_binary64: None) -> None:
-    kernel = compiled(function(name), backend, lanes=lanes)
-    assert "double" not in kernel.source
-    x, answers = hard_cases(name)
-    [found] = flat_leaves(kernel(x))
-    wrong = differing(found, answers)
-    if flushes_denormals(kernel.notes):
-        wrong &= (np.abs(x) >= TINY) & (np.abs(answers) > TINY)
-    assert not wrong.any(), f"{wrong.sum()} of {x.size}, {x[np.argmax(wrong)]!r}"
-
-
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 @pytest.mark.parametrize("name", REFUSED)
-def test_the_others_are_refused_and_run_in_portable_mode(name: str, backend: str, without_binary64: None) -> None:
+def test_functions_are_refused_and_run_in_portable_mode(name: str, backend: str, without_binary64: None) -> None:
     with pytest.raises(sh.CompileError, match=f"{name} needs binary64 in strict mode") as refused:
         compiled(function(name), backend)
     assert 'math="portable"' in str(refused.value)
@@ -124,23 +104,21 @@ def test_other_modes_do_not_ask_opencl_about_binary64(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_notes_say_what_a_device_lacks(backend: str, without_binary64: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert NO_BINARY64 in compiled(function("exp"), backend).notes
+    assert NO_BINARY64 in compiled(function("exp"), backend, math="portable").notes
     monkeypatch.undo()
     assert NO_BINARY64 not in compiled(function("exp"), backend).notes
-    for name in TRANSCENDENTALS:
-        assert bool(re.search(rf"\b{name}\b", NO_BINARY64)) == (name in pairs.FUNCTIONS), name
 
 
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_certify_compares_what_there_is_and_names_what_is_refused(backend: str, without_binary64: None) -> None:
-    names = [*pairs.FUNCTIONS, "tan", "tan, portable"]
+    names = ["tan", "tan, portable"]
     checks = [check for check in sweep_checks() if check.name in names]
     ran = Ran(Section("functions", "", None, checks))
     run_section(ran, Target(backend), full=True, progress=lambda *_: None)
     refused = ran.findings.pop("tan")
     assert refused.verdict == "refused"
     assert refused.detail.startswith("tan needs binary64 in strict mode")
-    assert ran.findings.keys() == {*names} - {"tan"}
+    assert ran.findings.keys() == {"tan, portable"}
     assert {finding.verdict for finding in ran.findings.values()} <= {"same", "denormals"}, ran.findings
 
 
@@ -154,7 +132,7 @@ assert not open_context(0).limits.doubles
 
 @sh.program
 def curve(x: sh.Attrib1f) -> sh.Attrib1f:
-    return sh.sin(x) + sh.exp(x)
+    return x * x + 1 / x
 
 x = np.linspace(-3, 3, 1000, dtype=np.float32)
 assert curve.compile("glsl")(x).tobytes() == curve.compile("numpy")(x).tobytes()

@@ -9,8 +9,8 @@ import pytest
 from shpy.ir.exact import EVEN, ODD, hard_cases, hypot
 from shpy.ir.ops import OPS
 from shpy.ir.types import Base, vec
-from shpy.passes import exact
-from shpy.passes.terms import define
+from shpy.passes.formulas import strict as exact
+from shpy.passes.formulas.terms import define
 from shpy.testing.conformance.exact import apply
 
 UNARY = sorted(name for name in exact.FUNCTIONS if len(OPS[name].takes) == 1)

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backend.dump import dump
+from shpy.backend.emit.spell_tree import tree_text
 from shpy.backend.emit.tree import (
     AnyType,
     Assign,
@@ -39,7 +40,6 @@ from shpy.backend.emit.tree import (
     Pointer,
     Stmt,
 )
-from shpy.backend.emit.tree_text import tree_text
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
 

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.dump import dump
+from shpy.backend.emit.spell_tree import tree_text
 from shpy.backend.emit.tree import (
     Assign,
     Block,
@@ -42,7 +43,6 @@ from shpy.backend.emit.tree import (
     Tuple,
     Update,
 )
-from shpy.backend.emit.tree_text import tree_text
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type

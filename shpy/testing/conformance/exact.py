@@ -17,8 +17,8 @@ from shpy.ir.meaning import convert
 from shpy.ir.nodes import Function, If, Let, Region, Store, Value
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, vec
+from shpy.passes.formulas.strict.halves import CORRECTED
 from shpy.passes.library import PARTS, definition
-from shpy.passes.strict.halves import CORRECTED
 
 
 def exact(name: str) -> Callable[..., Array]:

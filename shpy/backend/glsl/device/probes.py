@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backend.glsl.text.prologue import VERSION
-from shpy.passes.exact.coefficients import FAR_DIGITS, INVERSE_PI, SIN
+from shpy.passes.formulas.coefficients import STRICT_FAR_DIGITS, STRICT_INVERSE_PI, STRICT_SIN
 
 # The operations that a device may get wrong.
 PROBE: Final = """\
@@ -165,7 +165,7 @@ def decimal_floats() -> str:
 
 def decimal_doubles() -> str:
     """Return the same for binary64, with digits of 1 / pi, all of whose bits count in far angles."""
-    numbers = [x for digits in (INVERSE_PI, *FAR_DIGITS, SIN) for x in digits]
+    numbers = [x for digits in (STRICT_INVERSE_PI, *STRICT_FAR_DIGITS, STRICT_SIN) for x in digits]
     bits = np.array(numbers).view(np.uint32).reshape(-1, 2).tolist()
     return _decimals(
         "#extension GL_ARB_gpu_shader_fp64 : require\n",

@@ -224,7 +224,7 @@ float sh_fma(precise float a, precise float b, precise float c) {
     return simple ? plain : above > 55 ? c : sh_ldexp(sum, scale);
 }
 
-// Payne and Hanek's reduction of passes/strict/payne_hanek.py, as a loop over the digits of 2 / pi, which is a quarter
+// Payne and Hanek's reduction of passes/formulas/portable/payne_hanek.py, as a loop over the digits of 2 / pi, which is a quarter
 // of the text: a small angle takes one iteration, also on devices that execute both sides of a branch.
 vec3 sh_payne_hanek(precise float x) {
     const float digits[17] = float[17](0.0, 163.0, -104.0, 878.0, 1252.0, 1045.0, 672.0, -985.0, 1405.0,

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import EXP, EXP2, INVERSE_LN2, LN2, LN2_HALVES, LN2_ROUNDED, SINH, TANH
-from shpy.passes.strict.parts import (
+from shpy.passes.formulas.coefficients import EXP, EXP2, INVERSE_LN2, LN2, LN2_HALVES, LN2_ROUNDED, SINH, TANH
+from shpy.passes.formulas.parts import (
     MAGIC,
     TINY,
     constants,
@@ -21,7 +21,7 @@ from shpy.passes.strict.parts import (
     two_sum,
     whole_and_shifted,
 )
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.terms import Term, where
 
 # Outside these ends e to the x, or 2 to the x, is 0 or infinite.
 _EXP_ENDS: Final = {Base.F: (-105.0, 90.0), Base.D: (-747.0, 711.0)}

@@ -1,22 +1,23 @@
-"""Numbers in two parts, polynomials and powers of two, from which the strict functions are built.
+"""Numbers in two parts, polynomials and powers of two, from which the elementary functions are built.
 
 Stage: improve. A number that needs more digits than one float holds is the sum of two floats, the second far smaller.
 No operation here needs a fused multiply-add.
 
     high, low = two_product(a, b)           # high + low is exactly a * b
     polynomial(z, SIN)                      # with the coefficients of z's base
+    horner(z, (c0, c1, c2))                 # c0 + z * (c1 + z * c2)
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from shpy.ir.constants import DTYPES
 from shpy.ir.types import Base
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.terms import Term, where
 
 Pair = tuple[Term, Term]
 Numbers = Mapping[Base, tuple[float, ...]]
@@ -50,6 +51,20 @@ def polynomial(z: Term, coefficients: Numbers) -> Term:
     for c in others[:0:-1]:
         total = plus(total, c) * z
     return plus(total, others[0]).named("series")
+
+
+def horner(z: Term, coefficients: Sequence[float]) -> Term:
+    """Return the polynomial with these coefficients, lowest power first; fused where the device is quick at that."""
+    *others, last = coefficients
+    total = z.constant(last)
+    for c in reversed(others):
+        total = total.mul_add(z, c)
+    return total.named("series")
+
+
+def whole(x: Term) -> Term:
+    """Return the nearest whole number, for a binary64 below 2**51 in size."""
+    return (x + MAGIC[Base.D]) - MAGIC[Base.D]
 
 
 def plus(x: Term, number: float) -> Term:

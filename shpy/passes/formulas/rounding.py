@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from shpy.ir.exact import EVEN, ODD
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.terms import Term, where
 
 
 def to_odd(x: Term, error: Term) -> Term:

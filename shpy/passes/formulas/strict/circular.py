@@ -11,9 +11,15 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import FAR_DIGITS, INVERSE_PI, SIN, TAN_ABOVE, TAN_BELOW
-from shpy.passes.exact.parts import horner, whole
-from shpy.passes.terms import Term, replaced, where
+from shpy.passes.formulas.coefficients import (
+    STRICT_FAR_DIGITS,
+    STRICT_INVERSE_PI,
+    STRICT_SIN,
+    STRICT_TAN_ABOVE,
+    STRICT_TAN_BELOW,
+)
+from shpy.passes.formulas.parts import horner, whole
+from shpy.passes.formulas.terms import Term, replaced, where
 
 FAR: Final = 2.0**24
 """The least far angle, for which k may be too large for a binary32."""
@@ -25,7 +31,7 @@ _WINDOW: Final = 2.0**26
 def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:
     """Return (f, odd): halves * x / pi is k + f + offset with a whole number k and |f| <= 1/2; `odd`: k is odd."""
     d = x.based(Base.D)
-    first, second, third = (digit * halves for digit in INVERSE_PI)
+    first, second, third = (digit * halves for digit in STRICT_INVERSE_PI)
     product = (d * first).named("product")
     k = whole(product - offset if offset else product).named("near_k")
     f = d.mul_add(third, d.mul_add(second, product - (k + offset if offset else k))).named("near_f")
@@ -40,8 +46,8 @@ def _parts_of(x: Term, halves: int, offset: float = 0.0) -> tuple[Term, Term]:
 
 def _far_parts(d: Term, a: Term, halves: int, offset: float) -> tuple[Term, Term]:
     """Return (f, k) of a far angle; k may differ from the exact one by an even number."""
-    digits = [d.constant(digit * halves) for digit in INVERSE_PI]
-    for n, window in enumerate(FAR_DIGITS, 1):
+    digits = [d.constant(digit * halves) for digit in STRICT_INVERSE_PI]
+    for n, window in enumerate(STRICT_FAR_DIGITS, 1):
         above = (a >= FAR * _WINDOW**n).named("above")
         digits = [
             where(above, later * halves, digit).named("digit") for later, digit in zip(window, digits, strict=True)
@@ -69,7 +75,7 @@ def cos(x: Term) -> Term:
 
 def _sine(f: Term, odd: Term) -> Term:
     """Return sin(pi * f), negated where `odd` holds."""
-    size = (f * horner((f * f).named("z"), SIN)).based(Base.F).named("size")
+    size = (f * horner((f * f).named("z"), STRICT_SIN)).based(Base.F).named("size")
     return where(odd, -size, size)
 
 
@@ -77,5 +83,5 @@ def tan(x: Term) -> Term:
     """Return the tangent of x, from a quotient of polynomials on [-pi / 4, pi / 4]."""
     f, odd = _parts_of(x, 2)
     z = (f * f).named("z")
-    above, below = (f * horner(z, TAN_ABOVE)).named("above"), horner(z, TAN_BELOW).named("below")
+    above, below = (f * horner(z, STRICT_TAN_ABOVE)).named("above"), horner(z, STRICT_TAN_BELOW).named("below")
     return where(odd, -below, above) / where(odd, above, below)

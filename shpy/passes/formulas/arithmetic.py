@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.terms import Term, where
 
 
 def _mantissa(bits: Term) -> Term:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import (
+from shpy.passes.formulas.coefficients import (
     ASINH,
     ATANH,
     INVERSE_LN2,
@@ -26,8 +26,7 @@ from shpy.passes.strict.coefficients import (
     TWO_BY_3_LN2,
     TWO_BY_LN2,
 )
-from shpy.passes.strict.exponential import two_to_the
-from shpy.passes.strict.parts import (
+from shpy.passes.formulas.parts import (
     TINY,
     Numbers,
     constants,
@@ -41,7 +40,8 @@ from shpy.passes.strict.parts import (
     two_sum,
     whole_and_shifted,
 )
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.portable.exponential import two_to_the
+from shpy.passes.formulas.terms import Term, where
 
 Pair = tuple[Term, Term]
 INFINITY: Final = float("inf")

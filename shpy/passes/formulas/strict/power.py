@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import LOG2_REST, TWO_BY_LN2
-from shpy.passes.exact.exponential import clamped, times_power
-from shpy.passes.strict.exponential import two_to_the
-from shpy.passes.strict.logarithm import Pair, mantissa_and_exponent, power_edges
-from shpy.passes.strict.parts import MAGIC, fast_two_sum, polynomial
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.coefficients import STRICT_LOG2_REST, STRICT_TWO_BY_LN2
+from shpy.passes.formulas.parts import MAGIC, fast_two_sum, polynomial
+from shpy.passes.formulas.portable.exponential import two_to_the
+from shpy.passes.formulas.portable.logarithm import Pair, mantissa_and_exponent, power_edges
+from shpy.passes.formulas.strict.exponential import clamped, times_power
+from shpy.passes.formulas.terms import Term, where
 
 _END: Final = 160.0
 """The size of an exponent beyond which 2 to that power is 0 or infinite in binary32."""
@@ -39,10 +39,10 @@ def _log2_in_two(x: Term) -> Pair:
     quotient = (f * inverse).named("quotient")
     s = _shortened(quotient).named("s")
     z = (quotient * quotient).named("z")
-    scale, scale_low = TWO_BY_LN2
+    scale, scale_low = STRICT_TWO_BY_LN2
     linear_low = (f - s * total) * inverse * scale + quotient * scale_low
     high, low = fast_two_sum(k, s * scale)
-    rest = (low + (linear_low + quotient * (z * polynomial(z, {Base.D: LOG2_REST})))).named("rest")
+    rest = (low + (linear_low + quotient * (z * polynomial(z, {Base.D: STRICT_LOG2_REST})))).named("rest")
     upper = _shortened(high + rest).named("upper")
     return upper, (high - upper) + rest
 

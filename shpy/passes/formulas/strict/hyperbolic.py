@@ -12,11 +12,17 @@ import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import ATANH, COSH, EXPM1, LN2, SINH, TWICE_ATANH
-from shpy.passes.exact.exponential import clamped
-from shpy.passes.exact.parts import horner
-from shpy.passes.strict.parts import MAGIC, sign_bit
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.coefficients import (
+    STRICT_ATANH,
+    STRICT_COSH,
+    STRICT_EXPM1,
+    STRICT_LN2,
+    STRICT_SINH,
+    STRICT_TWICE_ATANH,
+)
+from shpy.passes.formulas.parts import MAGIC, horner, sign_bit
+from shpy.passes.formulas.strict.exponential import clamped
+from shpy.passes.formulas.terms import Term, where
 
 _END: Final = 89.5
 """The |x| beyond which the sine and the cosine are infinite in binary32."""
@@ -50,11 +56,11 @@ def _parts_of(x: Term) -> tuple[Term, Term, Term, Term]:
     """Return 4 sinh r, 4 cosh r, (2**k + 2**-k) / 8 and (2**k - 2**-k) / 8; see SINH and COSH."""
     near = clamped(x, -_END, _END).named("near")
     k, n = _whole(near, 1.442695)
-    ln2, ln2_low = LN2
+    ln2, ln2_low = STRICT_LN2
     r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
     z = (r * r).named("z")
     up, down = _power(n - 3).named("up"), _power(-3 - n).named("down")
-    return r * horner(z, SINH), horner(z, COSH), (up + down).named("total"), (up - down).named("rest")
+    return r * horner(z, STRICT_SINH), horner(z, STRICT_COSH), (up + down).named("total"), (up - down).named("rest")
 
 
 def sinh(x: Term) -> Term:
@@ -75,14 +81,14 @@ def tanh(x: Term) -> Term:
     k, n = _whole(near, 2.88539)
     d = near.based(Base.D)
     r = k.mul_add(-math.log(2), d + d).named("r")
-    power, less_one = _power(n).named("power"), (r * horner(r, EXPM1)).named("less_one")
+    power, less_one = _power(n).named("power"), (r * horner(r, STRICT_EXPM1)).named("less_one")
     quotient = power.mul_add(less_one, power - 1) / power.mul_add(less_one, power + 1)
     return where(x.equals(0), x, quotient.based(Base.F))
 
 
 def _logarithm(s: Term, k: Term) -> Term:
     """Return 2 atanh s + k ln 2."""
-    return k.mul_add(math.log(2), s * horner((s * s).named("z"), TWICE_ATANH))
+    return k.mul_add(math.log(2), s * horner((s * s).named("z"), STRICT_TWICE_ATANH))
 
 
 def _scale_of(u: Term) -> tuple[Term, Term]:
@@ -124,7 +130,7 @@ def atanh(x: Term) -> Term:
     more, less = (1 + power).named("more"), (1 - power).named("less")
     s = (d.mul_add(more, less) / d.mul_add(less, more)).named("s")
     k = n.based(Base.F).based(Base.D).named("k")
-    inside = k.mul_add(0.5 * math.log(2), s * horner((s * s).named("z"), ATANH)).based(Base.F)
+    inside = k.mul_add(0.5 * math.log(2), s * horner((s * s).named("z"), STRICT_ATANH)).based(Base.F)
     a = abs(x).named("a")
     outside = where(a.equals(1), x * math.inf, math.nan)
     return where(a < 1, where(x.equals(0), x, inside), outside)

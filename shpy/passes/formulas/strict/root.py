@@ -7,8 +7,8 @@ is near (1 + lack / 2 + 3 lack**2 / 8 + ...). In binary64, or in binary32 with f
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.parts import two_sum
-from shpy.passes.terms import Term, replaced, where
+from shpy.passes.formulas.parts import two_sum
+from shpy.passes.formulas.terms import Term, replaced, where
 
 _ERROR: Final = 2.0**-51
 """A bound of the relative error of the rounded root of a rounded sum in binary64."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import LN2, ROOT_OF_EXP, ROOT_OF_EXP2
-from shpy.passes.exact.parts import horner
-from shpy.passes.strict.parts import MAGIC
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.coefficients import STRICT_LN2, STRICT_ROOT_OF_EXP, STRICT_ROOT_OF_EXP2
+from shpy.passes.formulas.parts import MAGIC, horner
+from shpy.passes.formulas.terms import Term, where
 
 _EVEN_MAGIC: Final = 2 * MAGIC[Base.F]
 """The number that, added to a float, rounds it to an even whole number and leaves half of that in the low bits."""
@@ -23,9 +22,9 @@ def exp(x: Term) -> Term:
     near = clamped(x, -105.0, 90.0).named("near")
     shifted = (near * 1.442695 + _EVEN_MAGIC).named("shifted")
     k = (shifted - _EVEN_MAGIC).based(Base.D).named("k")
-    ln2, ln2_low = LN2
+    ln2, ln2_low = STRICT_LN2
     r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
-    return _squared(horner(r, ROOT_OF_EXP), shifted)
+    return _squared(horner(r, STRICT_ROOT_OF_EXP), shifted)
 
 
 def exp2(x: Term) -> Term:
@@ -33,7 +32,7 @@ def exp2(x: Term) -> Term:
     near = clamped(x, -152.0, 130.0).named("near")
     shifted = (near + _EVEN_MAGIC).named("shifted")
     r = (near - (shifted - _EVEN_MAGIC)).based(Base.D).named("r")
-    return _squared(horner(r, ROOT_OF_EXP2), shifted)
+    return _squared(horner(r, STRICT_ROOT_OF_EXP2), shifted)
 
 
 def clamped(x: Term, low: float, high: float) -> Term:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import LOG2, LOG10, LOG10_2, TWICE_ATANH
-from shpy.passes.exact.parts import horner
-from shpy.passes.strict.logarithm import Pair, edges, mantissa_and_exponent
-from shpy.passes.terms import Term
+from shpy.passes.formulas.coefficients import STRICT_LOG2, STRICT_LOG10, STRICT_LOG10_2, STRICT_TWICE_ATANH
+from shpy.passes.formulas.parts import horner
+from shpy.passes.formulas.portable.logarithm import Pair, edges, mantissa_and_exponent
+from shpy.passes.formulas.terms import Term
 
 
 def _parted(x: Term) -> Pair:
@@ -25,18 +25,18 @@ def _parted(x: Term) -> Pair:
 def log(x: Term) -> Term:
     """Return the natural logarithm of x."""
     s, k = _parted(x)
-    return edges(x, s.mul_add(horner((s * s).named("z"), TWICE_ATANH), k * math.log(2)).based(Base.F))
+    return edges(x, s.mul_add(horner((s * s).named("z"), STRICT_TWICE_ATANH), k * math.log(2)).based(Base.F))
 
 
 def log2(x: Term) -> Term:
     """Return the binary logarithm of x."""
     s, k = _parted(x)
-    return edges(x, s.mul_add(horner((s * s).named("z"), LOG2), k).based(Base.F))
+    return edges(x, s.mul_add(horner((s * s).named("z"), STRICT_LOG2), k).based(Base.F))
 
 
 def log10(x: Term) -> Term:
     """Return the decimal logarithm of x."""
     s, k = _parted(x)
-    step, step_low = LOG10_2
-    inside = k.mul_add(step, k.mul_add(step_low, s * horner((s * s).named("z"), LOG10)))
+    step, step_low = STRICT_LOG10_2
+    inside = k.mul_add(step, k.mul_add(step_low, s * horner((s * s).named("z"), STRICT_LOG10)))
     return edges(x, inside.based(Base.F))

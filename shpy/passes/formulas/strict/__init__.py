@@ -25,9 +25,9 @@ import numpy as np
 
 from shpy.ir.exact import FUNCTIONS as ELEMENTARY
 from shpy.ir.types import Base
-from shpy.passes.exact import circular, exponential, hyperbolic, inverse, logarithm, power, root
-from shpy.passes.rounding import with_exceptions
-from shpy.passes.terms import Term
+from shpy.passes.formulas.rounding import with_exceptions
+from shpy.passes.formulas.strict import circular, exponential, hyperbolic, inverse, logarithm, power, root
+from shpy.passes.formulas.terms import Term
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},

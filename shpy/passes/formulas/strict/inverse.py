@@ -10,10 +10,9 @@ import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.exact.coefficients import ASIN, ATAN
-from shpy.passes.exact.parts import horner
-from shpy.passes.strict.parts import sign_bit
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.coefficients import STRICT_ASIN, STRICT_ATAN
+from shpy.passes.formulas.parts import horner, sign_bit
+from shpy.passes.formulas.terms import Term, where
 
 HALF_PI: Final = math.pi / 2
 
@@ -30,7 +29,7 @@ def _arc(x: Term) -> tuple[Term, Term]:
     near = (a < 0.5).named("near")
     d = where(near, a, (1 - a) * 0.5).based(Base.D).named("d")
     z = where(near, d * d, d).named("z")
-    return near, (z.op("sqrt") * horner(z, ASIN)).named("arc")
+    return near, (z.op("sqrt") * horner(z, STRICT_ASIN)).named("arc")
 
 
 def asin(x: Term) -> Term:
@@ -54,7 +53,7 @@ def _angle(a: Term, b: Term) -> Term:
     cosine, sine = where(far, a.constant(0.0), 1.0).named("cosine"), where(near, a.constant(0.0), 1.0).named("sine")
     q = ((a * cosine - b * sine) / b.mul_add(cosine, a * sine)).named("q")
     first = where(near, a.constant(0.0), where(far, a.constant(HALF_PI), math.pi / 4))
-    return q.mul_add(horner((q * q).named("z"), ATAN), first)
+    return q.mul_add(horner((q * q).named("z"), STRICT_ATAN), first)
 
 
 def atan(x: Term) -> Term:
@@ -65,7 +64,7 @@ def atan(x: Term) -> Term:
     cosine, sine = where(far, bounded.constant(0.0), 1.0).named("cosine"), where(near, bounded.constant(0.0), 1.0)
     q = (bounded.mul_add(cosine, -sine) / bounded.mul_add(sine, cosine)).named("q")
     first = where(near, q.constant(0.0), where(far, q.constant(HALF_PI), math.pi / 4))
-    size = q.mul_add(horner((q * q).named("z"), ATAN), first).based(Base.F).named("size")
+    size = q.mul_add(horner((q * q).named("z"), STRICT_ATAN), first).based(Base.F).named("size")
     return where(sign_bit(x), -size, size)
 
 

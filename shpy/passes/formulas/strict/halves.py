@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from shpy.passes.rounding import to_odd, with_exceptions
-from shpy.passes.strict.parts import two_product, two_sum
-from shpy.passes.terms import Term
+from shpy.passes.formulas.parts import two_product, two_sum
+from shpy.passes.formulas.rounding import to_odd, with_exceptions
+from shpy.passes.formulas.terms import Term
 
 EXCEPTIONS: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {
     "acos": (

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import PI, TWO_BY_PI_DIGITS
-from shpy.passes.strict.parts import constants, fast_two_sum, two_product, whole_and_shifted
-from shpy.passes.terms import Term, joined, replaced, where
+from shpy.passes.formulas.coefficients import PI, TWO_BY_PI_DIGITS
+from shpy.passes.formulas.parts import constants, fast_two_sum, two_product, whole_and_shifted
+from shpy.passes.formulas.terms import Term, joined, replaced, where
 
 FAR: Final = 2.0**20
 """The least |x| that is reduced here; `_window` scales x to less than FAR times the radix."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.parts import square_root, two_product, two_sum
-from shpy.passes.terms import Term, where
+from shpy.passes.formulas.parts import square_root, two_product, two_sum
+from shpy.passes.formulas.terms import Term, where
 
 _NEAR: Final = {Base.F: (2.0**-28, 2.0**62), Base.D: (2.0**-400, 2.0**500)}
 """The range of the longer side in which the sides are not scaled."""

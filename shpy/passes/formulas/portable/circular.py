@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.strict.coefficients import ASIN, ATAN, COS, HALF_PI, PI, SIN, TWO_BY_PI
-from shpy.passes.strict.parts import (
+from shpy.passes.formulas.coefficients import ASIN, ATAN, COS, HALF_PI, PI, SIN, TWO_BY_PI
+from shpy.passes.formulas.parts import (
     MAGIC,
     TINY,
     constants,
@@ -24,8 +24,8 @@ from shpy.passes.strict.parts import (
     two_sum,
     whole_and_shifted,
 )
-from shpy.passes.strict.payne_hanek import FAR
-from shpy.passes.terms import Term, joined, replaced, where
+from shpy.passes.formulas.portable.payne_hanek import FAR
+from shpy.passes.formulas.terms import Term, joined, replaced, where
 
 Pair = tuple[Term, Term]
 Triple = tuple[Term, Term, Term]

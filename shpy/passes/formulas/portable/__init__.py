@@ -2,7 +2,7 @@
 
 Stage: improve. `FUNCTIONS["sin"]` writes sine as a formula of operations that are rounded correctly everywhere: no
 fused multiply-add, no binary64 for a binary32. `lower` makes functions such as `sin_portable` and `sin_strict_d` from
-them, and imports this package when a module first needs one. `passes/exact` has those of strict mode at f32.
+them, and imports this package when a module first needs one. `formulas/strict` has those of strict mode at f32.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from shpy.passes.strict import circular, exponential, logarithm, root
-from shpy.passes.terms import Term
+from shpy.passes.formulas.portable import circular, exponential, logarithm, root
+from shpy.passes.formulas.terms import Term
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (circular.sin, circular.cos, circular.tan)},
