@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers, rays
-from benchmarks.studies import Table, backend, rounds_of, spread
+from benchmarks.studies import backend, rounds_of, spread
+from benchmarks.tables import Table
 from raytracer import Intersector, Mesh
 from raytracer.accel.choice import build
 from raytracer.accel.space import to_kernel, triangle_rows

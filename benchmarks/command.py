@@ -4,10 +4,10 @@
     python -m benchmarks --only mandelbrot,nbody --peers numba,drjit --rounds 9
     python -m benchmarks --only primary,secondary --mesh bunny.obj
     python -m benchmarks --quick                          # small sizes, few rounds: does it work?
-    python -m benchmarks --json bench.json --plot bench.png --markdown bench.md
+    python -m benchmarks --json bench.json --markdown bench.md
     python -m benchmarks --only widths                    # lanes="auto" against every width, minutes
     python -m benchmarks record                           # seconds of recording and printing alone
-    python -m benchmarks view                             # saves and frames of `shpy view` in Chromium
+    python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
 The exit status is 1 if an answer is wrong or a contender fails.
 """
@@ -17,83 +17,69 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from benchmarks import (
-    alike,
-    animation,
+    answers,
     builders,
-    chaining,
-    clusters,
+    calls,
+    chains,
+    collectives,
     equal_error,
     features,
-    files,
     frames,
-    functions,
     machine,
     moving,
     paths,
     peers,
-    plot,
     rays,
     record,
     report,
     rounds,
     startup,
     studies,
-    view,
     widths,
 )
-from benchmarks.chains import calls, collectives, gray_scott, jacobi, life, particles
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
+from benchmarks.tables import Table
 from benchmarks.work import TARGETS, Work
 from raytracer import Mesh
 from raytracer.meshes.shapes import knot
 from shpy.command import run, whole
 from shpy.errors import ShpyError
 from shpy.files import replacing
-from shpy.outputs import check_file, check_output, write_json
+from shpy.outputs import check_file, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
-CHAINS = {w.name: w for w in (*gray_scott.WORKS, *(m.WORK for m in (jacobi, life, particles)), *collectives.WORKS)}
-WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES, *paths.NAMES)
+CHAINS = {w.name: w for w in (*chains.WORKS, *collectives.WORKS)}
+WORKS = (*KERNELS, *CHAINS, *rays.NAMES, *frames.NAMES)
 """The names of what is run side by side."""
 STUDIES = studies.STUDIES | {
     "compiling": startup.compiling,
     "starting": startup.starting,
     "importing": startup.importing,
-    "functions": functions.functions,
-    "modes": functions.modes,
-    "strict-frames": functions.strict_frames,
     "widths": widths.widths,
-    "frames-auto": animation.frames_auto,
     "calls": calls.calls,
     "features": features.features,
-    "hits": alike.hits,
-    "whitted": alike.whitted,
     "path-z": lambda mesh, quick: paths.z_test(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
     "glass": equal_error.glass,
     "moving": lambda mesh, quick: moving.moving(mesh, quick),
     "planes": lambda mesh, quick: moving.planes(quick),
-    "files": lambda mesh, quick: files.files(quick),
-    "cluster": lambda mesh, quick: clusters.cluster(quick),
-    "partitions": lambda mesh, quick: clusters.partitions(quick),
     "builders": lambda mesh, quick: builders.builders(quick),
-    "chaining": chaining.chaining,
-    "early": chaining.early,
 }
 """Studies of shpy, most of them without a peer."""
 
 
-WHAT = "record: recording alone; view: `shpy view` in a browser (--only, --rounds, --frames)"
+WHAT = "record: recording alone; page: write docs/benchmarks.md"
 
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """Return the works of these names; those with triangles have the mesh's."""
-    works_by_name = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh), *paths.works())}
+    works_by_name = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
     return [works_by_name[name] for name in names]
 
 
@@ -116,17 +102,15 @@ def chosen(text: str | None, choices: Any, what: str) -> list[str]:
 def arguments(argv: list[str] | None) -> argparse.Namespace:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
-    parser.add_argument("what", nargs="?", choices=["all", "record", "view"], default="all", help=WHAT)
+    parser.add_argument("what", nargs="?", choices=["all", "record", "page"], default="all", help=WHAT)
     parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
     parser.add_argument("--rounds", type=whole(1), help="how often each is timed (default: 9, quick: 2)")
-    parser.add_argument("--frames", type=whole(10), metavar="N", help="view: the memory that so many frames take")
     parser.add_argument("--mesh", type=Path, metavar="FILE", help="OBJ, PLY, STL or GLB for rays and frames")
     parser.add_argument("--size", type=whole(1), help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="a picture (needs matplotlib)")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
     return parser.parse_args(argv)
 
@@ -140,10 +124,9 @@ def compare(options: argparse.Namespace) -> int:
     """Measure and write what the options ask for; gives the exit status."""
     if options.what == "record":
         return record.main()
-    if options.what == "view":
-        names = chosen(options.only, view.EXAMPLES, "example")
-        count = options.rounds or (2 if options.quick else 7)
-        return view.main(names, count=count, drawn=options.frames, quick=options.quick)
+    if options.what == "page":
+        answers.write_page()
+        return 0
     try:
         check_files(options)
     except ShpyError as error:
@@ -175,8 +158,6 @@ def check_files(options: argparse.Namespace) -> None:
     """Raise ShpyError for a file that cannot be written, before anything is measured."""
     for path in filter(None, (options.json, options.markdown)):
         check_file(path)
-    if options.plot:
-        check_output(options.plot)
 
 
 def measure(subjects: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
@@ -187,7 +168,7 @@ def measure(subjects: list[Work], contenders: list[str], options: argparse.Names
         size = options.size or (work.quick if options.quick else work.size)
         results.append(rounds.run(work, size, contenders, count, progress))
         progress("")
-        print(report.table(results[-1]), end="\n\n", flush=True)
+        print(report.table(results[-1]).markdown(), flush=True)
     return results
 
 
@@ -202,17 +183,17 @@ def write(
     here: dict[str, Any],
     missing: dict[str, str],
     results: list[Measured],
-    tables: list[studies.Table],
+    tables: list[Table],
 ) -> None:
     """Write the files that were asked for."""
     if options.json:
-        document = {"machine": here, "missing": missing, "works": [report.as_json(m) for m in results]}
-        document["studies"] = [vars(table) for table in tables]
+        command = " ".join(["python -m benchmarks", *sys.argv[1:]])
+        document = {"date": f"{date.today()}", "machine": report.processor(here), "command": command, "system": here}
+        document |= {"missing": missing, "works": [report.as_json(m) for m in results]}
+        document["tables"] = [vars(table) for table in (*map(report.table, results), *tables)]
         write_json(options.json, document)
     if options.markdown:
-        parts = [report.PREFACE, report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
-        parts += [*(report.markdown(m) for m in results), *(t.markdown() for t in tables)]
+        parts = [report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
+        parts += [table.markdown() for table in (*map(report.table, results), *tables)]
         with replacing(options.markdown) as path:
             path.write_text("\n".join(parts))
-    if options.plot and results:
-        plot.draw(results, options.plot)

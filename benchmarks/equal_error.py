@@ -26,7 +26,8 @@ import numpy as np
 
 from benchmarks import features, paths, peers
 from benchmarks.report import spread
-from benchmarks.studies import Table, backend
+from benchmarks.studies import backend
+from benchmarks.tables import Table
 from raytracer import Camera, Material, Mesh, Renderer, Scene
 from raytracer.meshes.shapes import floor, knot
 

@@ -20,7 +20,8 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.record import TEXTS
-from benchmarks.studies import Table, in_turns
+from benchmarks.studies import in_turns
+from benchmarks.tables import Table
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import floor

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.studies import PAUSE, Table, backend, rounds_of, spread
+from benchmarks.studies import PAUSE, backend, rounds_of, spread
+from benchmarks.tables import Table
 from raytracer import Camera, Mesh, PointLight, Renderer, Scene
 from raytracer.accel.plane_kernel import plane_kernel, plane_program
 from raytracer.accel.shape import Shape

@@ -1,11 +1,9 @@
 """Path tracing against Mitsuba: the Cornell box, as many samples, scatterings and colours for both.
 
-    for work in works():
-        ...
     print(z_test(quick=False).markdown())
 
-The pictures are estimates with other random numbers: the work compares the means of squares of 8 pixels, and the study
-each pixel by a z-test.
+The pictures are estimates with other random numbers, so each pixel is compared by a z-test. `equal_error.py` has the
+times.
 """
 
 from __future__ import annotations
@@ -17,44 +15,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
-from benchmarks.frames import squares
 from benchmarks.rays import mitsuba_mesh
-from benchmarks.studies import Table, backend
-from benchmarks.work import Work
+from benchmarks.studies import backend
+from benchmarks.tables import Table
 from raytracer import Renderer, Scene
 
-NAMES = ("path",)
-SAMPLES, BOUNCES = 64, 8
+BOUNCES = 8
 RUNS = 16
 """Pictures of other seeds, from which the study knows how far each pixel scatters."""
-
-
-def works() -> list[Work]:
-    """Return the one work."""
-    work = Work(
-        "path",
-        f"Cornell box, path traced, {SAMPLES} samples, {BOUNCES} scatterings, {{size}} x {{size}} pixels",
-        inputs=lambda size: (size,),
-        size=128,
-        quick=16,
-        within=0.15,
-        share=0.03,
-        note="Both aim at the light from each surface and combine that with meeting it by chance.",
-    )
-    work.group = "frames"
-    work.seen = squares
-    work.ours_on("opencl", "glsl")(_ours)
-    work.version("mitsuba")(_mitsuba)
-    return [work]
-
-
-def _ours(compiled: Any, size: int) -> Any:
-    renderer = Renderer(Scene.builtin("cornell"), backend=compiled.keywords["backend"], integrator="path")
-    return lambda: renderer.render((size, size), samples=SAMPLES).pixels
-
-
-def _mitsuba(size: int) -> Any:
-    return lambda: mitsuba_picture(size, SAMPLES, 0)
 
 
 @cache

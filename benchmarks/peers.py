@@ -51,8 +51,6 @@ PEERS = {
     "warp": Peer("Warp", ("warp",), "warp-lang"),
     "numba": Peer("numba", ("numba",), "numba"),
     "jax": Peer("JAX", ("jax",), "jax"),
-    "pyopencl": Peer("pyopencl's own kernels", ("pyopencl",), "pyopencl"),
-    "launch": Peer("an empty OpenCL kernel", ("pyopencl",), "pyopencl"),
     "mitsuba": Peer("Mitsuba 3 (llvm_ad_rgb)", ("mitsuba",), "mitsuba", llvm=True),
     "whitted": Peer("Mitsuba 3, a tracer of its own", ("mitsuba",), "mitsuba", llvm=True),
     "embreex": Peer("Embree (embreex)", ("embreex",), "embreex"),

@@ -18,7 +18,7 @@ from typing import Any
 
 import shpy as sh
 from benchmarks import record
-from benchmarks.studies import Table
+from benchmarks.tables import Table
 from raytracer import Mesh
 from shpy import SH_ELSE, SH_IF
 from shpy.backend.base import Options

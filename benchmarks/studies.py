@@ -1,4 +1,4 @@
-"""Measure how time grows with triangles, pixels, bounces and lights, and the time to build accelerators.
+"""Measure how time grows with triangles, pixels, bounces and lights.
 
     print(STUDIES["lights"](mesh, quick=False))
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,30 +18,10 @@ import numpy as np
 import shpy as sh
 from benchmarks import frames, peers, rays
 from benchmarks.rounds import PAUSE, once
-from raytracer import Intersector, Mesh, Scene
-from raytracer.accel.choice import build
+from benchmarks.tables import Table
+from raytracer import Mesh, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text under a heading; `note` explains its numbers."""
-
-    name: str
-    note: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def markdown(self) -> str:
-        """Return the table as Markdown, which a terminal shows well too."""
-        lines = [self.head, ["---", *["---:"] * (len(self.head) - 1)], *self.rows]
-        widths = [max(len(row[i]) for row in lines) for i in range(len(self.head))]
-        sides = "<" + ">" * (len(self.head) - 1)
-        text = [
-            "| " + " | ".join(f"{c:{s}{w}}" for c, s, w in zip(r, sides, widths, strict=True)) + " |" for r in lines
-        ]
-        return "\n".join([f"### {self.name}", "", self.note, "", *text, ""])
 
 
 def spread(values: Any, digits: int) -> str:
@@ -126,69 +105,6 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
     )
 
 
-def accelerators(mesh: Mesh, quick: bool) -> Table:
-    """Measure the seconds to build the grid and the BVH, in numpy."""
-    sizes = [(50, 10)] if quick else [(50, 10), (160, 32), (500, 70), (500, 100), (1600, 320)]
-    meshes = [mesh, *(knot(segments=a, sides=b) for a, b in sizes)]
-    rows = []
-    for m in meshes:
-        seconds = [min(once(partial(build, name, m.corners)) for _ in range(2)) for name in ("grid", "bvh")]
-        rows.append([m.name, f"{len(m):,}", *(f"{s:.2f}" for s in seconds)])
-    return Table("accelerators", "Seconds to build, in numpy.", ["mesh", "triangles", "grid", "BVH"], rows)
-
-
-BAD = {"NaN": np.nan, "infinity": np.inf, "zero": 0.0}
-
-
-def bad_rays(mesh: Mesh, quick: bool) -> Table:
-    """Measure what invalid rays cost the rays beside them: every 16th direction spoiled, and all of them."""
-    compiled = partial(sh.Program.compile, backend=backend())
-    origins, directions = rays.secondary_rays(mesh, 32 if quick else 512)
-    clean, _ = best(rays.ours_given(compiled, origins, directions, mesh, False))
-    rows = [["all valid", f"{1e3 * clean:.1f}", "1.00"]]
-    for every, spoken in ((16, "every 16th"), (1, "all")):
-        for name, number in BAD.items():
-            spoiled = directions.copy()
-            spoiled[::every] = number
-            seconds, _ = best(rays.ours_given(compiled, origins, spoiled, mesh, False))
-            rows.append([f"{name}, {spoken}", f"{1e3 * seconds:.1f}", f"{seconds / clean:.2f}"])
-    note = f"{len(origins):,} rays in random directions, the closest hit; some directions are invalid. {backend()}."
-    return Table("bad-rays", note, ["directions", "ms", 'of the time of "all valid"'], rows)
-
-
-def queries(mesh: Mesh, quick: bool) -> Table:
-    """Measure queries from the host beside their kernel over the same rays: checks, conversions and results."""
-    size = 32 if quick else 1024
-    compiled = partial(sh.Program.compile, backend=backend())
-    shoot = Intersector(mesh, backend=backend())
-    with_embree = not quick and not peers.available(["embreex"])[1]
-    rows = []
-    for kind, ray_arrays in (
-        ("coherent", rays.primary_rays(mesh, size)),
-        ("incoherent", rays.secondary_rays(mesh, size // 2)),
-    ):
-        for name, any_hit in (("intersect", False), ("occluded", True)):
-            runs = [rays.ours_given(compiled, *ray_arrays, mesh, any_hit)]
-            runs += [
-                partial(getattr(shoot, name), *(a.astype(t) for a in ray_arrays)) for t in (np.float32, np.float64)
-            ]
-            runs += [rays.embreex(*ray_arrays, mesh=mesh, any_hit=any_hit)] if with_embree else []
-            kernel, *asked = (best(run, 15)[1] for run in runs)
-            row = [f"{name}, {kind}", f"{len(ray_arrays[0]):,}", f"{1e3 * kernel:.1f}"]
-            rows.append([*row, *(f"{seconds / kernel:.2f}" for seconds in asked)])
-    origins, directions = ray_arrays
-    for name, arrays in (("count", ray_arrays), ("all_hits", ray_arrays), ("closest_point", (origins + directions,))):
-        _, seconds = best(partial(getattr(shoot, name), *arrays))
-        rows.append([f"{name}, incoherent", f"{len(origins):,}", f"{1e3 * seconds:.1f}"])
-    head = ["query", "rays", "CPU ms", "float32", "float64", *(["Embree"] if with_embree else [])]
-    rows = [row + [""] * (len(head) - len(row)) for row in rows]
-    note = (
-        f"{mesh.name}, {len(mesh):,} triangles, on {backend()}. CPU time of a kernel alone that gives distances, and "
-        "how many times as much an Intersector takes from arrays of the host to its results. The last three: in all."
-    )
-    return Table("queries", note, head, rows)
-
-
 def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, int, int]]) -> Table:
     rows = []
     for case, scene, size, bounces in cases:
@@ -226,9 +142,6 @@ def lights(mesh: Mesh, quick: bool) -> Table:
 
 STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
     "triangles": triangles,
-    "accelerators": accelerators,
-    "bad-rays": bad_rays,
-    "queries": queries,
     "pixels": pixels,
     "bounces": bounces,
     "lights": lights,

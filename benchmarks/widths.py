@@ -23,7 +23,7 @@ import shpy as sh
 from benchmarks import rays
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import once
-from benchmarks.studies import Table
+from benchmarks.tables import Table
 from benchmarks.work import Run, Work
 from raytracer import Mesh
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS as NARROW

@@ -1,7 +1,7 @@
 """Give the limits of waiting tests, which only end what hangs: they are far above the time that a busy machine takes.
 
 Clocks go on while a virtual machine is paused, for half an hour at times. So a loop that polls counts its pauses: it is
-`wait_until` of `benchmarks.pages`.
+`wait_until` of `pages`.
 
 This module is also a plugin of pytest, which ends a test that computes without an end.
 """

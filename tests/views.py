@@ -5,12 +5,11 @@ import os
 from contextlib import contextmanager
 from pathlib import Path
 
+import pages
 import pytest
+from pages import View, viewed
 from patience import PAGE
 from websockets.sync.client import connect
-
-from benchmarks import pages
-from benchmarks.pages import View, viewed
 
 __all__ = ["View", "as_at_first", "chromium", "new_page", "viewed", "watched"]
 

@@ -10,9 +10,9 @@ import time
 from functools import partial
 
 import pytest
+from pages import wait_until
 from patience import HANGING
 
-from benchmarks.pages import wait_until
 from shpy.backend.opencl.device.background import Background, Refused
 
 

@@ -21,10 +21,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from benchmarks.pages import end_by_signal
 from tests.mutation.judge import Copy, Judge, Unjudged
 from tests.mutation.map import Reach, digest
 from tests.mutation.small_faults import DRAWN, PARTS, Fault, chosen
+from tests.pages import end_by_signal
 
 
 def noted(folder: Path, copy: Copy, jobs: str) -> Reach:

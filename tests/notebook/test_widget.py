@@ -8,12 +8,12 @@ import threading
 
 import numpy as np
 import pytest
+from pages import wait_until
 from patience import HANGING
 from PIL import Image as pillow
 from views import chromium, new_page
 
 import shpy as sh
-from benchmarks.pages import wait_until
 from shpy.screen import Moment, drawn, pixels
 from shpy.view.kernels import Form
 

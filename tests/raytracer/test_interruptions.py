@@ -8,9 +8,9 @@ import sys
 
 import numpy as np
 import pytest
+from pages import wait_until
 from patience import HANGING
 
-from benchmarks.pages import wait_until
 from raytracer import Image, Renderer, Scene, cli, render
 from raytracer.integrators import progressive
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gltf_files import File
+from pages import wait_until
 from patience import HANGING
 from PIL import Image as pillow
 
 import raytracer as rt
-from benchmarks.pages import wait_until
 from raytracer import viewing
 from raytracer.cli import _parser
 from raytracer.integrators.renderer import Renderer

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from benchmarks.pages import wait_until
+from pages import wait_until
+
 from shpy.backend.glsl.device.context import Context
 
 SHPY = Path(sys.modules["shpy"].__file__ or "").parent

@@ -9,10 +9,10 @@ import sys
 import threading
 
 import pytest
+from pages import wait_until
 from patience import HANGING
 
 import shpy as sh
-from benchmarks.pages import wait_until
 from shpy.programs import Program
 from shpy.view import kernels, session, workers
 from shpy.view.kernels import Form, Kernels
@@ -175,7 +175,7 @@ def test_a_replaced_worker_is_not_waited_for_until_the_pool_closes(monkeypatch):
 
 SERVING = """
 import sys, time
-from benchmarks.pages import end_by_signal, viewed
+from pages import end_by_signal, viewed
 
 end_by_signal()
 with viewed(sys.argv[1], "--backend", "numpy") as view:

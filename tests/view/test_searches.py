@@ -5,10 +5,10 @@ import threading
 
 import numpy as np
 import pytest
+from pages import wait_until
 from patience import HANGING
 
 import shpy as sh
-from benchmarks.pages import wait_until
 from shpy.screen import Moment, run_at
 from shpy.testing import observers
 from shpy.view import hub

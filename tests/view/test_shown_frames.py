@@ -5,11 +5,11 @@ import shlex
 
 import numpy as np
 import pytest
+from pages import wait_until
 from pictured_chains import CHAINS, HEAD
 from PIL import Image as pillow
 
 import shpy as sh
-from benchmarks.pages import wait_until
 from shpy.cli import main
 from shpy.screen import pixels
 from shpy.view import hub, oddities, wire

@@ -6,11 +6,10 @@ import re
 import numpy as np
 import pytest
 import views
+from pages import wait_until
 from patience import PAGE
 from PIL import Image
 from views import chromium, viewed
-
-from benchmarks.pages import wait_until
 
 GOOD = """
 import shpy as sh

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import wait_until
 from patience import HANGING
 from views import as_at_first, viewed
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from benchmarks.pages import wait_until
 from shpy.view import hub, reading, wire
 from shpy.view.messages import LONGEST, Refused, checked
 from shpy.view.server import _signals_kept, allowed_host

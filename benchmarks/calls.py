@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from benchmarks.peers import start
 from benchmarks.rounds import PAUSE, once
-from benchmarks.studies import Table
+from benchmarks.tables import Table
 from benchmarks.work import Run
 from raytracer import Mesh
 
@@ -100,43 +99,4 @@ def _jax(x: np.ndarray) -> Run:
     return lambda: np.asarray(function(x))
 
 
-def _taichi(x: np.ndarray) -> Run:
-    import taichi as ti
-
-    start("taichi")
-    out = np.empty_like(x)
-
-    @ti.kernel
-    def step(a: ti.types.ndarray(ti.f32, 1), b: ti.types.ndarray(ti.f32, 1)):
-        for i in a:
-            b[i] = a[i] + 1.0
-
-    return lambda: step(x, out)
-
-
-def _warp(x: np.ndarray) -> Run:
-    import warp as wp
-
-    wp.config.quiet = True
-
-    @wp.kernel
-    def step(a: wp.array(dtype=wp.float32), b: wp.array(dtype=wp.float32)):
-        i = wp.tid()
-        b[i] = a[i] + 1.0
-
-    def run() -> Any:
-        a = wp.array(x, dtype=wp.float32, device="cpu", copy=False)
-        b = wp.empty(COUNT, dtype=wp.float32, device="cpu")
-        wp.launch(step, dim=COUNT, inputs=[a, b], device="cpu")
-        return b.numpy()
-
-    return run
-
-
-PEERS: dict[str, Callable[[np.ndarray], Run]] = {
-    "numpy": _numpy,
-    "numba": _numba,
-    "JAX": _jax,
-    "Taichi": _taichi,
-    "Warp": _warp,
-}
+PEERS: dict[str, Callable[[np.ndarray], Run]] = {"numpy": _numpy, "numba": _numba, "JAX": _jax}

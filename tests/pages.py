@@ -1,31 +1,22 @@
-"""A view in a process of its own, and the installed Chromium, driven by Playwright.
+"""A view in a process of its own, the installed Chromium, and a wait that counts its pauses.
 
-with viewed(Path("shader.py"), "--backend", "opencl") as view, chromium() as browser:
-    page = browser.new_page()
-    page.goto(view.url)
+with viewed(Path("shader.py"), "--backend", "opencl") as view:
     view.save(view.path.read_text().replace("0.5", "0.6"))
 """
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
-
-from websockets.sync.client import connect
-
-from shpy.errors import ShpyError
 
 _PATIENCE: Final = 100.0
 """Seconds until a server or a browser counts as hanging."""
@@ -99,59 +90,6 @@ def viewed(path: str | Path, *options: str, **kinds: Any) -> Iterator[View]:
             view.end()
 
 
-class Browsed:
-    """A page in a headless Chromium of its own, asked by the protocol of its developer tools."""
-
-    def __init__(self, url: str, profile: Path) -> None:
-        path = chromium()
-        if path is None:
-            raise ShpyError("there is no Chromium here", cure="apt-get install chromium")
-        options = ["--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--window-size=1000,860"]
-        self.process = subprocess.Popen(
-            [path, *options, f"--user-data-dir={profile}", url],
-            stderr=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-        )
-        opened = profile / "DevToolsActivePort"
-        wait_until(lambda: opened.is_file() and len(opened.read_text().splitlines()) == 2)
-        port = opened.read_text().splitlines()[0]
-        pages = wait_until(lambda: _pages(port, url))
-        self._line = connect(pages[0]["webSocketDebuggerUrl"], max_size=None)
-        self._count = 0
-
-    def send(self, method: str, **parameters: Any) -> Any:
-        """Return the answer to a command of the protocol."""
-        self._count += 1
-        self._line.send(json.dumps({"id": self._count, "method": method, "params": parameters}))
-        while (answer := json.loads(self._line.recv(timeout=120))).get("id") != self._count:
-            pass
-        if "error" in answer:
-            raise RuntimeError(f"{method}: {answer['error']}")
-        return answer["result"]
-
-    def evaluate(self, expression: str) -> Any:
-        """Return the value of an expression, or what its promise gives."""
-        answer = self.send("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        if "exceptionDetails" in answer:
-            raise RuntimeError(f"{expression}: {answer['exceptionDetails']}")
-        return answer["result"].get("value")
-
-    def wait(self, expression: str) -> None:
-        """Wait until an expression is true in the page."""
-        wait_until(lambda: self.evaluate(expression))
-
-    def end(self) -> None:
-        """End the browser."""
-        self._line.close()
-        self.process.terminate()
-        self.process.wait(_PATIENCE)
-
-
-def _pages(port: str, url: str) -> list[Any]:
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
-        return [one for one in json.load(answer) if one["url"] == url]
-
-
 def wait_until(condition: Callable[[], Any], seconds: float = _PATIENCE) -> Any:
     """Call a function until it returns something true, and return that; raise TimeoutError after `seconds` of pauses.
 
@@ -162,14 +100,3 @@ def wait_until(condition: Callable[[], Any], seconds: float = _PATIENCE) -> Any:
             return result
         time.sleep(_PAUSE)
     raise TimeoutError(f"it does not hold after pauses of {seconds} s")
-
-
-@contextmanager
-def browsed(url: str) -> Iterator[Browsed]:
-    """Show a page in Chromium until the block ends."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        page = Browsed(url, Path(profile))
-        try:
-            yield page
-        finally:
-            page.end()

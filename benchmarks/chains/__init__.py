@@ -1,1 +1,0 @@
-"""Chains: computations of many small steps, whose data stay on the device."""
