@@ -23,7 +23,6 @@ from typing import Any
 
 from benchmarks import (
     answers,
-    builders,
     calls,
     chains,
     collectives,
@@ -69,7 +68,6 @@ STUDIES = studies.STUDIES | {
     "glass": equal_error.glass,
     "moving": lambda mesh, quick: moving.moving(mesh, quick),
     "planes": lambda mesh, quick: moving.planes(quick),
-    "builders": lambda mesh, quick: builders.builders(quick),
 }
 """Studies of shpy, most of them without a peer."""
 

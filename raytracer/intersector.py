@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
-from raytracer.accel.bvh import Bvh, build_bvh
+from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build, check
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels import component, nearby, queries
@@ -46,7 +47,7 @@ _FARTHEST = 2.0**56
 class Intersector:
     """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
 
-    `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute" (see `Whitted`), which differ in time alone;
+    `accel` is "bvh", "grid" or "brute" (see `Whitted`), which differ in time alone;
     `backend` one of `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError for
     what is neither mesh nor scene, and for another accelerator or precision.
 
@@ -480,7 +481,7 @@ class Intersector:
         """The hierarchy over the triangles."""
         if isinstance(self._structure, Bvh) and self._moved is None:
             return self._structure
-        return build_bvh(self._corners, self._floats)
+        return build_bvh(self._corners, self._floats, self._target)
 
     @property
     def _tree_triangles(self) -> Any:

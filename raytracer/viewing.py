@@ -76,7 +76,7 @@ def add_tracing(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--accel",
         type=_accel,
-        help="how rays find triangles: bvh, bvh:sah, bvh:ploc, grid, brute, or ldc:1024 (bvh; grid if staged)",
+        help="how rays find triangles: bvh, grid, brute, or ldc:1024 (bvh; grid if staged)",
     )
     command.add_argument(
         "--tracer",

@@ -1,15 +1,15 @@
 """The bounding volume hierarchy: boxes within boxes, each with links to the next box to visit.
 
-Stage: accelerate. Takes corners (N, 3, 3), gives a `Bvh`: for every node a box, and for every octant of ray directions
-two links, one to follow if the ray meets the box and one if it misses. A ray that follows them visits the nodes depth
-first, the nearer child first, and needs no stack (Smits 1998, whose skip pointers exist here once per octant).
+Stage: accelerate. A `Bvh` has for every node a box, and for every octant of ray directions two links, one to follow if
+the ray meets the box and one if it misses. A ray that follows them visits the nodes depth first, the nearer child
+first, and needs no stack (Smits 1998, whose skip pointers exist here once per octant). `ploc.build_bvh` builds it.
 
-A node is split where the surface area heuristic is least, estimated at the borders of bins along each axis (Wald 2007).
-All nodes of a level are split at once, by numpy; there is no recursion and no loop over nodes.
+`cut_apart` makes the nodes near the root. A node is split where the surface area heuristic is least, estimated at the
+borders of bins along each axis (Wald 2007). All nodes of a level are split at once, by numpy.
 
->>> bvh = build_bvh(np.eye(3)[None])
->>> bvh.items.tolist(), bvh.links[0].tolist()
-([0], [[-2, -1]])
+>>> levels, order = cut_apart(np.float32([[0, 0, 0], [2, 0, 0]]), np.float32([[1, 1, 1], [3, 1, 1]]), np.inf)
+>>> [level.child.tolist() for level in levels], order.tolist()
+([[0], [-1, -1]], [0, 1])
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from raytracer.accel.planes import largest_of
 
@@ -33,7 +33,7 @@ COUNT_BITS = 3
 GROWTH = 2.0**-67
 """By how much boxes are grown at least: more than `kernels.triangle` grows those of triangles."""
 DESCENT = 3.0
-"""The cost of visiting the two nodes below a cut; the test of a triangle costs 1."""
+"""The cost of visiting the two nodes below a node; the test of a triangle costs 1."""
 _NARROW = BINS / np.finfo(np.float32).max
 """Extent up to which a node is not cut into bins, whose number in a unit of length would be infinite."""
 END = -1
@@ -62,14 +62,6 @@ class Bvh:
         return sum(table.nbytes for table in (self.low, self.high, self.links, self.items))
 
 
-def build_bvh(corners: NDArray[np.floating], dtype: DTypeLike = np.float32) -> Bvh:
-    """Build the BVH of triangles with `corners` (N, 3, 3), N > 0; boxes hold them when rounded to `dtype`."""
-    triangles = np.asarray(corners, dtype=np.float64).reshape(-1, 3, 3)
-    lows, highs = triangles.min(axis=1), triangles.max(axis=1)
-    levels, order = cut_apart(*unit_boxes(lows, highs), MAX_LEAF)
-    return _flattened(levels, order, *grown(lows[order], highs[order], np.dtype(dtype)))
-
-
 def grown(lows: NDArray[np.float64], highs: NDArray[np.float64], dtype: np.dtype[Any]) -> tuple[Bounds, Bounds]:
     """Round boxes to `dtype` and grow them by a rounding of their coordinates, so that no triangle lies in a face."""
     grow = growth_of(largest_of(np.maximum(np.abs(lows), np.abs(highs))), dtype)[:, None]
@@ -81,49 +73,38 @@ def growth_of(largest: NDArray[np.floating], dtype: np.dtype[Any]) -> NDArray[np
     return float(np.finfo(dtype).eps) * largest.astype(np.float64) + GROWTH
 
 
-def unit_boxes(lows: NDArray[np.float64], highs: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Scale boxes into the unit cube, so that areas neither vanish nor overflow."""
-    low = lows.min(axis=0)
-    size = float((highs - low).max()) or 1.0
-    return ((lows - low) / size).astype(np.float32), ((highs - low) / size).astype(np.float32)
-
-
 @dataclass(slots=True, eq=False)
 class Level:
-    """The nodes at one depth: the range of the order that each holds, its first child in the next level, its axis.
+    """The nodes at one depth: where the boxes of each begin in the order, its first child in the next level, its axis.
 
     `axis` is that of the split. `child` is -1 for a leaf; the second child follows the first.
     """
 
     start: Ints
-    count: Ints
     child: Ints
     axis: Ints
 
 
-def cut_apart(lows: Floats, highs: Floats, most: int, deepest: float = np.inf) -> tuple[list[Level], Ints]:
-    """Split boxes (N, 3) level by level; return the levels of nodes, and the order of the boxes in them.
+def cut_apart(lows: Floats, highs: Floats, deepest: float) -> tuple[list[Level], Ints]:
+    """Split boxes (N, 3) level by level; return the levels of nodes, and the order of the boxes, which are the leaves.
 
-    A leaf holds at most `most` boxes. Nodes of the level `deepest` and below are split in the middle of their order,
-    which bounds the number of levels.
+    Nodes of the level `deepest` and below are split in the middle of their order, which bounds the number of levels.
     """
     order = np.arange(len(lows))
     levels = []
     start, count = np.zeros(1, np.int64), np.full(1, len(lows))
     while len(start):
-        level = Level(start, count, np.full(len(start), -1), np.zeros(len(start), np.int64))
+        level = Level(start, np.full(len(start), -1), np.zeros(len(start), np.int64))
         levels.append(level)
-        open_ = np.flatnonzero(count > 1)
-        axis, left = np.zeros((2, len(open_)), np.int64)
-        is_pair = (count[open_] == 2) & (most == 1)
-        pairs, others = open_[is_pair], open_[~is_pair]
+        parents = np.flatnonzero(count > 1)
+        axis, left = np.zeros((2, len(parents)), np.int64)
+        is_pair = count[parents] == 2
+        pairs, others = parents[is_pair], parents[~is_pair]
         axis[is_pair], left[is_pair] = _pair_cuts(lows, highs, order, start[pairs]), 1
         axis[~is_pair], left[~is_pair] = _best_cuts(
-            lows, highs, order, start[others], count[others], most, len(levels) > deepest
+            lows, highs, order, start[others], count[others], len(levels) > deepest
         )
-        cut = left > 0
-        parents, left = open_[cut], left[cut]
-        level.axis[parents] = axis[cut]
+        level.axis[parents] = axis
         level.child[parents] = 2 * np.arange(len(parents))
         start = np.stack([start[parents], start[parents] + left], axis=1).reshape(-1)
         count = np.stack([left, count[parents] - left], axis=1).reshape(-1)
@@ -144,12 +125,10 @@ def _pair_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints) -> Ints:
     return axis
 
 
-def _best_cuts(
-    lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, most: int, halves: bool
-) -> tuple[Ints, Ints]:
+def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Ints, halves: bool) -> tuple[Ints, Ints]:
     """Split each node where that is cheapest, or with `halves` in the middle, and reorder its part of `order`.
 
-    Returns the axis of each split, and the number of boxes before it: 0 where a leaf is cheaper.
+    Returns the axis of each split, and the number of boxes before it.
     """
     if not len(start):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -159,12 +138,9 @@ def _best_cuts(
     low, high = lows[box], highs[box]
     bins = _binned(low + high, node, begins)
     cost, axis, border = _cheapest(low, high, bins, node, len(start))
-    area = half_area((np.maximum.reduceat(high, begins) - np.minimum.reduceat(low, begins)).T)
-    cut = (cost + DESCENT * area < area * count) | (count > most)
     # Boxes that no border parts are halved as they stand.
     before = np.where((np.isfinite(cost) & (not halves))[node], bins[axis[node], np.arange(len(node))] <= border[node],
                       within < (count // 2)[node])  # fmt: skip
-    before &= cut[node]
     left = np.add.reduceat(before, begins, dtype=np.int64)
     ahead = np.cumsum(before) - before  # how many come before, in all nodes so far
     ahead -= ahead[begins][node]
@@ -224,58 +200,6 @@ def half_area(extent: Floats) -> Floats:
     """Return half the surface of boxes with these extents (3, ...)."""
     x, y, z = extent
     return np.asarray(x * y + y * z + z * x)
-
-
-def _flattened(levels: list[Level], order: Ints, lows: Bounds, highs: Bounds) -> Bvh:
-    """Build the nodes of all levels, numbered depth first: boxes from the bottom up, links from the top down."""
-    numbers = _depth_first(levels)
-    total = sum(len(level.start) for level in levels)
-    low, high = np.empty((total, 3), lows.dtype), np.empty((total, 3), lows.dtype)
-    links = np.full((8, total, 2), END, np.int32)
-    for depth in reversed(range(len(levels))):
-        level, number = levels[depth], numbers[depth]
-        leaf = level.child < 0
-        if leaf.any():
-            ends = np.stack([level.start, level.start + level.count], axis=1)[leaf].reshape(-1)
-            low[number[leaf]] = _reduced(np.minimum, lows, ends)
-            high[number[leaf]] = _reduced(np.maximum, highs, ends)
-            links[:, number[leaf], 0] = -1 - (level.start[leaf] << COUNT_BITS | level.count[leaf])
-        if not leaf.all():
-            below = numbers[depth + 1]
-            left, right = below[level.child[~leaf]], below[level.child[~leaf] + 1]
-            low[number[~leaf]] = np.minimum(low[left], low[right])
-            high[number[~leaf]] = np.maximum(high[left], high[right])
-    for depth, (level, number) in enumerate(zip(levels[:-1], numbers[:-1], strict=True)):
-        inner = level.child >= 0
-        children = np.stack([numbers[depth + 1][level.child[inner] + k] for k in (0, 1)])
-        for octant in range(8):
-            swapped = octant >> level.axis[inner] & 1
-            near, far = children[swapped, np.arange(len(swapped))], children[1 - swapped, np.arange(len(swapped))]
-            links[octant, number[inner], 0] = near
-            links[octant, near, 1] = far
-            links[octant, far, 1] = links[octant, number[inner], 1]
-    return Bvh(low, high, links, order.astype(np.int32))
-
-
-def _reduced(reduce: np.ufunc, rows: Bounds, ends: Ints) -> Bounds:
-    """Return the reduction of rows[a:b] for each pair a < b that follow one another in `ends`."""
-    padded = np.concatenate([rows, rows[-1:]])
-    return np.asarray(reduce.reduceat(padded, ends)[::2])
-
-
-def _depth_first(levels: list[Level]) -> list[Ints]:
-    """Return the number of each node of each level, so that a first child follows its parent."""
-    sizes = [np.ones(len(level.start), np.int64) for level in levels]
-    for level, size, below in zip(levels[-2::-1], sizes[-2::-1], sizes[:0:-1], strict=True):
-        inner = level.child >= 0
-        size[inner] += below[level.child[inner]] + below[level.child[inner] + 1]
-    numbers = [np.zeros(1, np.int64)]
-    for level, below in zip(levels[:-1], sizes[1:], strict=True):
-        inner = level.child >= 0
-        first = numbers[-1][inner] + 1
-        pairs = np.stack([first, first + below[level.child[inner]]], axis=1)
-        numbers.append(pairs.reshape(-1))
-    return numbers
 
 
 def target_for(triangles: int, backend: str) -> str:

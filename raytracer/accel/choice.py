@@ -8,14 +8,12 @@ Stage: accelerate. Takes corners (N, 3, 3), N > 0, gives a `Grid` or a `Bvh`; `k
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from raytracer.accel.bvh import Bvh, build_bvh
+from raytracer.accel.bvh import Bvh
 from raytracer.accel.grid import Grid, build_grid
-from raytracer.accel.ploc import build_ploc
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import WORKING
 from raytracer.errors import SceneError
 
@@ -31,8 +29,8 @@ def build(
     their own run them on `backend`, which makes no difference to what they build.
     """
     check(accel)
-    if accel in HIERARCHIES:
-        return HIERARCHIES[accel](corners, WORKING.get(precision, np.float32), backend)
+    if accel == "bvh":
+        return build_bvh(corners, WORKING.get(precision, np.float32), backend)
     if accel == "grid":
         return build_grid(corners.astype(np.float32), across=across)
     # A grid of one empty cell with every triangle outside of it: a ray tries all of them.
@@ -43,28 +41,14 @@ def build(
 
 def check(accel: str) -> None:
     """Raise SceneError if there is no accelerator of this name."""
-    if accel not in ACCELERATORS and accel not in HIERARCHIES:
-        names = ", ".join(map(repr, dict.fromkeys([*HIERARCHIES, *ACCELERATORS, "ldc:1024"])))
+    if accel in ("bvh:sah", "bvh:ploc"):
+        raise SceneError(f'the hierarchy has one builder now: accel="bvh", not {accel!r}')
+    if accel not in ACCELERATORS:
+        names = ", ".join(map(repr, [*ACCELERATORS, "ldc:1024"]))
         raise SceneError(f"the accelerator is one of {names}, not {accel!r}")
 
 
 ACCELERATORS = ("bvh", "grid", "brute")
 """The hierarchy of boxes; the uniform grid; every triangle, for judging the others."""
-LARGE = 1 << 17
-"""Triangles from which on `suited` builds from the bottom up. That saves a quarter of a second here and 3.5 s at 10**6,
-and pays up to about 100 incoherent rays for a triangle, which take 1.02 to 1.06 times as long afterwards."""
-
-
-def suited(corners: Corners, dtype: DTypeLike, backend: str) -> Bvh:
-    """Build the hierarchy with the builder that suits the number of triangles, on every backend the same one."""
-    return HIERARCHIES["bvh:ploc" if len(corners) >= LARGE else "bvh:sah"](corners, dtype, backend)
-
-
-HIERARCHIES: dict[str, Callable[[Corners, DTypeLike, str], Bvh]] = {
-    "bvh": suited,
-    "bvh:sah": lambda corners, dtype, _: build_bvh(corners, dtype),
-    "bvh:ploc": build_ploc,
-}
-"""The hierarchy: with the builder that suits, from the top down, or from the bottom up, which takes less time."""
-MOVABLE = (*HIERARCHIES, "grid")
+MOVABLE = ("bvh", "grid")
 """The accelerators in which objects can move, or beside which they can."""

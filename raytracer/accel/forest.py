@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from raytracer.accel.bvh import COUNT_BITS, DESCENT, END, Bvh, growth_of, half_area
-from raytracer.accel.choice import HIERARCHIES
 from raytracer.accel.planes import copy_columns
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.shape import Shape
 
 Corners = NDArray[np.floating]
@@ -42,8 +42,8 @@ GAP = 256
 class Forest:
     """The joined hierarchy `bvh` over all triangles; `moving` are the ranges (first, past) of the objects' triangles.
 
-    `accel` names the builder, as in `accel.choice`, which may run on `backend`. Without `static` the hierarchy holds
-    the moving objects alone, beside another accelerator for the rest.
+    Hierarchies are built on `backend`. Without `static` the hierarchy holds the moving objects alone, beside another
+    accelerator for the rest.
 
     `stale_boxes` are the ranges of nodes whose boxes changed since they were last cleared, `stale_links` those (octant,
     first, past) of nodes whose links changed, `stale_items` the changed ranges of `bvh.items`. `shapes` are the shapes
@@ -55,12 +55,11 @@ class Forest:
         corners: Corners,
         moving: Sequence[tuple[int, int]],
         dtype: DTypeLike = np.float32,
-        accel: str = "bvh",
         backend: str = "numpy",
         *,
         static: bool = True,
     ) -> None:
-        self.dtype, self.accel, self.backend = np.dtype(dtype), accel, backend
+        self.dtype, self.backend = np.dtype(dtype), backend
         self.moving = list(moving)
         self.rebuilt = 0
         still = still_of(len(corners), moving) if static else np.zeros(0, np.int64)
@@ -87,7 +86,7 @@ class Forest:
         self.clear()
 
     def _built(self, corners: Corners) -> Bvh:
-        return HIERARCHIES[self.accel](corners, self.dtype, self.backend)
+        return build_bvh(corners, self.dtype, self.backend)
 
     def clear(self) -> None:
         """Forget what has changed."""

@@ -3,7 +3,7 @@
 Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. A node with four triangles
 or fewer is a leaf. A wide node replaces up to seven binary nodes, which `families` chooses.
 
->>> from raytracer.accel.bvh import build_bvh
+>>> from raytracer.accel.ploc import build_bvh
 >>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3, 4), np.ones(1))
 >>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[1, NUMBERS].tolist()
 ((2, 16, 4), 1, [0, 4294967295, 4294967295, 4294967295])

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Final, TypedDict
 
 import numpy as np
 
-from raytracer.accel.choice import HIERARCHIES, check
+from raytracer.accel.choice import check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
@@ -41,11 +41,9 @@ MOST_SAMPLES: Final = 1 << 24
 class Integrator:
     """The options that every integrator has.
 
-    `accel` is "bvh", "bvh:sah", "bvh:ploc", "grid" or "brute", which differ only in time; None chooses the one that
-    suits the integrator. "bvh" stands for "bvh:ploc", which is built fast, from 131,072 triangles on, and below for
-    "bvh:sah", which rays traverse faster. A grid has `grid` cells along each axis; None chooses the number from the
-    triangles. `precision` and `math` are those of `Program.compile`. Raises SceneError for options out of range, and
-    for options that exclude each other.
+    `accel` is "bvh", "grid" or "brute", which differ only in time; None chooses the one that suits the integrator. A
+    grid has `grid` cells along each axis; None chooses the number from the triangles. `precision` and `math` are those
+    of `Program.compile`. Raises SceneError for options out of range, and for options that exclude each other.
     """
 
     bounces: int
@@ -138,7 +136,7 @@ class Staged(Integrator):
         if self.accel is not None and is_layered(self.accel):
             raise SceneError(_NO_CUBE)
         super().__post_init__()
-        if self.structure in HIERARCHIES:
+        if self.structure == "bvh":
             raise SceneError(
                 f'the staged tracer goes through cells of a grid: accel="grid" or "brute", not "{self.structure}"'
             )

@@ -108,7 +108,7 @@ class Layout:
         ranges = [_range(object_of, number) for number in moving]
         dtype = np.dtype(WORKING.get(precision, np.float32))
         check_range(scene, materials)
-        forest = _forest(corners, ranges, dtype, accel, backend) if moving else None
+        forest = Forest(corners, ranges, dtype, backend, static=accel != "grid") if moving else None
         structure: Grid | Bvh
         if forest is not None:
             is_grid = accel == "grid"
@@ -245,13 +245,6 @@ class Layout:
             for material in self.materials
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
-
-
-def _forest(corners: Rows, ranges: Sequence[tuple[int, int]], dtype: np.dtype[Any], accel: str, backend: str) -> Forest:
-    """Return the hierarchies of moving objects, without that of the other triangles where these lie in a grid."""
-    if accel == "grid":
-        return Forest(corners, ranges, dtype, backend=backend, static=False)
-    return Forest(corners, ranges, dtype, accel, backend)
 
 
 def check_range(scene: Scene, materials: Sequence[Material]) -> None:

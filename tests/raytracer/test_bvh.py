@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from effort import calls
 
-from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF, build_bvh
-from raytracer.accel.ploc import build_ploc
-from raytracer.meshes.shapes import box, floor, knot, sphere
+from raytracer.accel import ploc
+from raytracer.accel.bvh import COUNT_BITS, END, MAX_LEAF
+from raytracer.accel.ploc import build_bvh
+from raytracer.meshes.shapes import box, floor, sphere
 
 
 def random_triangles(count, size, seed):
@@ -27,8 +27,14 @@ ODD = {
     "far apart": np.repeat(np.outer(2.0 ** np.linspace(-80, 60, 500), [1, 0, 0])[:, None], 3, axis=1),
     "one far larger": np.concatenate([random_triangles(50, 0.01, 5), floor(1e6).corners]),
 }
-BUILDERS = (build_bvh, build_ploc)
 MESHES = {"soup": random_triangles(400, 0.1, 2), "ball": sphere().corners, "box": box().corners} | ODD
+
+
+@pytest.fixture(params=[0, ploc.FEW], ids=["merged", "cut"])
+def build(request, monkeypatch):
+    """Return the builder, which merges few triangles, too, or splits all of them from the top down."""
+    monkeypatch.setattr(ploc, "FEW", request.param)
+    return build_bvh
 
 
 def leaves_of(bvh):
@@ -47,7 +53,6 @@ def children_of(bvh, octant=0):
     return inner, first[inner], past[first[inner]]
 
 
-@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", MESHES)
 def test_every_triangle_is_in_one_leaf_and_in_its_box(name, build):
     corners = MESHES[name].astype(np.float32)
@@ -62,7 +67,6 @@ def test_every_triangle_is_in_one_leaf_and_in_its_box(name, build):
         assert np.all((held > bvh.low[node]) & (held < bvh.high[node]))  # not even in a face
 
 
-@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", MESHES)
 def test_links_lead_through_all_nodes_the_nearer_child_first(name, build):
     bvh = build(MESHES[name])
@@ -97,7 +101,6 @@ def test_opposite_octants_take_the_children_in_opposite_order():
     assert len(inner) > 50
 
 
-@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 def test_boxes_hold_the_triangles_as_they_are_rounded(dtype, build):
     corners = random_triangles(200, 0.1, 3)
@@ -142,17 +145,8 @@ def test_a_far_larger_triangle_does_not_spoil_the_rest():
     assert sum(alone) < 60
 
 
-@pytest.mark.parametrize("build", BUILDERS)
 @pytest.mark.parametrize("name", ODD)
 def test_odd_triangles_make_finite_boxes(name, build):
     bvh = build(ODD[name])
     assert np.all(np.isfinite(bvh.low) & np.isfinite(bvh.high))
     assert np.all(bvh.low < bvh.high)
-
-
-def test_a_hierarchy_of_seventy_thousand_triangles_is_built_level_by_level():
-    """Arrays hold all nodes of a level, so ten times the triangles take a few calls more, for the levels more."""
-    few, many = (knot(segments=segments, sides=50).corners for segments in (70, 700))
-    assert len(many) == 70_000
-    assert calls(lambda: build_bvh(many)) < 2 * calls(lambda: build_bvh(few))
-    assert build_bvh(many).bytes < 10e6

@@ -232,7 +232,7 @@ NO_BITS = {
     "Mesh.name": change("Mesh", "name", "other"),
     "Instance.name": change("Instance", "name", "other"),
     "Path.samples": change("Path", "samples", 5),
-    "Path.accel": change("Path", "accel", "bvh:ploc"),
+    "Path.accel": change("Path", "accel", "grid"),
     "Path.accel, brute": change("Path", "accel", "brute"),
     "Path.grid": lambda pieces: pieces["Path"].update(accel="grid", grid=3),
     "Renderer.backend": change("Renderer", "backend", "opencl"),

@@ -9,8 +9,8 @@ from oracle import closest
 
 from raytracer import Intersector, Mesh, Renderer, Scene, SceneError
 from raytracer.accel.bounds import FAR
-from raytracer.accel.bvh import build_bvh
 from raytracer.accel.grid import build_grid
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector

@@ -9,10 +9,10 @@ from scene_pictures import SIZE, same
 
 import shpy as sh
 from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError
-from raytracer.accel.bvh import build_bvh
-from raytracer.accel.choice import HIERARCHIES
+from raytracer.accel import forest
 from raytracer.accel.forest import Forest
 from raytracer.accel.plane_kernel import plane_kernel, plane_program
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.shape import Shape
 from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
@@ -113,8 +113,8 @@ def test_what_stays_is_neither_built_nor_sent_again(monkeypatch):
     renderer.move("ball", turned(10))
     renderer.render(SIZE)
     built, sent = [], []
-    monkeypatch.setitem(
-        HIERARCHIES, "bvh", lambda corners, *rest: built.append(len(corners)) or build_bvh(corners, *rest)
+    monkeypatch.setattr(
+        forest, "build_bvh", lambda corners, *rest: built.append(len(corners)) or build_bvh(corners, *rest)
     )
     update = sh.Table.update
 
@@ -150,19 +150,6 @@ def test_the_scene_is_the_one_that_is_shown():
     assert np.array_equal(renderer.scene.meshes[0].vertices, before)
 
 
-def test_objects_move_in_a_hierarchy_of_another_builder():
-    made = scene()
-    renderer = Renderer(made, backend="numpy", accel="bvh:ploc")
-    ball = made.meshes[0]
-    for angle in (20, 50):
-        renderer.move("ball", turned(angle))
-        there = {"ball": ball.transformed(turned(angle))}
-        same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
-    assert renderer.builds == 2
-    assert renderer.layout.forest.accel == "bvh:ploc"
-
-
-@pytest.mark.sampled(2)  # each backend with one integrator
 @pytest.mark.parametrize(
     ("backend", "options"),
     [(b, o) for k, b in enumerate(BACKENDS) for o in ((PATH, {}) if k % 2 else ({}, PATH))],
@@ -229,7 +216,7 @@ def test_a_picture_that_fails_on_the_way_is_drawn_the_next_time(monkeypatch):
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setitem(HIERARCHIES, "bvh", fail)
+        patch.setattr(forest, "build_bvh", fail)
         with pytest.raises(MemoryError):
             renderer.render((8, 6))
     there = {"ball": made.meshes[0].transformed(turned(30))}

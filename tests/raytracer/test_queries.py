@@ -5,7 +5,7 @@ import pytest
 from oracle import crossings, distances
 
 from raytracer import Intersector, Mesh, Scene, SceneError
-from raytracer.accel.bvh import build_bvh
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels import nearby
 from raytracer.kernels.queries import FEW, MANY, intersect, list_hits, occluded

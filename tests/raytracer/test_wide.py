@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_bvh import MESHES
 
-from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF, build_bvh
+from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF
 from raytracer.accel.families import HALF, WIDTH
-from raytracer.accel.ploc import build_ploc
+from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
 from raytracer.accel.wide import FIRST, LEAF, NUMBERS, TAGS, widen
 from raytracer.kernels.triangle import Triangles
@@ -49,11 +49,7 @@ def held_by(record, is_block):
 @pytest.mark.parametrize("name", MESHES)
 def test_everything_is_there_once_and_in_its_box(name):
     corners = MESHES[name].astype(np.float32)
-    for build in (build_bvh, build_ploc):
-        everything_is_there_once_and_in_its_box(widened(build(corners), corners), corners)
-
-
-def everything_is_there_once_and_in_its_box(wide, corners):
+    wide = widened(build_bvh(corners), corners)
     met, found = [0], []
     for node, low, high, child, is_block in boxes_of(wide):
         held = held_by(wide.records[child], is_block)
