@@ -88,7 +88,7 @@ class Part:
         self.kernels = {name: program.compile(data.backend, **options) for name, program in programs.items()}
         for name, value in data.uniforms.items():
             self.eyes.params[name].value = value
-        self.point = stages.point_of(tracer)
+        self.point = tracer.surfaces.interaction
         self.fingerprint = probed(data.backend, integrator)
         self.visits, self.done = 0, list[Records]()
 

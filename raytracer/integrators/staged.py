@@ -24,14 +24,14 @@ import numpy as np
 import shpy as sh
 from raytracer.kernels import stages
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
 
 SPARSE = 1 / 4
 """Share of the rays of a band that are on their way, below which they are copied to streams of their own."""
 LEAST = 1 << 10
 """Rays of a band that are too few for that: a call takes as long for one ray."""
 _STREAMS: dict[str, Any] = {
-    "ray": stages.Ray, "light": stages.Light, "cell": stages.Cell, "items": stages.Items,
+    "ray": Ray, "light": Light, "cell": stages.Cell, "items": stages.Items,
     "nearest": stages.Nearest, "state": sh.Attrib1i,
 }  # fmt: skip
 _LAYERS = Pixel(sh.Color3f, sh.Attrib1f, sh.Normal3f, sh.Attrib1i, sh.Attrib1i)  # type: ignore[arg-type]
@@ -82,7 +82,7 @@ class StagedTracer:
         self.compacts = not early_z
         self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
-        self._streams = _STREAMS | {"point": stages.point_of(tracer)}
+        self._streams = _STREAMS | {"point": tracer.surfaces.interaction}
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
         options = {**self._place, "math": math}

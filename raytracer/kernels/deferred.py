@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.errors import SceneError
-from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.surfaces import SurfaceTables, blank
 from raytracer.kernels.triangle import RayHit, Triangles
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
@@ -112,7 +112,7 @@ def _program(surfaces: SurfaceTables) -> Any:
         hit.uv[:] = weights
         corner, *_ = rows = surfaces.triangles[hit.id]
         front = sh.Vector3f(*(row.w for row in rows))
-        surface = Interaction(bool(surfaces.appearance.shades), surfaces.clear)
+        surface = blank(surfaces.interaction)
         surfaces.arrive(hit, -front, corner.xyz + front, surface, sh.Color3f(0, 0, 0))
         return Shade(packed_color(surface.color), packed_normal(surface.normal))
 

@@ -20,7 +20,7 @@ from raytracer.kernels.chances import Chances
 from raytracer.kernels.lights import LightList
 from raytracer.kernels.point import barylerp
 from raytracer.kernels.sky import Sky, turn_of
-from raytracer.kernels.surfaces import Interaction, SurfaceTables, glow_rows
+from raytracer.kernels.surfaces import Interaction, SurfaceTables, blank, glow_rows
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight
@@ -153,7 +153,7 @@ class Emitters:
             glow = self.surfaces.glow_at(hit)
             emission = sh.Color3f(glow.rgb)
             if "emission" in self.surfaces.appearance.gives:
-                self.surfaces.arrive(hit, aim.ray, surface.inter, Interaction(clear=self.surfaces.clear), emission)
+                self.surfaces.arrive(hit, aim.ray, surface.inter, blank(self.surfaces.interaction), emission)
             if self.surfaces.accept is not None:
                 emission *= sh.cond(self.surfaces.accept(CandidateHit(number, hit.uv)), 1.0, 0.0)
             with SH_IF(cosine > 0):

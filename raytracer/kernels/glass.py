@@ -12,11 +12,10 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.accel.bounds import far
 from raytracer.kernels.bsdf import largest
 from raytracer.kernels.media import Held
-from raytracer.kernels.surfaces import Interaction
-from raytracer.kernels.tracer import PathState, Pixel, Tracer, mirrored
+from raytracer.kernels.surfaces import Interaction, blank
+from raytracer.kernels.tracer import Pixel, Tracer, mirrored
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
@@ -68,34 +67,36 @@ class GlassTracer(Tracer):
         """The rays that may wait at a time."""
         return max(WAITING, 1 << (self.most_bounces - 1).bit_length())
 
-    def __call__(self, ray: Any, eye: Any) -> Pixel:
-        """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
-        path, surface, pixel = self.begin()
+    def __call__(self, direction: Any, eye: Any) -> Pixel:
+        """Follow an eye ray of unit length."""
+        ray, light, pixel = self.begin(direction, eye)
+        surface = blank(self.surfaces.interaction)
         rays, media = pixel.rays, self.surfaces.media
         share = sh.Color3f(1, 1, 1)
         ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
-        waiting, limit, lightcol = Stack(self.places, rows), sh.Attrib1f(far()), sh.Color3f(0, 0, 0)
+        waiting = Stack(self.places, rows)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
-        self.surfaces.begin(ray_bodies, self.intersector, eye)
+        self.surfaces.begin(ray_bodies, self.intersector, ray.eye)
         with SH_DO():
             with SH_IF(~through):
-                limit[:] = far()
-                lightcol[:] = 0
-                self.aim(path, surface, ray, eye, limit, lightcol)
+                self.aim(ray, light, surface)
                 self.surfaces.take(shadow, ray_bodies)
-            hit = self.surfaces.meet(self.intersector, lambda: rays == 0, ray, eye, limit, False)
-            rays += sh.cond(limit > 0, 1, 0)
-            with SH_IF(path.tracing):
-                path.tracing[:] = False
+            hit = self.surfaces.meet(
+                self.intersector, lambda: rays == 0, ray.direction, ray.eye, ray.limit, any_hit=False
+            )
+            rays += sh.cond(ray.limit > 0, 1, 0)
+            with SH_IF(ray.tracing):
+                ray.tracing[:] = False
                 mirror[:] = 0
                 clear[:] = 0
                 local[:] = 1
-                self.show_color(path)
+                if self.background.plain:
+                    light.scolor[:] = self.background.color
                 with SH_IF(hit.id >= 0):
                     emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
-                    reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
+                    reflectivity = self.surfaces.arrive(hit, ray.direction, ray.eye, surface, emission)
                     with SH_IF(pixel.object < 0):
                         self.note(pixel, hit, surface)
                     share *= self.surfaces.reach(ray_bodies, hit, surface)
@@ -104,94 +105,83 @@ class GlassTracer(Tracer):
                     local[:] = opaque * (1 - reflectivity)
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
                     clear[:] = surface.transmission * (1 - reflected)
-                    path.scolor[:] = self.ambient * surface.color
+                    light.scolor[:] = self.ambient * surface.color
                     if emission is not None:  # mirrors and glass send out all of it, too
-                        path.color += share * emission
-                    path.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
-                self.show_sky(path, ray)
+                        pixel.color[:] += share * emission
+                    light.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
+                if not self.background.plain:
+                    with SH_ELSE():
+                        light.scolor[:] = self.background.radiance(ray.direction)
             if self.lights.count:
                 with SH_ELSE():
-                    self.meet_light(path, surface, hit, ray, eye, limit, lightcol, through, shadow)
-            with SH_IF((path.shadows == 0) & ~through):
-                path.color += share * (local * path.scolor)
-                self.branch(path, surface, share, waiting, ray_bodies, (mirror, clear, bent), ray, eye)
-            SH_UNTIL(path.finished)
+                    self.meet_light(ray, light, surface, hit, through, shadow)
+            finished = sh.Attrib1b(False)
+            with SH_IF((light.shadows == 0) & ~through):
+                pixel.color[:] += share * (local * light.scolor)
+                finished[:] = self.branch(ray, light, surface, share, waiting, ray_bodies, (mirror, clear, bent))
+            SH_UNTIL(finished)
         return pixel
 
-    def show_color(self, path: PathState) -> None:
-        """Take a background that is a colour for what the ray sees, unless it has met something."""
-        if self.background.plain:
-            path.scolor[:] = self.background.color
-
-    def show_sky(self, path: PathState, ray: Any) -> None:
-        """Take a picture or program for what the ray sees, after the branch for one that has met something."""
-        if not self.background.plain:
-            with SH_ELSE():
-                path.scolor[:] = self.background.radiance(ray)
-
     def meet_light(
-        self,
-        path: PathState,
-        surface: Interaction,
-        hit: Any,
-        ray: Any,
-        eye: Any,
-        limit: Any,
-        lightcol: Any,
-        through: Any,
-        shadow: Held | None,
+        self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: Held | None
     ) -> None:
         """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
         through[:] = False
+        lightcol = light.lightcol
         with SH_IF(hit.id >= 0):
-            lightcol *= self.surfaces.passed(shadow, hit, ray)
+            lightcol *= self.surfaces.passed(shadow, hit, ray.direction)
             through[:] = sh.max(sh.max(lightcol.r, lightcol.g), lightcol.b) > 0
-            limit -= hit.l
-            eye[:] = self.surfaces.behind(hit, ray, eye)
-        with SH_ELSE(), SH_IF(limit > 0):
+            ray.limit -= hit.l
+            ray.eye[:] = self.surfaces.behind(hit, ray.direction, ray.eye)
+        with SH_ELSE(), SH_IF(ray.limit > 0):
             if shadow is not None and self.lights.points:
                 assert self.surfaces.media is not None
-                lightcol *= self.surfaces.media.kept_to_light(shadow, limit)
-            path.scolor += self.surfaces.shade(surface, ray) * lightcol
+                lightcol *= self.surfaces.media.kept_to_light(shadow, ray.limit)
+            light.scolor += self.surfaces.shade(surface, ray.direction) * lightcol
 
     def branch(
         self,
-        path: PathState,
+        ray: Any,
+        light: Any,
         surface: Interaction,
         share: Any,
         waiting: Stack,
         ray_bodies: Held | None,
-        rays: Any,
-        ray: Any,
-        eye: Any,
-    ) -> None:
-        """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits."""
-        mirror, clear, bent = rays
-        path.tracing[:] = True
-        goes_on = path.r > 0
-        path.r -= 1
+        successors: tuple[Any, Any, Any],
+    ) -> Any:
+        """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits.
+
+        `successors` are the shares of the mirrored and the refracted ray, and the direction of this. Return whether no
+        ray is left.
+        """
+        mirror, clear, bent = successors
+        finished = sh.Attrib1b(False)
+        ray.tracing[:] = True
+        goes_on = light.r > 0
+        light.r -= 1
         reflects, refracts = (goes_on & (largest(share) * part > self.least) for part in (mirror, clear))
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):
-                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, path.r), ray_bodies)
+                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, light.r), ray_bodies)
             if ray_bodies is not None:
                 ray_bodies.cross()
-            ray[:] = bent
-            eye[:] = surface.beyond
+            ray.direction[:] = bent
+            ray.eye[:] = surface.beyond
             share *= clear
         with SH_ELSE():
             with SH_IF(reflects):
-                ray[:] = mirror_ray
-                eye[:] = surface.inter
+                ray.direction[:] = mirror_ray
+                ray.eye[:] = surface.inter
                 share *= mirror
             with SH_ELSE():
-                path.finished[:] = waiting.count == 0
+                finished[:] = waiting.count == 0
                 last = waiting.pop(ray_bodies)
-                ray[:] = last.direction
-                eye[:] = last.eye
+                ray.direction[:] = last.direction
+                ray.eye[:] = last.eye
                 share[:] = last.share
-                path.r[:] = last.left
+                light.r[:] = last.left
+        return finished
 
 
 def refracted(surface: Interaction) -> tuple[Any, Any]:

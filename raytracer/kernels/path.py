@@ -29,7 +29,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.media import Held, Media
 from raytracer.kernels.sky import Sky
-from raytracer.kernels.surfaces import Interaction
+from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER, renew_walk, scene_walk
@@ -178,7 +178,7 @@ class PathTracer:
         rays = sh.Attrib1i(0)
         pixel = background_pixel(mean, rays)
         path = PathSample(self.surfaces.media, self.straight)
-        surface = Interaction(clear=self.surfaces.clear)
+        surface = blank(self.surfaces.interaction)
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
         path.number[:] = self.first_sample

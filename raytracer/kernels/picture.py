@@ -6,14 +6,12 @@ shadow rays and mirrored rays, as the hybrid renderers that Christen 2005 and BÃ
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.accel.bounds import far
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.point import SeenHit
-from raytracer.kernels.surfaces import Interaction
+from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.tracer import Pixel, Tracer
 from raytracer.kernels.walk import meet
 from shpy import SH_ELSE, SH_IF, SH_WHILE
@@ -55,27 +53,28 @@ def seen_rays(tracer: Tracer, rays: EyeRays | PanoramaRays, first_of: Any) -> An
     return picture
 
 
-def _follow(tracer: Tracer, seen: Seen, ray: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
-    """Follow a ray from the surface that was seen; `ray` and `eye` are changed on the way."""
-    path, surface, pixel = tracer.begin()
-    path.tracing[:] = False
+def _follow(tracer: Tracer, seen: Seen, direction: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
+    """Follow a ray from the surface that was seen."""
+    ray, light, pixel = tracer.begin(direction, eye)
+    surface = blank(tracer.surfaces.interaction)
+    ray.tracing[:] = False
     with SH_IF(seen.object >= 0):
-        hit = SeenHit(sh.dot(seen.position - eye, ray), first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv)
+        distance = sh.dot(seen.position - ray.eye, ray.direction)
+        hit = SeenHit(distance, first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv)
         emission = sh.Color3f(0, 0, 0) if tracer.surfaces.glows else None
-        path.rn.y = _arrive(tracer, seen, hit, ray, surface, emission, slack)
+        light.rn.y = _arrive(tracer, seen, hit, ray.direction, surface, emission, slack)
         tracer.note(pixel, hit, surface)
-        tracer.gather(path, surface, emission)
+        tracer.gather(light, pixel, surface, emission)
     with SH_ELSE():
-        path.scolor[:] = tracer.background.radiance(ray)
-        path.rn.y = 0
-    tracer.go_on(path, surface, ray, eye)
-    with SH_WHILE(lambda: ~path.finished) if tracer.loops else nullcontext():
-        if tracer.loops:
-            limit = sh.Attrib1f(far())
-            lightcol = sh.Color3f(0, 0, 0)
-            tracer.aim(path, surface, ray, eye, limit, lightcol)
-            next_hit = meet(tracer.intersector, lambda: sh.Attrib1b(False), ray, eye, limit, ~path.tracing)
-            tracer.settle(path, surface, pixel, next_hit, ray, eye, limit, lightcol)
+        light.scolor[:] = tracer.background.radiance(ray.direction)
+        light.rn.y = 0
+    finished = tracer.go_on(ray, light, surface, pixel)
+    if tracer.loops:
+        with SH_WHILE(lambda: ~finished):
+            tracer.aim(ray, light, surface)
+            never = sh.Attrib1b(False)
+            met = meet(tracer.intersector, lambda: never, ray.direction, ray.eye, ray.limit, ~ray.tracing)
+            finished[:] = tracer.settle(ray, light, surface, pixel, met)
     return pixel
 
 

@@ -17,11 +17,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import shpy as sh
-from raytracer.accel.bounds import far
 from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridIntersector, is_over
-from raytracer.kernels.tracer import PathState, Pixel, Tracer
+from raytracer.kernels.surfaces import PlainInteraction
+from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
 from raytracer.kernels.triangle import RayHit, TriangleTest, Walk, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -30,16 +30,6 @@ ACTIVE, WAIT, DEAD, INACTIVE, OVERFLOW, FINISHED = range(6)
 The last is that of a pixel: no more rays."""
 AT_ONCE = 64
 """Cells or triangles that a ray goes through in one call, unless the Param `at_once` says otherwise."""
-
-
-@sh.struct
-class Ray:
-    """A ray, how far it goes, and whether it is an eye ray or a mirrored one, not a shadow ray."""
-
-    eye: sh.Point3f
-    direction: sh.Vector3f
-    limit: sh.Attrib1f
-    tracing: sh.Attrib1b
 
 
 @sh.struct
@@ -65,37 +55,6 @@ class Nearest:
     l: sh.Attrib1f  # noqa: E741 - as in RayHit
     uv: sh.TexCoord2f
     id: sh.Attrib1i
-
-
-@sh.struct
-class Light:
-    """The parts of a `PathState` that neither the pixel nor the ray holds, and the colour of the current light."""
-
-    scolor: sh.Color3f
-    rn: sh.Attrib2f
-    r: sh.Attrib1i
-    shadows: sh.Attrib1i
-    lightcol: sh.Color3f
-
-
-@sh.struct
-class Point:
-    """An `Interaction` in a stream."""
-
-    inter: sh.Point3f
-    view: sh.Vector3f
-    face: sh.Normal3f
-    normal: sh.Normal3f
-    color: sh.Color3f
-    coefficients: sh.Attrib3f
-
-
-@sh.struct
-class ProgrammedPoint(Point):
-    """An `Interaction` of a scene with programs instead of Phong's model."""
-
-    reflectivity: sh.Attrib1f
-    shade: sh.Attrib1i
 
 
 class Generated(NamedTuple):
@@ -139,13 +98,8 @@ class Intersected(NamedTuple):
     state: sh.Attrib1i
 
 
-SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": Point, "pixel": Pixel, "state": sh.Attrib1i}
+SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": PlainInteraction, "pixel": Pixel, "state": sh.Attrib1i}
 """The outputs of shading."""
-
-
-def point_of(tracer: Tracer) -> Any:
-    """Return the struct of a tracer's shaded points."""
-    return ProgrammedPoint if tracer.surfaces.appearance.shades else Point
 
 
 WRITES = {
@@ -224,10 +178,8 @@ def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     @sh.program
     def generate() -> Generated:
         row, column = sh.grid_index(2)
-        ray, eye = rays(row, column)
-        path, _, pixel = tracer.begin()
-        light = Light(path.scolor, path.rn, path.r, path.shadows, sh.Color3f(0, 0, 0))
-        return Generated(Ray(eye, ray, far(), path.tracing), light, pixel, sh.Attrib1i(ACTIVE))
+        ray, light, pixel = tracer.begin(*rays(row, column))
+        return Generated(ray, light, pixel, sh.Attrib1i(ACTIVE))
 
     return generate
 
@@ -314,23 +266,17 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
 
 def shading(tracer: Tracer) -> Any:
     """Record the program that takes in what rays met, and makes the rays that come next."""
-    types = SHADED | {"point": point_of(tracer)}
+    types = SHADED | {"point": tracer.surfaces.interaction}
     shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
 
     def shade(ray: Any, nearest: Any, light: Any, point: Any, pixel: Any, state: Any) -> Any:
         SH_DISCARD(state == FINISHED)
-        hit = RayHit.held_in(nearest)
-        surface: Any = point
-        finished = sh.Attrib1b(False)
-        path = PathState(pixel.color, light.scolor, light.rn, light.r, light.shadows, ray.tracing, finished)
-        tracer.settle(path, surface, pixel, hit, ray.direction, ray.eye, ray.limit, light.lightcol)
+        finished = tracer.settle(ray, light, point, pixel, RayHit.held_in(nearest))
         with SH_IF(finished):
             state[:] = FINISHED
         with SH_ELSE():
             state[:] = ACTIVE
-            ray.limit[:] = far()
-            light.lightcol[:] = 0
-            tracer.aim(path, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
+            tracer.aim(ray, light, point)
         return shaded(ray, light, point, pixel, state)
 
     shade.__annotations__ = types | {"nearest": Nearest, "return": shaded}

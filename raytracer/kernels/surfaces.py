@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -35,24 +35,45 @@ FAINT = 2.0**-64
 """A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
 
-class Interaction:
-    """The interaction at the point that was hit last, from its hit until its last shadow ray."""
+@sh.struct
+class PlainInteraction:
+    """The interaction at the point that was hit last, from its hit until its last shadow ray.
 
-    def __init__(self, shades: bool = False, clear: bool = False) -> None:
-        inter = sh.Point3f()  # moved off the surface, to the side that it is seen from
-        view = sh.Vector3f()
-        face = sh.Normal3f()  # of the triangle itself, on the viewer's side, as is `normal`
-        normal = sh.Normal3f()
-        surface_color = sh.Color3f()
-        coefficients = sh.Attrib3f()  # diffuse, specular, shininess
-        self.inter, self.view, self.face, self.normal = inter, view, face, normal
-        self.color, self.coefficients = surface_color, coefficients
-        if shades:  # which program there is instead of Phong's model, and what it may ask for
-            reflectivity, shade = sh.Attrib1f(), sh.Attrib1i()
-            self.reflectivity, self.shade = reflectivity, shade
-        if clear:  # `beyond` is moved off the surface to the other side; `outside` where the ray came from
-            beyond, transmission, ior, outside = sh.Point3f(), sh.Attrib1f(), sh.Attrib1f(), sh.Attrib1b()
-            self.beyond, self.transmission, self.ior, self.outside = beyond, transmission, ior, outside
+    `inter` is moved off the surface, to the side that it is seen from. `face` is the normal of the triangle itself, on
+    the viewer's side, as is `normal`; `coefficients` are diffuse, specular and shininess.
+    """
+
+    inter: sh.Point3f
+    view: sh.Vector3f
+    face: sh.Normal3f
+    normal: sh.Normal3f
+    color: sh.Color3f
+    coefficients: sh.Attrib3f
+
+
+@sh.struct
+class ProgrammedInteraction(PlainInteraction):
+    """That of a scene with programs in place of Phong's model: the number of its `shade`, and what that may ask for."""
+
+    reflectivity: sh.Attrib1f
+    shade: sh.Attrib1i
+
+
+@sh.struct
+class ClearInteraction(ProgrammedInteraction):
+    """That of a scene with glass.
+
+    `beyond` is the point moved off the surface to the other side, `outside` says whether the ray came from outside.
+    """
+
+    beyond: sh.Point3f
+    transmission: sh.Attrib1f
+    ior: sh.Attrib1f
+    outside: sh.Attrib1b
+
+
+Interaction = Any
+"""One of these structs, as the scene needs."""
 
 
 class MaterialKinds(NamedTuple):
@@ -129,6 +150,13 @@ class SurfaceTables:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
         self.sampled: Any = None  # the SampledSurfaces of a layered depth cube (`kernels.deferred`)
+
+    @property
+    def interaction(self) -> Any:
+        """The struct of interactions in this scene."""
+        if self.clear:
+            return ClearInteraction
+        return ProgrammedInteraction if self.appearance.shades else PlainInteraction
 
     def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
         """Update the normals, colours and uv coordinates that changed; return whether the colours fit the kernel."""
@@ -445,6 +473,12 @@ class SurfaceTables:
             shine = highlight(surface.view, surface.normal, light, shininess)
             shade += specular * (sh.cond(shine > FAINT, shine, 0.0) if self.black else shine)
         return shade
+
+
+def blank(interaction: Any = PlainInteraction) -> Interaction:
+    """Return an interaction before the first hit."""
+    fields = {name: kind for name, kind in get_type_hints(interaction).items() if not name.startswith("_")}
+    return interaction(*(kind(*[0] * kind.size) for kind in fields.values()))
 
 
 def is_black(layout: Layout) -> bool:

@@ -24,7 +24,7 @@ from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.lights import LightList
 from raytracer.kernels.point import SeenHit
 from raytracer.kernels.sky import Sky
-from raytracer.kernels.surfaces import Interaction
+from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout
@@ -45,30 +45,30 @@ class Pixel(NamedTuple):
     rays: sh.Attrib1i
 
 
-class PathState:
-    """The light that an eye ray and its mirrored rays have brought, and the purpose of the current ray.
+@sh.struct
+class Ray:
+    """A ray, how far it goes, and whether it is an eye ray or a mirrored one, not a shadow ray."""
 
-    `color` is what is summed up, `scolor` the colour of the surface that was hit last; `rn` the product of the
-    reflection coefficients and the last of them; `r` how many more mirrored rays may follow, `shadows` how many shadow
-    rays of this surface; `tracing` says whether the ray is an eye ray or a mirrored one, `finished` whether it was the
-    last.
+    eye: sh.Point3f
+    direction: sh.Vector3f
+    limit: sh.Attrib1f
+    tracing: sh.Attrib1b
+
+
+@sh.struct
+class Light:
+    """The light that an eye ray and its mirrored rays bring, until it is in the pixel.
+
+    `scolor` is the colour of the surface that was hit last; `rn` the product of the reflection coefficients and the
+    last of them; `r` how many more mirrored rays may follow, `shadows` how many shadow rays of this surface; `lightcol`
+    the colour of the light to which the ray goes.
     """
 
-    def __init__(self, color: Any, scolor: Any, rn: Any, r: Any, shadows: Any, tracing: Any, finished: Any) -> None:
-        self.color, self.scolor, self.rn, self.r = color, scolor, rn, r
-        self.shadows, self.tracing, self.finished = shadows, tracing, finished
-
-    @classmethod
-    def eye_ray(cls, bounces: Any) -> PathState:
-        """Return the path of an eye ray that has met nothing yet."""
-        color = sh.Color3f(0, 0, 0)
-        scolor = sh.Color3f(0, 0, 0)
-        rn = sh.Attrib2f(1, 0)
-        r = sh.Attrib1i(bounces)
-        shadows = sh.Attrib1i(0)
-        tracing = sh.Attrib1b(True)
-        finished = sh.Attrib1b(False)
-        return cls(color, scolor, rn, r, shadows, tracing, finished)
+    scolor: sh.Color3f
+    rn: sh.Attrib2f
+    r: sh.Attrib1i
+    shadows: sh.Attrib1i
+    lightcol: sh.Color3f
 
 
 class Tracer:
@@ -144,95 +144,88 @@ class Tracer:
         self.ambient.value = float(scene.ambient)
         return True
 
-    def __call__(self, ray: Any, eye: Any) -> Pixel:
-        """Follow an eye ray of unit length; `ray` and `eye` are changed on the way."""
-        path, surface, pixel = self.begin()
+    def __call__(self, direction: Any, eye: Any) -> Pixel:
+        """Follow an eye ray of unit length."""
+        ray, light, pixel = self.begin(direction, eye)
+        surface = blank(self.surfaces.interaction)
         with SH_DO() if self.loops else nullcontext():
-            limit = sh.Attrib1f(far())
-            lightcol = sh.Color3f(0, 0, 0)
-            self.aim(path, surface, ray, eye, limit, lightcol)
-            hit = meet(self.intersector, lambda: pixel.rays == 0, ray, eye, limit, ~path.tracing)
-            finished = self.settle(path, surface, pixel, hit, ray, eye, limit, lightcol)
+            self.aim(ray, light, surface)
+            hit = meet(self.intersector, lambda: pixel.rays == 0, ray.direction, ray.eye, ray.limit, ~ray.tracing)
+            finished = self.settle(ray, light, surface, pixel, hit)
             if self.loops:
                 SH_UNTIL(finished)
         return pixel
 
-    def begin(self) -> tuple[PathState, Interaction, Pixel]:
-        """Return the path, surface and pixel of an eye ray before its first hit."""
-        path = PathState.eye_ray(self.bounces)
-        surface = Interaction(bool(self.surfaces.appearance.shades), self.surfaces.clear)
-        rays = sh.Attrib1i(0)
-        return path, surface, background_pixel(path.color, rays)
+    def begin(self, direction: Any, eye: Any) -> tuple[Ray, Light, Pixel]:
+        """Return an eye ray, its light and its pixel before its first hit."""
+        ray = Ray(eye, direction, far(), sh.Attrib1b(True))
+        black = sh.Color3f(0, 0, 0)
+        light = Light(black, sh.Attrib2f(1, 0), sh.Attrib1i(self.bounces), sh.Attrib1i(0), black)
+        return ray, light, background_pixel(sh.Color3f(black), sh.Attrib1i(0))
 
-    def aim(self, path: PathState, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+    def aim(self, ray: Any, light: Any, surface: Interaction) -> None:
         """Make the ray that comes next a shadow ray where lights are left to be seen."""
+        ray.limit[:] = far()
+        light.lightcol[:] = 0
         if self.lights.count:
-            with SH_IF(path.shadows > 0):
-                path.shadows -= 1
-                self.lights.aim(path.shadows, surface, ray, eye, limit, lightcol)
+            with SH_IF(light.shadows > 0):
+                light.shadows -= 1
+                self.lights.aim(light.shadows, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
 
-    def settle(
-        self,
-        path: PathState,
-        surface: Interaction,
-        pixel: Pixel,
-        hit: RayHit,
-        ray: Any,
-        eye: Any,
-        limit: Any,
-        lightcol: Any,
-    ) -> Any:
+    def settle(self, ray: Any, light: Any, surface: Interaction, pixel: Pixel, hit: RayHit) -> Any:
         """Shade what a ray has met, and mirror the ray after the last light; return whether the path ended."""
-        tracing, finished, rays = path.tracing, path.finished, pixel.rays
-        rays += sh.cond(limit > 0, 1, 0)
-        with SH_IF(tracing):
-            tracing[:] = False
+        rays = pixel.rays
+        rays += sh.cond(ray.limit > 0, 1, 0)
+        with SH_IF(ray.tracing):
+            ray.tracing[:] = False
             with SH_IF(hit.id >= 0):
                 emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
-                path.rn.y = self.surfaces.arrive(hit, ray, eye, surface, emission)
+                light.rn.y = self.surfaces.arrive(hit, ray.direction, ray.eye, surface, emission)
                 with SH_IF(pixel.object < 0):
                     self.note(pixel, hit, surface)
-                self.gather(path, surface, emission)
+                self.gather(light, pixel, surface, emission)
             with SH_ELSE():
-                path.scolor[:] = self.background.radiance(ray)
-                path.rn.y = 0
+                light.scolor[:] = self.background.radiance(ray.direction)
+                light.rn.y = 0
         if self.lights.count:
             with SH_ELSE():
-                lit = (hit.id < 0) & (limit > 0)
+                lit = (hit.id < 0) & (ray.limit > 0)
                 if self.surfaces.appearance.shades:
                     with SH_IF(lit):
-                        path.scolor += self.surfaces.shade(surface, ray) * lightcol
+                        light.scolor += self.surfaces.shade(surface, ray.direction) * light.lightcol
                 else:
-                    path.scolor += sh.cond(lit, self.surfaces.shade(surface, ray) * lightcol, 0.0)
-        self.go_on(path, surface, ray, eye)
+                    shade = self.surfaces.shade(surface, ray.direction)
+                    light.scolor += sh.cond(lit, shade * light.lightcol, 0.0)
+        return self.go_on(ray, light, surface, pixel)
+
+    def gather(self, light: Any, pixel: Pixel, surface: Interaction, emission: Any) -> None:
+        """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
+        light.scolor[:] = self.ambient * surface.color
+        if emission is not None:  # a mirror sends out all of it, too
+            pixel.color[:] += light.rn.x * emission
+        light.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
+
+    def go_on(self, ray: Any, light: Any, surface: Interaction, pixel: Pixel) -> Any:
+        """Once all light is in, accumulate it, and go on to the reflection if there is one; return whether it ended."""
+        finished = sh.Attrib1b(False)
+        with SH_IF(light.shadows == 0):
+            pixel.color[:] += light.rn.x * light.scolor
+            finished[:] = True
+            if self.reflects:
+                light.rn.x *= light.rn.y
+                pixel.color[:] -= light.rn.x * light.scolor
+                finished[:] = self.is_last(light)
+                light.r -= 1
+                ray.tracing[:] = True
+                ray.direction[:] = mirrored(surface)
+                ray.eye[:] = surface.inter
         return finished
 
-    def gather(self, path: PathState, surface: Interaction, emission: Any) -> None:
-        """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
-        path.scolor[:] = self.ambient * surface.color
-        if emission is not None:  # a mirror sends out all of it, too
-            path.color += path.rn.x * emission
-        path.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
-
-    def go_on(self, path: PathState, surface: Interaction, ray: Any, eye: Any) -> None:
-        """Once all light is in, accumulate it, and go on to the reflection if there is one."""
-        with SH_IF(path.shadows == 0):
-            path.color += path.rn.x * path.scolor
-            path.finished[:] = True
-            if self.reflects:
-                path.rn.x *= path.rn.y
-                path.color -= path.rn.x * path.scolor
-                path.finished[:] = self.is_last(path)
-                path.r -= 1
-                path.tracing[:] = True
-                ray[:] = mirrored(surface)
-                eye[:] = surface.inter
-
-    def is_last(self, path: PathState) -> Any:
+    def is_last(self, light: Any) -> Any:
         """Return whether no mirrored ray follows."""
         if self.cuts:
-            return (path.r == 0) | (path.rn.y == 0) | ~(path.rn.x > self.least)
-        return (path.r == 0) | (path.rn.y == 0)
+            return (light.r == 0) | (light.rn.y == 0) | ~(light.rn.x > self.least)
+        return (light.r == 0) | (light.rn.y == 0)
 
     def note(self, pixel: Pixel, hit: RayHit | SeenHit, surface: Interaction) -> None:
         """Store the first surface that the eye ray hits in the layers."""

@@ -8,14 +8,14 @@ import pytest
 import shpy as sh
 from raytracer.kernels.bsdf import Bsdf
 from raytracer.kernels.phong import highlight
-from raytracer.kernels.surfaces import Interaction
+from raytracer.kernels.surfaces import blank
 
 COUNT = 100_000
 
 
 def seen(specular, shininess):
     """A surface with the normal z that is seen at about 60 degrees."""
-    surface = Interaction()
+    surface = blank()
     surface.coefficients[:] = sh.Attrib3f(0.5, specular, shininess)
     surface.color[:] = sh.Color3f(0.5)
     surface.view[:] = sh.normalize(sh.Vector3f(0.8, 0.3, 0.5))

@@ -13,7 +13,7 @@ from raytracer import Camera, Intersector, Material, Mesh, PointLight, Renderer,
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
-from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.surfaces import SurfaceTables, blank
 from raytracer.kernels.triangle import RayHit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_through
 from raytracer.meshes.shapes import box, icosahedron, sphere
@@ -290,7 +290,7 @@ def bounced(mesh, accel):
     def bounce(eye: sh.Point3f, ray: sh.Vector3f, to: sh.Vector3f) -> _Bounce:
         nothing, ever = sh.Attrib1b(False), sh.Attrib1f(FAR)
         hit = walk(ray, eye, sh.Attrib1f(0), ever, nothing)
-        surface = Interaction()
+        surface = blank()
         tables.arrive(hit, ray, eye, surface)
         onward = sh.Vector3f(sh.cond(sh.dot(surface.face, to) < 0, -to, to))
         again = walk(onward, sh.Point3f(surface.inter), sh.Attrib1f(0), ever, nothing)
