@@ -31,7 +31,8 @@ class GridBeside(Walk):
         self.bound = bound
         self.triangles = Triangles.of(triangles, forest.dtype)
         self.grid = GridIntersector(grid, self.triangles, bound)
-        self.grid.items = sh.Table(grid.items, sh.Attrib1i, "listed")  # `items` are those of the hierarchy
+        # `items` are those of the hierarchy.
+        self.grid.items = sh.Table(grid.items, sh.Attrib1i, "listed", unique=False)
         self.objects = BvhIntersector(forest.bvh, self.triangles, together, bound)
 
     def bounded(self, bound: AheadBound | None) -> Self:

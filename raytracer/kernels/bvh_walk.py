@@ -41,12 +41,12 @@ class BvhIntersector(Walk):
         self.triangles = Triangles.of(triangles, bvh.low.dtype)
         rows, levels = self.triangles.sources
         leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
-        self.items = sh.Table(bvh.items, sh.Attrib1i, "items")
+        self.items = sh.Table(bvh.items, sh.Attrib1i, "items", unique=False)
         self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items], copy=False)
-        self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes", copy=False)
+        self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes", copy=False, unique=False)
         first, past = bvh.links.reshape(-1, 2).T
-        self.first = sh.Table(first, sh.Attrib1i, "first")
-        self.past = sh.Table(past, sh.Attrib1i, "past")
+        self.first = sh.Table(first, sh.Attrib1i, "first", unique=False)
+        self.past = sh.Table(past, sh.Attrib1i, "past", unique=False)
         nodes = sh.Param(sh.Attrib1i, len(bvh.low), title="")
         self.nodes = nodes
         working = np.finfo(bvh.low.dtype)

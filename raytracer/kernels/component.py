@@ -25,7 +25,7 @@ from raytracer.accel.space import WORKING, Rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.queries import GivenRay
-from raytracer.kernels.triangle import AheadBound, Triangles, Walk
+from raytracer.kernels.triangle import AheadBound, Walk
 from raytracer.kernels.walk import Found
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
@@ -110,8 +110,7 @@ class Precision(sh.Table):  # type: ignore[type-arg]
     stale = ""
 
     def __init__(self, precision: str) -> None:
-        super().__init__([0.0], sh.Attrib1f, "precision_of_scene")
-        self.named = False
+        super().__init__([0.0], sh.Attrib1f, "precision_of_scene", unique=False)
         self.precision, self.line = precision, ""
 
     def data(self, dtype: Any) -> Any:
@@ -200,7 +199,6 @@ class Component:
     ) -> None:
         floats = WORKING[precision]
         self.walk, self.roundoff = walk, float(np.finfo(floats).eps) / 2
-        let_names_be_numbered(walk)
         self.place = ScenePlace(origin, scale, self.roundoff, pose)
         self.precision = Precision(precision)
         self.line = ""
@@ -278,16 +276,6 @@ class Component:
     def _lerp(self, table: Any, nearest: Any) -> Any:
         hit: Any = Found(nearest.t, nearest.triangle, nearest.uv)
         return barylerp(hit, *rows_of(table, hit))
-
-
-def let_names_be_numbered(thing: Any) -> None:
-    """Let a program that has two tables of one name number them: those of the walks through two scenes."""
-    for part in vars(thing).values():
-        if isinstance(part, sh.Table):
-            table: Any = part
-            table.named = False
-        elif isinstance(part, Walk | Triangles):
-            let_names_be_numbered(part)
 
 
 def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
@@ -370,6 +358,4 @@ def occluded(component: Component, bound: AheadBound | None) -> Any:
 def _table(rows: NDArray[Any] | None, kind: Any, name: str) -> Any:
     if rows is None:
         return None
-    table: Any = sh.Table(rows, kind, name)
-    table.named = False  # as `let_names_be_numbered`
-    return table
+    return sh.Table(rows, kind, name, unique=False)

@@ -76,8 +76,8 @@ class GridIntersector(Walk):
     def __init__(self, grid: Grid, triangles: Any, bound: AheadBound | None = None) -> None:
         self.bound = bound
         self.triangles = Triangles.of(triangles)
-        self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells")
-        self.items = sh.Table(grid.items, sh.Attrib1i, "items")
+        self.cells = sh.Table(grid.cells, sh.Attrib2i, "cells", unique=False)
+        self.items = sh.Table(grid.items, sh.Attrib1i, "items", unique=False)
         outside = sh.Param(sh.Attrib1i, grid.outside, title="")
         self.outside = outside
         self.box = CellBox(grid.low, grid.cell, grid.shape)

@@ -49,8 +49,8 @@ class SingleSamples:
     def __init__(self, cube: LayeredCube | PlacedCubes) -> None:
         self.has_slopes = cube.options["hit"] == "plane"
         records = cube.records if cube.samples else np.zeros((1, 4 if self.has_slopes else 2), np.uint32)
-        self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets")
-        self.samples = sh.Table(records, sh.Attrib4u if self.has_slopes else sh.Attrib2u, "samples")
+        self.offsets = sh.Table(cube.offsets, sh.Attrib1i, "offsets", unique=False)
+        self.samples = sh.Table(records, sh.Attrib4u if self.has_slopes else sh.Attrib2u, "samples", unique=False)
 
     def coding(self, frame: Any, axis: Any) -> None:
         """Return what decodes the depths of an image, which these do not need."""
@@ -110,11 +110,11 @@ class HalfSamples:
     def __init__(self, cube: LayeredCube | PlacedCubes) -> None:
         tables = HalfTables.of(cube)
         triangles = tables.triangles if len(tables.triangles) else np.zeros(1, np.int32)
-        self.depths = sh.Table(tables.depths, sh.Attrib1u, "depths")
-        self.slopes = None if tables.slopes is None else sh.Table(tables.slopes, sh.Attrib1u, "slopes")
-        self.triangles = sh.Table(triangles, sh.Attrib1i, "numbers")
-        self.bases = sh.Table(tables.offsets.bases, sh.Attrib1i, "bases")
-        self.starts = sh.Table(tables.offsets.starts, sh.Attrib1u, "starts")
+        self.depths = sh.Table(tables.depths, sh.Attrib1u, "depths", unique=False)
+        self.slopes = None if tables.slopes is None else sh.Table(tables.slopes, sh.Attrib1u, "slopes", unique=False)
+        self.triangles = sh.Table(triangles, sh.Attrib1i, "numbers", unique=False)
+        self.bases = sh.Table(tables.offsets.bases, sh.Attrib1i, "bases", unique=False)
+        self.starts = sh.Table(tables.offsets.starts, sh.Attrib1u, "starts", unique=False)
         self.shift = sh.Param(sh.Attrib1i, tables.offsets.shift, name="shift", title="")
 
     def coding(self, frame: Any, axis: Any) -> DepthCoding:

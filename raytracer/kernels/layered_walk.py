@@ -68,14 +68,14 @@ class LayeredIntersector(Walk):
         if isinstance(cube, LayeredCube):
             cube.check_triangles(triangles)
         else:
-            self.poses = sh.Table(cube.poses, sh.Attrib4f, "poses")
+            self.poses = sh.Table(cube.poses, sh.Attrib4f, "poses", unique=False)
             cubes = sh.Param(sh.Attrib1i, len(cube.cubes), title="")
             self.cubes = cubes
         self.bound, self.test, self.conservative = bound, cube.options["hit"], cube.options["conservative"]
         self.triangles = Triangles.of(triangles)
-        self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame")
-        self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks")
-        self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside") if len(cube.outside) else None
+        self.frame = sh.Table(cube.frame, sh.Attrib4f, "frame", unique=False)
+        self.blocks = sh.Table(cube.blocks, sh.Attrib4u, "blocks", unique=False)
+        self.outside = sh.Table(cube.outside, sh.Attrib1i, "outside", unique=False) if len(cube.outside) else None
         left_out = sh.Param(sh.Attrib1i, len(cube.outside), title="")
         self.left_out = left_out
         self.samples: Any = sample_tables(cube)

@@ -230,8 +230,8 @@ class Triangles:
         copy: bool = True,
     ) -> None:
         self.sources = rows, constant(self.levels_in(rows) if levels is None else levels)
-        self.rows = sh.Table(rows, sh.Attrib4f, name, copy=copy)
-        self.levels = sh.Table(self.sources[1], sh.Attrib1f, f"levels_of_{name}", copy=False)
+        self.rows = sh.Table(rows, sh.Attrib4f, name, copy=copy, unique=False)
+        self.levels = sh.Table(self.sources[1], sh.Attrib1f, f"levels_of_{name}", copy=False, unique=False)
         self.numbers = numbers
 
     @classmethod

@@ -62,7 +62,7 @@ class WideIntersector(Walk):
         self.triangles = Triangles.of(triangles, np.float32)
         wide = widen(bvh, *self.triangles.sources, backend)
         self.last = wide.last
-        self.records = sh.Table(wide.table.reshape(-1, HALF), sh.Attrib4u, "records", copy=False)
+        self.records = sh.Table(wide.table.reshape(-1, HALF), sh.Attrib4u, "records", copy=False, unique=False)
         self.depth = max(LEVELS, -(-wide.depth // 4) * 4)
         self.margin = MARGIN * float(np.finfo(np.float32).eps)
 

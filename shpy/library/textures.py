@@ -72,13 +72,14 @@ class Mipmap:
         """The number of levels."""
         sizes = [level.shape[:2] for level in levels]
         starts = np.cumsum([0, *(h * w for h, w in sizes[:-1])])
-        self._texels = Table(_listed(levels, channels), self.type, self.name)
+        unique = name is not None
+        self._texels = Table(_listed(levels, channels), self.type, self.name, unique=unique)
         self._sizes = Table(
             [(start, h, w) for start, (h, w) in zip(starts, sizes, strict=True)],
             Attrib3i,
             f"{self.name}_levels" if self.name else None,
+            unique=unique,
         )
-        self._texels.named = self._sizes.named = name is not None
         self._level = Subroutine(self._filtered, f"sample_{self.name or 'mipmap'}")
 
     def update(self, array: Any) -> None:
@@ -190,8 +191,7 @@ class TextureCube:
         self.filter = filter
         self.name = name if name is not None else assigned_name()
         bordered, self.type = _bordered(faces)
-        self.table = Table(bordered, self.type, self.name)
-        self.table.named = name is not None
+        self.table = Table(bordered, self.type, self.name, unique=name is not None)
         self._routine = Subroutine(self._filtered, f"sample_{self.name or 'cube'}")
 
     @property

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
 from shpy.ir.types import Base
-from shpy.lang.data.tables import Table, TableArgument, TableType, fits
+from shpy.lang.data.tables import Table, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
@@ -194,7 +194,7 @@ def _broadcast(shapes: Sequence[Shape]) -> Shape:
 
 def tables(types: Mapping[str, InputType], values: Mapping[str, Any], closure: Mapping[str, Any]) -> dict[str, Table]:
     """Return all tables, by their names in the module: those of the closure and those given as inputs."""
-    tables_by_name = {name: table for name, table in closure.items() if not isinstance(table, TableArgument)}
+    tables_by_name = {name: table for name, table in closure.items() if not table.is_argument}
     for name, type_ in types.items():
         if isinstance(type_, TableType):
             tables_by_name |= _table(name, type_, values[name]).leaves(name)

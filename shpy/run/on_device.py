@@ -24,7 +24,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, build_group, leaves
 from shpy.run import host
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at
-from shpy.streams.stream import Place, Stream, StreamLeaf, StreamTable, streams_in
+from shpy.streams.stream import Place, Stream, StreamLeaf, memory_of_table, streams_in
 
 
 def check_places(values: Iterable[Any], place: Place, name: str) -> None:
@@ -122,8 +122,9 @@ def memory_of(leaf: InputLeaf | host.DeviceLeaf, common: Shape, place: Place) ->
 
 
 def _table(table: Table, dtypes: Mapping[Base, Any]) -> TableData | TableMemory:
-    if isinstance(table, StreamTable):
-        return TableMemory(table.memory, table.shape)
+    memory = memory_of_table(table)
+    if memory is not None:
+        return TableMemory(memory, table.shape)
     return table.data(dtypes[table.type.base])
 
 
@@ -163,9 +164,9 @@ def build_streams(layout: Layout, place: Place, shape: Shape) -> Any:
 
 def _check_apart(targets: Sequence[StreamLeaf], tables: Mapping[str, Table]) -> None:
     """Raise ShpyTypeError for memory of an output that is read by index, or that belongs to another output too."""
-    read = [table for table in tables.values() if isinstance(table, StreamTable)]
-    for target, table in itertools.product(targets, read):
-        if overlap(target.memory, table.memory):
+    for target, table in itertools.product(targets, tables.values()):
+        memory = memory_of_table(table)
+        if memory is not None and overlap(target.memory, memory):
             raise ShpyTypeError(
                 f"out is memory that the Table {table.name or ''} reads: an element would read what others wrote",
                 loc=here(),

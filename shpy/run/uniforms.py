@@ -22,7 +22,7 @@ from shpy.lang.values.dependent import Dependent, record_expression
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.run.kernel import Kernel
-from shpy.streams.stream import StreamTable
+from shpy.streams.stream import memory_of_table
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class _Kept:
     """A uniform's kernel at a precision and mode; `last` is the state of its sources and the result at the last run."""
 
     kernel: Kernel
-    copies: dict[StreamTable, Table]
+    copies: dict[Table, Table]
     """The elements on the host of the streams that the uniform reads, wherever they lie."""
     last: tuple[Any, Any] = (None, None)
 
@@ -42,16 +42,16 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
     if kept is None:
         recorded = _recorded(uniform)
         copies = {
-            t: Table(t._host_array(), t.type, "copy") for t in recorded.tables.values() if isinstance(t, StreamTable)
+            t: Table(t.host_array(), t.type, "copy") for t in recorded.tables.values() if memory_of_table(t) is not None
         }
         recorded = replace(recorded, tables={name: copies.get(table, table) for name, table in recorded.tables.items()})
         kept = keeps[precision, math] = _Kept(Kernel(recorded, backend("numpy"), Options(precision, math=math)), copies)
     for stream, table in kept.copies.items():
-        elements = stream._host_array()  # kernels write streams, and count no versions
-        if not np.array_equal(elements.view(np.uint8), table._array.view(np.uint8)):
+        elements = stream.host_array()  # kernels write streams, and count no versions
+        if not np.array_equal(elements.view(np.uint8), table.host_array().view(np.uint8)):
             table.update(elements)
     state = [
-        kept.copies.get(source, source)._version if isinstance(source, Table) else source._const
+        kept.copies.get(source, source).version if isinstance(source, Table) else source._const
         for source in uniform.sources
     ]
     before, value = kept.last

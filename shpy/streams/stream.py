@@ -23,11 +23,11 @@ from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
-from shpy.lang.data.tables import CompoundTable, Table, fits_type
+from shpy.lang.data.sources import Source
+from shpy.lang.data.tables import Table, fits_type
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
-from shpy.lang.recording.names import assigned_name
-from shpy.lang.values.structure import Layout, Leaf, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
+from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
 from shpy.passes.modes import Precision
 from shpy.shown import Shown
 from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
@@ -315,8 +315,23 @@ class Stream(StreamReductions, StreamFields, Shown):
         """Return an entry for each leaf: its memory and shape."""
         return [StreamLeaf(self, k) for k in range(len(self._memories))]
 
-    def _table_class(self) -> Any:
-        return StreamTable if isinstance(self._layout, Leaf) else CompoundStreamTable
+    def table_source(self, type: Any) -> StreamSource:
+        """Return the source of a Table of this type over the stream; ShpyTypeError where the stream does not fit."""
+        if type is not None and not fits_type(type, self.type):
+            raise ShpyTypeError(
+                f"{self!r} is no Table of {getattr(type, '__name__', type)}",
+                loc=here(),
+                cure=f"a stream of {spoken_type(type)}",
+            )
+        if len(self.shape) not in (1, 2, 3):
+            raise ShpyTypeError(
+                f"a Table has 1 to 3 axes, and this stream, {self.shape}, has {len(self.shape)}",
+                loc=here(),
+                cure="a stream of 1 to 3 axes",
+            )
+        if not self.size:
+            raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
+        return StreamSource(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,87 +360,52 @@ class StreamLeaf:
             stream.place.space.copy(memory, self.memory)
 
 
-class StreamTable(Table):
-    """A Table over a stream's own memory: see `sh.Table`. It reads the `leaf`-th leaf of the stream."""
+@dataclass(frozen=True, eq=False)
+class StreamSource(Source):
+    """The elements of a Table that lie in the memory of a stream, wherever that is."""
 
-    def __new__(cls, *args: Any, **named: Any) -> StreamTable:
-        """Make a StreamTable for any arguments: `Table.__new__` would choose a class by its array."""
-        return object.__new__(cls)
-
-    def __init__(self, stream: Stream, type: Any = None, name: str | None = None, *, leaf: int = 0) -> None:
-        _check_table(stream, type)
-        self.stream = stream
-        self.leaf = leaf
-        self.type = [cls for _, _, cls in leaves(stream._layout, "table")][leaf]
-        self.named = name is not None
-        self.name = name if name is not None else assigned_name()
-        self.rank = len(stream.shape)
+    stream: Stream
 
     @property
-    def shape(self) -> tuple[Any, ...]:
+    def layout(self) -> Layout:  # type: ignore[override]
+        """The layout of the stream's elements."""
+        return self.stream._layout
+
+    @property
+    def rank(self) -> int:  # type: ignore[override]
+        """The number of axes."""
+        return len(self.stream.shape)
+
+    @property
+    def shape(self) -> Shape:
         """The shape of the stream."""
         return self.stream.shape
 
-    @property
-    def memory(self) -> Memory:
-        """The memory that holds the table's elements at present."""
-        return self.stream._memories[self.leaf]
+    def memory(self, leaf: int) -> Memory:
+        """Return the memory that holds a leaf's elements at present."""
+        return self.stream._memories[leaf]
 
-    def update(self, array: Any, *, start: int | None = None) -> None:
-        """Replace the elements of the stream; the shape stays. A stream is updated whole: ShpyTypeError for a part."""
-        _update(self.stream, array, start)
+    def data(self, leaf: int, dtype: Any) -> TableData:
+        """Return a leaf's elements on the host."""
+        return TableData(self.array(leaf).astype(dtype, copy=False))
 
-    def data(self, dtype: Any) -> TableData:
-        """Return the elements on the host."""
-        memory = self.memory
-        return TableData(memory.read().reshape(self.stream.shape + _tail(memory)).astype(dtype, copy=False))
+    def array(self, leaf: int) -> NDArray[Any]:
+        """Return a leaf's elements on the host."""
+        memory = self.memory(leaf)
+        return memory.read().reshape(self.shape + _tail(memory))
 
-    def _extent(self, axis: int) -> int | None:
-        return self.stream.shape[axis]
-
-    def _host_array(self) -> NDArray[Any]:
-        return self.data(self.memory.dtype).array
-
-
-class CompoundStreamTable(CompoundTable):
-    """A Table over a stream of structs or matrices."""
-
-    def __init__(self, stream: Stream, type: Any = None, name: str | None = None) -> None:
-        _check_table(stream, type)
-        label = name if name is not None else assigned_name()
-        paths = [path for path, _, _ in leaves(stream._layout, label or "table")]
-        parts = [StreamTable(stream, name=path, leaf=k) for k, path in enumerate(paths)]
-        for part in parts:
-            part.named = name is not None
-        self.stream = stream
-        self._hold(stream.type, stream._layout, label or "table", parts)
-
-    def update(self, array: Any, *, start: int | None = None) -> None:
-        """Replace the elements of the stream; the shape stays. A stream is updated whole: ShpyTypeError for a part."""
-        _update(self.stream, array, start)
+    def update(self, array: Any, start: int | None) -> None:
+        """Replace the elements of the stream; a stream is updated whole: ShpyTypeError for a part."""
+        if start is not None:
+            raise ShpyTypeError(
+                f"{self.stream!r} is updated whole", loc=here(), cure="table.update(array), without start"
+            )
+        self.stream.update(array)
 
 
-def _check_table(stream: Stream, type: Any) -> None:
-    if type is not None and not fits_type(type, stream.type):
-        raise ShpyTypeError(
-            f"{stream!r} is no Table of {getattr(type, '__name__', type)}",
-            loc=here(),
-            cure=f"a stream of {spoken_type(type)}",
-        )
-    if len(stream.shape) not in (1, 2, 3):
-        raise ShpyTypeError(
-            f"a Table has 1 to 3 axes, and this stream, {stream.shape}, has {len(stream.shape)}",
-            loc=here(),
-            cure="a stream of 1 to 3 axes",
-        )
-    if not stream.size:
-        raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
-
-
-def _update(stream: Stream, array: Any, start: int | None) -> None:
-    if start is not None:
-        raise ShpyTypeError(f"{stream!r} is updated whole", loc=here(), cure="table.update(array), without start")
-    stream.update(array)
+def memory_of_table(table: Table) -> Memory | None:
+    """Return the memory of a stream in which a leaf's elements lie; None for other tables."""
+    return table.source.memory(table.leaf) if isinstance(table.source, StreamSource) else None
 
 
 def _tail(memory: Memory) -> Shape:
@@ -479,12 +459,11 @@ def streams_in(values: Iterator[Any]) -> Iterator[Stream]:
     for value in values:
         if isinstance(value, Stream):
             yield value
-        elif isinstance(value, StreamTable | CompoundStreamTable):
-            yield value.stream
+        elif isinstance(value, Table):
+            if isinstance(value.source, StreamSource):
+                yield value.source.stream
         elif isinstance(value, Texture2D):
             yield from streams_in(iter([value.table]))
-        elif isinstance(value, Table):
-            yield from streams_in(iter(getattr(value, "_parts", ())))
         elif isinstance(value, dict):
             yield from streams_in(iter(value.values()))
         elif isinstance(value, tuple | list):

@@ -297,7 +297,7 @@ def test_a_table_refuses_by_name_and_keeps_its_data():
     for wrong in [*ANYTHING, 1.0, [], np.zeros((2, 2)), np.zeros(3), np.zeros(4, bool), np.zeros((2, 2, 2, 2))]:
         with pytest.raises(sh.ShpyTypeError, match=r"\bcurve\b"):
             curve.update(wrong)
-        np.testing.assert_array_equal(curve._array, np.arange(4))
+        np.testing.assert_array_equal(curve.host_array(), np.arange(4))
     with pytest.raises(sh.ShpyTypeError, match=r"\bfresh\b"):
         sh.Table(np.zeros((2, 2, 2, 2)), sh.Attrib1f, name="fresh")
 

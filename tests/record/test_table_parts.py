@@ -50,7 +50,7 @@ def test_a_shared_array_is_read_in_place_until_a_part_is_replaced(backend, dtype
     given.flags.writeable = False
     table = sh.Table(given, sh.Attrib1f if dtype == np.float32 else sh.Attrib1i, name="held", copy=False)
     kernel, every = reader(table).compile(backend), np.arange(len(given), dtype=np.int32)
-    assert np.shares_memory(table._array, given)
+    assert np.shares_memory(table.host_array(), given)
     assert np.array_equal(kernel(every), given)
     for start in (5, 6):
         table.update([-1, -2], start=start)
@@ -78,7 +78,7 @@ def test_an_array_that_can_be_written_is_not_shared():
     assert sh.Table(view, sh.Attrib4f, copy=False)[1].y == 5
     assert sh.Table([1, 2], sh.Attrib1f, copy=False)[1] == 2  # numbers that are converted need no array
     pair = sh.Table({"a": given, "b": [0.0] * 8}, Pair, copy=False)
-    assert [np.shares_memory(part._array, given) for part in pair._parts] == [True, False]
+    assert [np.shares_memory(part.host_array(), given) for part in pair._parts] == [True, False]
     with pytest.raises(sh.ShpyTypeError, match="copy=0 is neither True nor False"):
         sh.Table(given, sh.Attrib1f, copy=0)
 
@@ -123,7 +123,7 @@ def test_parts_out_of_range_and_of_other_shapes_change_nothing():
             table.update(part, start=start)
     with pytest.raises(sh.ShpyTypeError):
         table.update(np.ones((2, 3)), start=0)
-    assert np.array_equal(table._host_array(), np.zeros((4, 2)))
+    assert np.array_equal(table.host_array(), np.zeros((4, 2)))
 
 
 def test_a_stream_is_updated_whole():
@@ -147,3 +147,21 @@ def test_what_changed_is_known_part_by_part(monkeypatch):
     assert data.changed_since(1) == [(0, 2), (5, 9)]
     data.replace(np.zeros(20), 9)
     assert data.changed_since(8) is None
+
+
+def _both(first, second):
+    @sh.program
+    def both(i: sh.Attrib1i) -> sh.Attrib1f:
+        return first[i] + second[i]
+
+    return both
+
+
+def test_two_tables_of_one_name():
+    """An error, and with `unique=False` a number; a table whose name is to be unique has it, whoever comes first."""
+
+    one, other = (sh.Table([1, 2], sh.Attrib1f, "x") for _ in range(2))
+    with pytest.raises(sh.RecordError, match="two tables are named 'x'"):
+        _both(one, other)
+    numbered = sh.Table([3, 4], sh.Attrib1f, "x", unique=False)
+    assert _both(numbered, one).tables == {"x": one, "x_2": numbered}

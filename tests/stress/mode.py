@@ -42,6 +42,7 @@ from shpy.backend.opencl.device import (
 )
 from shpy.backend.opencl.device.driver import _driver_devices, machine_of
 from shpy.chains.chain import Chain
+from shpy.lang.data.sources import HostArrays
 from shpy.run.kernel import Kernel
 
 TAKEN = np.uint32(0x7FA0DEAD)
@@ -144,9 +145,14 @@ class Stress:
 
         def run_and_change(chain: Any, **streams: Any) -> Any:
             result = run(chain, **streams)
-            tables = {t for kernel in chain.kernels for t in kernel.recorded.tables.values() if hasattr(t, "_array")}
+            tables = {
+                t
+                for kernel in chain.kernels
+                for t in kernel.recorded.tables.values()
+                if isinstance(t.source, HostArrays)
+            }
             for table in tables:
-                data = table._array.copy()
+                data = table.host_array().copy()
                 table.update(np.zeros_like(data), start=0)
                 time.sleep(2 * _LATE)
                 table.update(data, start=0)

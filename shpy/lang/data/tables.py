@@ -13,7 +13,7 @@ The IR knows tables of scalars and vectors only. One of structs or matrices is a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -21,16 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import RecordError, ShpyIndexError, ShpyTypeError
-from shpy.ir.constants import is_int
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
-from shpy.lang.data.hostdata import as_base, checked_bool, working
+from shpy.lang.data.sources import Argument, HostArrays, Source
 from shpy.lang.recording.emit import DEFERRED, HOST
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic, coerce
-from shpy.lang.values.structure import Group, Layout, Leaf, build_values, flatten, layout_of, leaves, type_of
+from shpy.lang.values.structure import Group, Layout, Leaf, build_values, layout_of, leaves, type_of
 from shpy.lang.values.value import CLASSES, Value
 
 
@@ -61,6 +60,7 @@ class Table:
     A symbolic index out of range reads the nearest element on each axis; a constant one raises ShpyIndexError.
     The table has a copy of the array: what happens to the array later changes nothing. `copy=False` saves the memory of
     the copy where numbers need no conversion: the table shares the array, which is read-only and must stay as it is.
+    Two tables of one given name in a program are an error; with `unique=False` a number is added to the name instead.
     Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type, and with
     `copy=False` for one that can be written, or is a view of such an array.
     """
@@ -69,29 +69,44 @@ class Table:
     type: Any
     name: str | None
     named: bool
-    rank: int
-    _owner: Table | None = None
+    source: Source
+    leaf: int
+    """The leaf of the source that it reads, where its elements are scalars or vectors."""
+    _owner: Table | None
 
-    def __new__(cls, array: Any = None, type: Any = None, name: str | None = None, *, copy: bool = True) -> Table:
-        """Choose the class: a table of structs or matrices has its own, and so has one over the memory of a stream."""
-        if hasattr(array, "_table_class"):
-            table: Table = object.__new__(array._table_class())
-            return table
-        return object.__new__(CompoundTable if cls is Table and is_compound(type) else cls)
+    def __init__(
+        self, array: Any, type: Any = None, name: str | None = None, *, copy: bool = True, unique: bool = True
+    ) -> None:
+        label = name if name is not None else assigned_name()
+        if hasattr(array, "table_source"):  # a stream
+            source = array.table_source(type)
+        else:
+            layout = layout_of(type if is_compound(type) else element_class(type), "an element")
+            source = HostArrays.of(array, layout, label, copy=copy)
+        self._become(source, label, unique and name is not None)
 
-    def __init__(self, array: Any, type: Any = None, name: str | None = None, *, copy: bool = True) -> None:
-        self.type = element_class(type)
-        self.named = name is not None
-        self.name = name if name is not None else assigned_name()
-        self._array = self._checked(array) if checked_bool(copy, "copy") else self._shared(array)
-        self.rank = self._array.ndim - (self.type.size > 1)
-        self._version = 0
-        self._shares = not copy
-        """True if the array may be the user's, which only the user changes."""
-        self._data: dict[Any, TableData] = {}
+    def _become(self, source: Source, name: str | None, named: bool) -> None:
+        self.source, self._layout, self.rank = source, source.layout, source.rank
+        self.type = type_of(source.layout)
+        self.name, self.named, self._owner, self.leaf = name, named, None, 0
+        self._parts: tuple[Table, ...] = ()
+        if not isinstance(source.layout, Leaf):
+            self.name = name or "table"
+            parts = enumerate(leaves(source.layout, self.name))
+            self._parts = tuple(self._part(k, path, cls) for k, (path, _, cls) in parts)
+
+    def _part(self, leaf: int, path: str, cls: type[Value]) -> Table:
+        """Return the table of one leaf: the IR knows tables of scalars and vectors only."""
+        part = object.__new__(Table)
+        part.source, part._layout, part.rank, part._parts = self.source, Leaf(cls), self.rank, ()
+        part.type, part.name, part.named, part._owner, part.leaf = cls, path, self.named, self, leaf
+        return part
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_data": {}}
+        return {name: value for name, value in vars(self).items() if name != "type"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, type=type_of(state["_layout"]))
 
     @classmethod
     def __class_getitem__(cls, key: Any) -> TableType:
@@ -106,144 +121,56 @@ class Table:
         return TableType(type_ if is_compound(type_) else element_class(type_), rank)
 
     @property
-    def _spoken(self) -> str:
-        return f"the Table {self.name}" if self.name else "a Table"
-
-    def _checked(self, array: Any, *, part: bool = False) -> NDArray[Any]:
-        data = self._fitting(array, part=part)
-        return data.copy() if _may_share(data, array) else data
-
-    def _shared(self, array: Any) -> NDArray[Any]:
-        """Return an array for the element type, without a copy; ShpyTypeError where its memory can be written."""
-        data = self._fitting(array)
-        if _may_share(data, array) and not is_constant(data):
-            raise ShpyTypeError(
-                f"{self._spoken} with copy=False shares an array, and this one can be written",
-                loc=here(),
-                cure="sh.Table(array, type), which copies it; or array.flags.writeable = False on the array that "
-                "owns the memory",
-            )
-        return data
-
-    def _fitting(self, array: Any, *, part: bool = False) -> NDArray[Any]:
-        """Return an array for the element type, or a part; it may share the memory of the one that is given."""
-        what = self._spoken
-        data = as_base(array, self.type.base, what)
-        n = self.type.size
-        rank = data.ndim - (n > 1)
-        if n > 1 and (data.ndim == 0 or data.shape[-1] != n):
-            raise ShpyTypeError(
-                f"{what} of {self.type.__name__} takes an array (*shape, {n}), not {data.shape}",
-                loc=here(),
-                cure=f"array[..., :{n}]" if data.ndim > 1 and data.shape[-1] > n else f"array.reshape(-1, {n})",
-            )
-        if rank not in (1, 2, 3):
-            raise ShpyTypeError(
-                f"{what} has 1 to 3 axes, and this array, {data.shape}, has {rank}",
-                loc=here(),
-                cure=f"array.reshape(-1, {n})" if n > 1 else "array.reshape(-1)",
-            )
-        if data.size == 0 and not part:
-            raise ShpyTypeError(f"{what} cannot be empty", loc=here(), cure="one element that stands for none")
-        return data
+    def is_argument(self) -> bool:
+        """Whether a run brings its elements."""
+        return isinstance(self.source, Argument)
 
     @property
     def shape(self) -> tuple[Any, ...]:
-        """The number of elements on each axis, in the order of numpy's."""
-        return self._array.shape[: self.rank]
+        """The number of elements on each axis, in the order of numpy's; symbolic in the recording of an argument."""
+        shape = self.source.shape
+        if shape is not None:
+            return shape
+        frame = need_frame("a table's shape")
+        size = vec(Base.I, self.rank)
+        leaf = self._parts[0] if self._parts else self
+        handle = frame.let("table_size", (), size, leaf._declared(frame))
+        whole = arithmetic.make_value("Attrib", size, frame, handle)
+        return (whole,) if self.rank == 1 else tuple(whole)
 
     def update(self, array: Any, *, start: int | None = None) -> None:
-        """Replace the data; the shape stays. Kernels use the new data from their next run on.
+        """Replace the data, of all fields at once; the shape stays. Kernels use the new data from their next run on.
 
         With `start`, an index on the first axis, the array replaces as many elements from there on, and they alone are
         sent to devices. Raises ShpyTypeError for another shape, and ShpyIndexError for a part that is out of range.
         """
-        if start is None:
-            self._replace(self._for_update(array))
-        else:
-            part = self._checked_part(array, start)
-            if len(part):
-                self._change(part, start)
-
-    def _for_update(self, array: Any) -> NDArray[Any]:
-        data = self._checked(array, part=True)
-        if data.shape != self._array.shape:
-            raise ShpyTypeError(
-                f"update of {self._spoken} keeps the shape: {self._array.shape}, not {data.shape}",
-                loc=here(),
-                cure="a new sh.Table",
-            )
-        return data
-
-    def _checked_part(self, array: Any, start: int) -> NDArray[Any]:
-        data = self._fitting(array, part=True)  # `_change` copies it
-        if data.shape[1:] != self._array.shape[1:]:
-            raise ShpyTypeError(
-                f"a part of {self._spoken} is {('n', *self._array.shape[1:])}, not {data.shape}",
-                loc=here(),
-                cure="array.reshape(-1, ...)",
-            )
-        if not is_int(start):
-            raise ShpyTypeError(f"start={start!r} is no index of {self._spoken}", loc=here(), cure="start=0, an int")
-        if not 0 <= start <= len(self) - len(data):
-            raise ShpyIndexError(
-                f"elements {start} to {start + len(data) - 1} of {self._spoken}, which has {len(self)}",
-                loc=here(),
-                cure="a part in range",
-            )
-        return data
-
-    def _change(self, part: NDArray[Any], start: int) -> None:
-        entries = {key: data for key, data in self._data.items() if data.version == self._version}
-        for data in entries.values():
-            data.settle()  # one of them may share the memory of `_array`
-        converted = [self._working(part, key) for key in entries]  # before anything changes: it may refuse a number
-        if self._shares:
-            whole = self._array.copy()
-            whole[start : start + len(part)] = part
-            self._replace(whole)
-            return
-        if not any(np.may_share_memory(data.array, self._array) for data in entries.values()):
-            self._array[start : start + len(part)] = part
-        self._version += 1
-        for data, values in zip(entries.values(), converted, strict=True):
-            data.change(start, values)
-
-    def _replace(self, data: NDArray[Any]) -> None:
-        self._array, self._shares = data, False
-        self._version += 1
+        self.source.update(array, start)
 
     def data(self, dtype: Any) -> TableData:
         """Return the data for a runtime, floats as `dtype`: one object until an update, which counts `version`."""
-        key = np.dtype(dtype) if self._array.dtype.kind == "f" else self._array.dtype
-        entry = self._data.get(key)
-        if entry is None:
-            entry = self._data[key] = TableData(self._frozen(key), self._version)
-        elif entry.version != self._version:
-            entry.replace(self._frozen(key), self._version)
-        return entry
+        return self.source.data(self.leaf, dtype)
 
-    def _frozen(self, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Return the data as a dtype, read-only; ShpyTypeError for a number that is out of its range.
+    @property
+    def version(self) -> int:
+        """The number of changes that were counted."""
+        return self.source.version(self.leaf)
 
-        Data of the dtype that the table has are the table's own: each change is written once.
-        """
-        frozen = np.ascontiguousarray(self._working(self._array, dtype)).view()
-        frozen.flags.writeable = False
-        return frozen
-
-    def _working(self, array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-        what = f"the Table {self.name}" if self.name else "a Table"
-        return array if array.dtype == dtype else working(array, self.type.base, dtype, what)
+    def host_array(self) -> NDArray[Any]:
+        """Return the elements of a table of scalars or vectors, on the host."""
+        return self.source.array(self.leaf)
 
     def leaves(self, name: str) -> dict[str, Table]:
-        """Return the tables that stand for this one in a module, where it is called `name`: itself."""
-        return {name: self}
+        """Return the tables of the leaves, by their names in a module in which this table is called `name`."""
+        return dict(zip([path for path, _, _ in leaves(self._layout, name)], self._parts or (self,), strict=True))
 
     def _declared(self, frame: Frame) -> str:
         return frame.recording.use("table", frame.recording.tables, self)
 
     def __getitem__(self, key: Any) -> Any:
+        if self._parts:
+            named = leaves(self._layout, f"{self.name}[…]")
+            read = (p[key]._read_from(path, "constant") for p, (path, _, _) in zip(self._parts, named, strict=True))
+            return build_values(self._layout, read)
         if isinstance(key, Value) and key.size == self.rank and key.size > 1:
             entries: list[Any] = [key]
         else:
@@ -274,7 +201,7 @@ class Table:
             if isinstance(o, coerce.Literal):
                 if o.weak != "int":
                     raise ShpyTypeError("a Table takes ints as indices", loc=here(), cure="sh.Attrib1i(x)")
-                extent = self._extent(axis)
+                extent = None if self.source.shape is None else self.source.shape[axis]
                 if o.components[0] < 0 or (extent is not None and o.components[0] >= extent):
                     raise ShpyIndexError(
                         f"index {o.components[0]} on axis {axis} of a Table of shape {self.shape}",
@@ -286,22 +213,15 @@ class Table:
                     f"a Table takes ints as indices, not {o.type!r}", loc=here(), cure="sh.Attrib1i(x), which truncates"
                 )
 
-    def _extent(self, axis: int) -> int | None:
-        return int(self._array.shape[axis])
-
     def _at_once(self, operands: list[Any]) -> Any:
         index = [
             int(c)
             for o in operands
             for c in (o.components if isinstance(o, coerce.Literal) else np.atleast_1d(np.asarray(o)))
         ]
-        array = self._host_array()
+        array = self.host_array()
         clamped = tuple(min(max(i, 0), n - 1) for i, n in zip(index, array.shape, strict=False))
         return CLASSES[self.type.kind, self.type.size, self.type.base](array[clamped])
-
-    def _host_array(self) -> NDArray[Any]:
-        """Return the elements on the host."""
-        return self._array
 
     def __setitem__(self, key: Any, value: Any) -> None:
         raise RecordError(
@@ -312,123 +232,11 @@ class Table:
         return int(self.shape[0])
 
 
-def _may_share(data: NDArray[Any], array: Any) -> bool:
-    """Return whether data may lie in the memory of what it was made of."""
-    foreign = not isinstance(array, np.ndarray) and hasattr(array, "__dlpack__")  # numpy compares no such memory
-    return foreign or bool(np.may_share_memory(data, array))
-
-
-def is_constant(array: NDArray[Any]) -> bool:
-    """Return whether an array owns its memory and is read-only, and so is every array of which it is a view."""
-    while not array.flags.writeable and isinstance(array.base, np.ndarray):
-        array = array.base
-    return not array.flags.writeable and array.flags.owndata
-
-
 def element_class(type_: Any) -> type[Value]:
     """Return the class of elements; ShpyTypeError for anything but a scalar or vector type of the language."""
     if not (isinstance(type_, type) and issubclass(type_, Value) and hasattr(type_, "kind")):
         raise ShpyTypeError(f"a Table holds values of the language, not {type_!r}", loc=here(), cure="sh.Attrib4f")
     return type_
-
-
-class TableArgument(Table):
-    """A table that a run is given: its shape is known only then."""
-
-    def __init__(self, name: str, type_: TableType) -> None:
-        self.type = type_.cls
-        self.name, self.named = name, True
-        self.rank = type_.rank
-
-    @property
-    def shape(self) -> tuple[Any, ...]:
-        """The number of elements on each axis: an Attrib1i for one axis, else a tuple."""
-        frame = need_frame("a table's shape")
-        size = vec(Base.I, self.rank)
-        handle = frame.let("table_size", (), size, self._declared(frame))
-        whole = arithmetic.make_value("Attrib", size, frame, handle)
-        return (whole,) if self.rank == 1 else tuple(whole)
-
-    def _extent(self, axis: int) -> int | None:
-        return None
-
-    def _at_once(self, operands: list[Any]) -> Any:
-        raise RecordError(f"{self.name} has data only when the program runs", loc=here())
-
-
-class CompoundTable(Table):
-    """A Table of structs or matrices. Made by `sh.Table`."""
-
-    def __init__(self, array: Any, type: Any, name: str | None = None, *, copy: bool = True) -> None:
-        python_name = name if name is not None else assigned_name()
-        layout = layout_of(type, "an element")
-        what = f"the Table {python_name}" if python_name else "a Table"
-        entries = flatten(layout, array, what)
-        parts = [
-            Table(entry, cls, path, copy=copy)
-            for (path, _, cls), entry in zip(leaves(layout, python_name or "table"), entries, strict=True)
-        ]
-        for part in parts:
-            part.named = name is not None
-        shapes = {part.name: part.shape for part in parts}
-        if len(set(shapes.values())) > 1:
-            listed = ", ".join(f"{path} {shape}" for path, shape in shapes.items())
-            raise ShpyTypeError(
-                f"{what} has fields of several shapes: {listed}", loc=here(), cure="one element of each field a place"
-            )
-        self._hold(type, layout, python_name or "table", parts)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "type"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, type=type_of(state["_layout"]))
-
-    def _hold(self, type: Any, layout: Layout, name: str, parts: Sequence[Table]) -> None:
-        self.type = type
-        self.name, self.named = name, parts[0].named
-        self.rank = parts[0].rank
-        self._layout = layout
-        self._parts = tuple(parts)
-        for part in parts:
-            part._owner = self
-
-    @property
-    def shape(self) -> tuple[Any, ...]:
-        """The number of elements on each axis, in the order of numpy's."""
-        return self._parts[0].shape
-
-    def update(self, array: Any, *, start: int | None = None) -> None:
-        """Replace the data of all fields at once, or those of a part from `start` on; the shape stays."""
-        entries = flatten(self._layout, array, f"the Table {self.name}")
-        pairs = list(zip(self._parts, entries, strict=True))
-        if start is None:
-            checked = [part._for_update(entry) for part, entry in pairs]
-            for part, data in zip(self._parts, checked, strict=True):  # only when all of them fit
-                part._replace(data)
-            return
-        checked = [part._checked_part(entry, start) for part, entry in pairs]
-        for part, data in zip(self._parts, checked, strict=True):
-            part._change(data, start)
-
-    def leaves(self, name: str) -> dict[str, Table]:
-        """Return the tables of the leaves, by their names in a module in which this table is called `name`."""
-        paths = [path for path, _, _ in leaves(self._layout, name)]
-        return dict(zip(paths, self._parts, strict=True))
-
-    def __getitem__(self, key: Any) -> Any:
-        named = leaves(self._layout, f"{self.name or 'table'}[…]")
-        read = (part[key]._read_from(path, "constant") for part, (path, _, _) in zip(self._parts, named, strict=True))
-        return build_values(self._layout, read)
-
-
-class CompoundArgument(CompoundTable):
-    """A table of structs or matrices that a run is given."""
-
-    def __init__(self, name: str, type_: TableType) -> None:
-        layout = layout_of(type_.cls, "an element")
-        parts = [TableArgument(path, TableType(cls, type_.rank)) for path, _, cls in leaves(layout, name)]
-        self._hold(type_.cls, layout, name, parts)
 
 
 def is_compound(type_: Any) -> bool:
@@ -442,7 +250,9 @@ def is_compound(type_: Any) -> bool:
 
 def argument(name: str, type_: TableType) -> Table:
     """Make the table that stands for an argument while its program is recorded."""
-    return CompoundArgument(name, type_) if is_compound(type_.cls) else TableArgument(name, type_)
+    table = object.__new__(Table)
+    table._become(Argument(layout_of(type_.cls, "an element"), type_.rank, name), name, True)
+    return table
 
 
 def fits(table: Table, type_: TableType) -> bool:

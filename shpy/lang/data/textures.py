@@ -18,7 +18,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang.data.hostdata import as_base
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import Table, TableArgument, TableType, element_class
+from shpy.lang.data.tables import Table, TableType, argument, element_class
 from shpy.lang.library import WRAPS, sample
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
@@ -62,14 +62,14 @@ class Texture:
             cure = f"wrap={('repeat', 'clamp', 'mirror')[: self.AXES]}, one for each coordinate"
             raise ShpyTypeError(f"wrap={wrap!r} does not have {self.AXES} wraps", loc=here(), cure=cure)
         self.name = name if name is not None else assigned_name()
-        if hasattr(array, "_table_class"):
-            self.table = _stream_pixels(array, self.name, self.AXES)
+        unique = name is not None
+        if hasattr(array, "table_source"):
+            self.table = _stream_pixels(array, self.name, self.AXES, unique)
             self.type = CLASSES["Color", self.table.type.size, Base.F]
         else:
             pixels, channels = checked_pixels(array, self.AXES)
             self.type = CLASSES["Color", channels, Base.F]
-            self.table = Table(pixels, self.type, self.name)
-        self.table.named = name is not None
+            self.table = Table(pixels, self.type, self.name, unique=unique)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the subroutine of `sample`, which holds this very texture and cannot be pickled."""
@@ -147,7 +147,7 @@ class TextureArgument(Texture2D):
         self.name = name
         self.filter = "linear"
         self.type = type_.cls
-        self.table = TableArgument(name, TableType(type_.cls, 2))
+        self.table = argument(name, TableType(type_.cls, 2))
         self._mode = Param(Attrib1i, 0, name=f"{name}.mode")
 
     @property
@@ -156,9 +156,9 @@ class TextureArgument(Texture2D):
         return self._mode
 
 
-def _stream_pixels(stream: Any, name: str | None, axes: int) -> Table:
+def _stream_pixels(stream: Any, name: str | None, axes: int, unique: bool) -> Table:
     """Make the table over an image's stream."""
-    table = Table(stream, name=name)
+    table = Table(stream, name=name, unique=unique)
     if table.rank != axes or not issubclass(table.type, Value) or table.type.base is not Base.F:
         raise ShpyTypeError(
             f"a texture of a stream takes colours in {axes} axes, not {stream!r}",

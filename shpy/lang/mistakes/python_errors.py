@@ -43,7 +43,6 @@ _HASHED = re.compile(r"unhashable type: '(\w+)'")
 _KINDS: dict[str, tuple[type, str]] = {
     "Array": (Array, "array[i]"),
     "Table": (Table, "table[i], table[row, column]: an index for each axis"),
-    "TableArgument": (Table, "table[i], table[row, column]: an index for each axis"),
 }
 _OF_ARRAYS = {
     "sum": "sum({0}), Python's, which is unrolled; or total += {0}[i] in a loop, with SH_FOR(0, {1}) as i",

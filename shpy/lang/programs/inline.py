@@ -16,7 +16,7 @@ from shpy.ir.constants import encode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Region, Return, Stmt, Value
 from shpy.ir.traverse import Copy, defined, is_straight, regions_of, rewrite, walk
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import Table, TableArgument, TableType, fits
+from shpy.lang.data.tables import Table, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.emit import Node, replay
@@ -85,7 +85,7 @@ class _Names:
                 self.tables[name] = texture.table._declared(self.recording.frame)
                 self.modes[f"{name}.mode"] = texture.mode
         for name, table in self.recorded.tables.items():
-            if not isinstance(table, TableArgument):
+            if not table.is_argument:
                 self.tables[name] = table._declared(self.recording.frame)
 
     def function(self, function: Function) -> Function:

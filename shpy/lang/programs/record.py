@@ -24,7 +24,7 @@ from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify
 from shpy.lang.data.defaults import check_default
 from shpy.lang.data.params import Param
-from shpy.lang.data.tables import Table, TableArgument, TableType, argument
+from shpy.lang.data.tables import Table, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.programs.copies import without_copies
 from shpy.lang.programs.returns import Returns
@@ -249,5 +249,4 @@ def _declare_param(name: str, param: Any) -> nodes.Param:
 
 
 def _declare_table(name: str, table: Table) -> nodes.Table:
-    size = None if isinstance(table, TableArgument) else tuple(int(n) for n in table.shape)
-    return nodes.Table(name, table.type.type, table.rank, size)
+    return nodes.Table(name, table.type.type, table.rank, table.source.shape)
