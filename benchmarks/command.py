@@ -5,7 +5,6 @@
     python -m benchmarks --only primary,secondary --mesh bunny.obj
     python -m benchmarks --quick                          # small sizes, few rounds: does it work?
     python -m benchmarks --json bench.json --markdown bench.md
-    python -m benchmarks --only widths                    # lanes="auto" against every width, minutes
     python -m benchmarks record                           # seconds of recording and printing alone
     python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
@@ -39,7 +38,6 @@ from benchmarks import (
     rounds,
     startup,
     studies,
-    widths,
 )
 from benchmarks.kernels import blur, mandelbrot, nbody, polynomial, shader, spheres
 from benchmarks.rounds import Measured
@@ -60,7 +58,6 @@ STUDIES = studies.STUDIES | {
     "compiling": startup.compiling,
     "starting": startup.starting,
     "importing": startup.importing,
-    "widths": widths.widths,
     "calls": calls.calls,
     "features": features.features,
     "path-z": lambda mesh, quick: paths.z_test(quick),

@@ -11,8 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pages
 
-import shpy as sh
-from benchmarks import answers, command, features, peers, record, report, rounds, startup, widths
+from benchmarks import answers, command, features, peers, record, report, rounds, startup
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.backend.base import Options
@@ -193,26 +192,6 @@ def test_studies_give_tables(mesh, capsys):
 
 def test_a_kernel_of_branches_is_as_long_as_it_says():
     assert 2_500 < startup.statements(startup.branchy(800)) < 3_500
-
-
-def test_auto_is_compared_with_every_width_that_the_driver_has(monkeypatch):
-    """A width that is refused has no time; the others give one, and "auto" is told with the width that it took."""
-    monkeypatch.setattr(widths, "WIDTHS", (4, 8, 5))
-    compiled = widths._compiled
-
-    def refuse(kernels, program, **options):
-        if options["lanes"] == 5:
-            raise sh.CompileError("no vectors of 5")
-        return compiled(kernels, program, **options)
-
-    monkeypatch.setattr(widths, "_compiled", refuse)
-    with widths.nothing_kept():
-        row = widths._row(command.KERNELS["polynomial"], "strict", True)
-    name, four, eight, five, auto, chose, *ratios = row
-    assert (name, five) == ("polynomial", "-")
-    assert min(float(t) for t in (four, eight, auto)) > 0
-    assert int(chose) >= 1
-    assert len(ratios) == 4
 
 
 def test_the_page_of_answers_is_what_its_command_writes():

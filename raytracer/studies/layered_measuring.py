@@ -268,7 +268,7 @@ class Bench:
         """Return the least seconds of a picture and of its exact one, rendered alternately."""
         for renderer, exact in zip(renderers, self.exact, strict=False):
             renderer.render(self.small)  # drivers compile once more when a kernel runs for the first time
-            exact.render(self.size)  # OpenCL tries widths of packets in the first large picture
+            exact.render(self.size)
         durations: list[tuple[float, float]] = []
         for k in range(max(ROUNDS, len(renderers))):
             frame = k % len(renderers)

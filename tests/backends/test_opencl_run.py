@@ -312,7 +312,7 @@ def test_a_log_of_the_driver_warns_nobody(monkeypatch):
     monkeypatch.setattr(machine.cl.Program, "build", noisy)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert machine._faults_with(machine._options) == machine.wrong
+        assert machine._asked() == machine.wrong
         machine.build("kernel void silent(void) {}")
 
 

@@ -39,7 +39,7 @@ def counting(path):
 
 for path in {
     "opencl": ("opencl.device.driver.Machine", "opencl.device.memory.OpenCLSpace", "opencl.device.tables.Tables",
-               "opencl.device.background.Background", "opencl.device.waiting.Waiter"),
+               "opencl.device.waiting.Waiter"),
     "glsl": ("glsl.device.context.Context", "glsl.device.run.Runtime", "glsl.device.memory.GlslSpace",
              "glsl.device.textures.Store"),
 }[name]:
@@ -76,15 +76,6 @@ for thread in threads:
     thread.start()
 for thread in threads:
     thread.join()
-if name == "opencl":
-    from shpy.backend.opencl.device.background import background
-
-    meet = threading.Barrier(8)
-    asking = [threading.Thread(target=lambda: (meet.wait(), background())) for _ in range(8)]
-    for thread in asking:
-        thread.start()
-    for thread in asking:
-        thread.join()
 print(json.dumps([wrong, opened]))
 """
 

@@ -147,14 +147,6 @@ def test_arrays_of_subroutines_count_at_each_call(calls, lanes):
     check(ran("opencl", "Attrib1f", 4096, calls, called=True, lanes=lanes))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("length", "arrays"), [(512, 1), (4096, 1), (4096, 4)])
-def test_trials_of_other_widths_respect_the_bound(length, arrays):
-    """The kernel runs for as long as it takes until other widths are tried."""
-    told = ran("opencl", "Attrib4f", length, arrays, runs=400)
-    check(told)
-
-
 @pytest.mark.parametrize("backend", ["numpy", "glsl"])
 def test_other_backends_bound_them_too(backend):
     check(ran(backend, "Attrib1f", 900, 2))

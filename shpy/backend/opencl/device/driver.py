@@ -336,15 +336,11 @@ class Machine:
 
     @property
     def lanes(self) -> int:
-        """The elements that a work item should compute: those of a CPU's vector, 1 on any other device."""
+        """The elements of a CPU's vector register, as far as packets of them work; 1 on any other device."""
         if not self.device.type & self.cl.device_type.CPU:
             return 1
         widths = [w for w in self.widths if w <= self.device.native_vector_width_float]
         return max((w for w in widths if w in WIDTHS), default=1)
-
-    def width_key(self, program: str) -> str:
-        """Return the name under which the width of a program's packets on this device is kept."""
-        return self._key(f"width of {program}", self.options("strict"))
 
     @once_of_each
     def wrong(self) -> frozenset[str]:

@@ -13,11 +13,9 @@ from __future__ import annotations
 
 import math
 import re
-import time
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -26,16 +24,14 @@ from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Optio
 from shpy.backend.device.once import once
 from shpy.backend.device.pace import Pace
 from shpy.backend.device.probe import refuse_wrong
-from shpy.backend.opencl.device.beside import Beside, Compiled, Facts
 from shpy.backend.opencl.device.collective import collectives
-from shpy.backend.opencl.device.dispatch import LOCAL_SIZE, PACKETS, Items, starter
+from shpy.backend.opencl.device.dispatch import LOCAL_SIZE, Items, starter
 from shpy.backend.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
-from shpy.backend.opencl.device.groups import group_of, starting_width, whole_group
+from shpy.backend.opencl.device.groups import group_of, whole_group, widths_of
 from shpy.backend.opencl.device.memory import MEMORY, OpenCLSpace, own
 from shpy.backend.opencl.device.staging import Staged, Stages, is_small, staged_array
 from shpy.backend.opencl.device.tables import tables_of
 from shpy.backend.opencl.device.targets import PACKET_TARGET, TARGET
-from shpy.backend.opencl.device.widths import Choosing, measured_widths, next_width
 from shpy.backend.opencl.packets.kernel import print_packets
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backend.opencl.text.kernel import Kernel, print_kernel
@@ -44,7 +40,6 @@ from shpy.errors import CompileError, ShpyTypeError, warn
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Let, Loc, Module, Status, Table
 from shpy.ir.tabledata import TableData
-from shpy.ir.text import print_module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
 from shpy.passes.exits import few_turns
@@ -54,8 +49,6 @@ from shpy.passes.size import check_growth, check_size
 
 _MOST_STATEMENTS: Final = 1 << 26
 """The most statements with all calls expanded. PoCL visits every path of calls, so its time doubles with each level."""
-_GROUPS: Final = 4
-"""Groups of packets for each core, with which all cores end at nearly the same time."""
 _FLUSHED: Final = "in {} mode this device flushes denormals to zero"
 """The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
 _GROUPED: Final = "local arrays of {:,} bytes: groups of {}, not {}"
@@ -75,8 +68,8 @@ class OpenCLBackend:
     def compile(self, module: Module, options: Options) -> Executable:
         """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
 
-        `lanes="auto"` is the fastest of several widths on a CPU (see `widths`), and 1 on a GPU or for a program that no
-        packet can run, which is a ShpyWarning with the cause.
+        `lanes="auto"` follows from the form of the program on a CPU (see `groups`), and is 1 on a GPU or for a program
+        that no packet can run, which is a ShpyWarning with the cause.
         """
         machine = machine_of(options.device)
         lanes = machine.lanes if options.lanes == "auto" else options.lanes
@@ -87,8 +80,6 @@ class OpenCLBackend:
             cure = f'lanes="auto", or {max((1, *machine.widths))}'
             raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure=cure)
         try:
-            if options.lanes == "auto" and lanes > 1:
-                return _choosing(machine, module, options)
             return _built(machine, module, options, lanes)
         except CompileError as e:
             if options.lanes != "auto" or lanes == 1:
@@ -108,42 +99,6 @@ def _space_of(machine: Machine) -> OpenCLSpace:
     return OpenCLSpace(machine, collectives)
 
 
-def _choosing(machine: Machine, module: Module, options: Options) -> Executable:
-    """Return the kernel at the width that earlier trials chose, or one that will try other widths."""
-    key = machine.width_key(f"{print_module(module)}{options}")
-    measured = measured_widths(key, machine.widths)
-    lanes = measured[0] if measured else starting_width(machine, module, options.precision)
-    start = time.perf_counter()
-    first = _built(machine, module, options, lanes)
-    if measured and next_width(lanes, measured, machine.widths) is None:
-        others = ", ".join(map(str, measured[1:]))
-        return replace(first, remarks=(*first.remarks, f"{lanes} lanes: trials against {others} chose them"))
-    seconds = time.perf_counter() - start
-    spread = _GROUPS * PACKETS * machine.device.max_compute_units
-    builder = Beside(machine, partial(_compiled_elsewhere, first.prepared, options), partial(_loaded, first, options))
-    return Choosing(first, machine.widths, builder, seconds, key, _space_of(machine), measured, spread)
-
-
-def _compiled_elsewhere(prepared: Prepared, options: Options, facts: Facts, lanes: int) -> Compiled:
-    """Compile for a width in a process of its own, which learns `facts` about the device."""
-    machine = machine_of(options.device)
-    vars(machine).update(facts)
-    start = time.process_time()
-    executable = _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
-    binary = executable.program.get_info(machine.cl.program_info.BINARIES)[0]
-    return Compiled(executable.kernel, bytes(binary), time.process_time() - start)
-
-
-def _loaded(first: OpenCLExecutable, options: Options, compiled: Compiled) -> OpenCLExecutable:
-    """Return the kernel of another width than that of `first`, from a binary."""
-    machine = first.machine
-    with machine.lock:
-        program = machine.load(compiled.kernel.text, options.math, compiled.binary)
-        executable = _compiled(machine, first.prepared, options, compiled.kernel)
-    assert executable.program is program
-    return executable
-
-
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
     target = TARGET if lanes == 1 else PACKET_TARGET
     prepared = prepare(module, options, machine.target(target, options.math))
@@ -151,12 +106,15 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
     if options.math in REPRODUCIBLE:
         refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
-    return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes))
+    near = lanes
+    if options.lanes == "auto" and lanes > 1:
+        lanes, near = widths_of(machine, prepared.module, options.precision)
+    return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes, near))
 
 
-def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
+def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int, near: int) -> Kernel:
     if lanes > 1:
-        return print_packets(prepared.module, lanes, machine.abilities, options.math, faults=machine.wrong)
+        return print_packets(prepared.module, lanes, machine.abilities, options.math, faults=machine.wrong, near=near)
     statements = (s for f in prepared.module.functions for s in walk(f.body))
     rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
     elementwise = rounds and machine.abilities.elementwise

@@ -61,7 +61,7 @@ from shpy.passes.neighbours import find_neighbours
 from shpy.passes.pairing import pair
 from shpy.passes.pipeline import optimise
 from shpy.passes.private import bytes_of
-from shpy.passes.vectorize import vectorize
+from shpy.passes.vectorize import VectorModule, vectorize
 
 _LARGE: Final = 400
 """The most statements of an entry that is not a function of its own: PoCL generates the code of a kernel three times.
@@ -71,29 +71,44 @@ Other functions with more statements are not inlined.
 
 
 def print_packets(
-    module: Module, lanes: int, abilities: Abilities, math: Math = "strict", *, faults: Collection[str] = ()
+    module: Module,
+    lanes: int,
+    abilities: Abilities,
+    math: Math = "strict",
+    *,
+    faults: Collection[str] = (),
+    near: int | None = None,
 ) -> Kernel:
     """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
 
-    `faults` are the compiler's faults, of FAULTS.
+    `faults` are the compiler's faults, of FAULTS. `near` are the lanes of a kernel that reads neighbours in a grid, if
+    they are others.
     """
     called = {s.function for f in module.functions if f.alone for s in walk(f.body) if isinstance(s, Call)}
     if called:
         # A function that lanes run one after the other calls no other function.
         module = inline_calls(module, lambda f: f.name in called)
-    packets = in_packets(module, lanes, math, faults, padded=True, alone=True)
+    vector = _vectorised(module, math, faults, padded=True, alone=True)
+    if near is not None and any(isinstance(s, Let) and s.op == "neighbour" for s in walk(vector.module.entry.body)):
+        lanes = near
+    packets = widen(vector, lanes)
     columns = lanes if _stay_together(packets) else QUAD
     return PacketMaker(packets, module.entry, lanes, columns, abilities, math, faults=faults).kernel()
 
 
-def in_packets(
-    module: Module, lanes: int, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
-) -> Module:
-    """Return a prepared module on packets of scalars; `padded` and `alone`: see `vectorize`."""
+def in_packets(module: Module, lanes: int, math: Math, faults: Collection[str]) -> Module:
+    """Return a prepared module on packets of scalars."""
+    return widen(_vectorised(module, math, faults), lanes)
+
+
+def _vectorised(
+    module: Module, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
+) -> VectorModule:
+    """Return a prepared module of scalars for many lanes; `padded` and `alone`: see `vectorize`."""
     scalar = optimise(take_apart(module))
     # A hidden zero adds arithmetic on vectors, which has to be split too.
     whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
-    return widen(find_neighbours(vectorize(whole, padded=padded, alone=alone)), lanes)
+    return find_neighbours(vectorize(whole, padded=padded, alone=alone))
 
 
 def _stay_together(module: Module) -> bool:
