@@ -21,7 +21,7 @@ from benchmarks.work import TARGETS, Work
 from raytracer import Camera, Intersector, Mesh
 from raytracer.accel.choice import build
 from raytracer.accel.space import triangle_rows
-from raytracer.kernels.walk import walk_through
+from raytracer.kernels.walk import walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.rays import alike
 
@@ -105,7 +105,7 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
     """Trace rays that the kernel makes."""
-    walk = walk_through(*_structure(mesh), compiled.keywords["backend"])
+    walk = walk_with(*_structure(mesh), compiled.keywords["backend"])
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
     @sh.program
@@ -124,7 +124,7 @@ def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh:
     alone = compiled.keywords == TARGETS["opencl"] and not alike(
         origins.astype(np.float64), directions.astype(np.float64), structure.low[0], structure.high[0]
     )
-    walk = WideIntersector(structure, rows) if alone else walk_through(structure, rows, compiled.keywords["backend"])
+    walk = WideIntersector(structure, rows) if alone else walk_with(structure, rows, compiled.keywords["backend"])
 
     @sh.program
     def secondary(eye: sh.Point3f, ray: sh.Vector3f) -> sh.Attrib1f:

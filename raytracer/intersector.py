@@ -23,18 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build, check
-from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels import component, nearby, queries
 from raytracer.kernels.component import Component, Surfaces, TracedHit, given_ray
-from raytracer.kernels.triangle import AheadBound, Triangles, Walk
-from raytracer.kernels.walk import Structure, walk_with
-from raytracer.kernels.wide_walk import WideIntersector
+from raytracer.kernels.triangle import AheadBound
+from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, lanes_of
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
-from raytracer.moved import MovedObjects
+from raytracer.moved import Geometry, MovedObjects
 from raytracer.rays import AllHits, Closest, Frame, Hits, Pose, Rays, alike, check_streams, is_stream, triples
 from raytracer.scene.scene import Scene
 
@@ -42,6 +40,9 @@ START = 16.0
 """The largest distance from its triangle of the origin of a ray with `leaving=True`, in roundings of coordinates."""
 _FARTHEST = 2.0**56
 """The limit of the kernel's coordinates, 2**24 times the size of the scene: farther points are clamped to it."""
+
+_RECORDED = ("_component", "_walks", "_closest")
+"""The attributes with what programs have recorded, which copies make anew."""
 
 
 class Intersector:
@@ -85,8 +86,6 @@ class Intersector:
             raise SceneError(f'a layered depth cube works at precision="f32", not {precision!r}')
         if not isinstance(accel, LayeredCube) and not layered:
             check(accel)
-        meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
-        meshes = [mesh for mesh in meshes if len(mesh)]
         self._accel = accel
         self._pose: Pose | None = None
         self._source = mesh_or_scene
@@ -94,27 +93,32 @@ class Intersector:
         self._target = backend or sh.default_backend()
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING[precision]
-        self._frame = Frame(np.zeros(3), 1.0, precision)
         self._kernels: dict[Any, Any] = {}
-        self._structure: Structure | PlacedCubes | None = None
-        self._meshes = mesh_or_scene.meshes if isinstance(mesh_or_scene, Scene) else (mesh_or_scene,)
-        if meshes:
-            corners = np.concatenate([mesh.corners for mesh in meshes])
-            self._corners, origin, scale = to_kernel(corners, precision)
-            self._frame = Frame(origin, scale, precision)
-            self._rows = triangle_rows(self._corners)
-            if isinstance(accel, LayeredCube):
-                self._structure = accel
-            elif layered:
-                self._structure = cube_of(accel, mesh_or_scene, backend)
-            else:
-                self._structure = build(accel, self._corners, precision, backend=self._target)
-            if isinstance(self._structure, LayeredCube):
-                self._structure.check_triangles(self._rows)
+        self._geometry = self._still_geometry(backend)
+
+    def _still_geometry(self, backend: str | None) -> Geometry:
+        """Return the triangles as they were given, and build the accelerator over them."""
+        source, precision = self._source, self._precision
+        meshes = tuple(source.meshes) if isinstance(source, Scene) else (source,)
+        parts = [mesh.corners for mesh in meshes if len(mesh)]
+        corners, origin, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *parts]), precision)
+        rows, structure = triangle_rows(corners), self._accelerator(corners, backend) if parts else None
+        if isinstance(structure, LayeredCube):
+            structure.check_triangles(rows)
+        return Geometry(Frame(origin, scale, precision), meshes, corners, rows, structure)
+
+    def _accelerator(self, corners: NDArray[np.float64], backend: str | None) -> Structure:
+        """Build the accelerator over triangles, or take the user's cube."""
+        accel = self._accel
+        if isinstance(accel, LayeredCube):
+            return accel
+        if is_layered(accel):
+            return cube_of(accel, self._source, backend)
+        return build(accel, corners, self._precision, backend=self._target)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for copies and pickles, without kernels and without what programs have recorded."""
-        return {name: value for name, value in self.__dict__.items() if name != "_component"} | {"_kernels": {}}
+        return {name: value for name, value in self.__dict__.items() if name not in _RECORDED} | {"_kernels": {}}
 
     def move(self, name: str | int | ArrayLike | None = None, transform: ArrayLike | None = None) -> None:
         """Place all meshes, or those of a name, where `transform` takes them from where they were made; None for there.
@@ -173,7 +177,7 @@ class Intersector:
 
     def _recorded(self, name: str) -> Component:
         """Return the walk for the program under way; SceneError if there is none, or nothing to walk through."""
-        if self._structure is None:
+        if self._geometry.structure is None:
             raise SceneError(
                 f"{users_line()}: {name} needs triangles, and this scene has none: give it a mesh with some"
             )
@@ -183,7 +187,7 @@ class Intersector:
                 f"{users_line()}: {name} works while a program is recorded: call it in a function under @sh.program, "
                 f"or {other}(origins, directions) with arrays or streams of rays"
             )
-        self._frame.check_programs()
+        self._geometry.frame.check_programs()
         return self._component
 
     def _ahead(self, leaving: bool, start: float = 0.0) -> AheadBound | None:
@@ -194,17 +198,11 @@ class Intersector:
         """Move the meshes of a name or a number."""
         moved = self._moved or MovedObjects(self._source, self._accel, self._precision, self._target)
         renewed = moved.move(name, transform)
-        self._moved = moved
-        for cached in ("_tree", "_wide", "_closest"):
-            self.__dict__.pop(cached, None)
-        layout = moved.layout
-        self._structure, self._corners, self._rows = moved.structure_now, moved.corners, layout.triangles
-        self._frame = Frame(layout.origin, layout.scale, self._precision)
-        self._meshes = moved.meshes
+        self._moved, self._geometry = moved, moved.geometry
+        for made in ("_walks", "_closest"):
+            vars(self).pop(made, None)
         self._renew_component(name, renewed)
-        if renewed:
-            self.__dict__ |= {"_walk": moved.walk, "_triangles": moved.walk.triangles}
-        several = ("count", "list_hits", "list_more") if self._accel == "grid" else ()
+        several = SEVERAL if self._accel == "grid" else ()
         self._kernels = {key: kernel for key, kernel in self._kernels.items() if not renewed and key[0] not in several}
 
     def _renew_component(self, name: Any, renewed: bool) -> None:
@@ -244,7 +242,7 @@ class Intersector:
             return Hits(np.full(shape, np.inf, floats), np.full(shape, -1, np.int32), *np.zeros((2, *shape), floats))
         (t, triangle, uv), exact = self._run("intersect", rays, leaving)
         if exact:
-            t = self._frame.distances(t, triangle, rays)
+            t = self._geometry.frame.distances(t, triangle, rays)
         return Hits(*(part.reshape(shape) for part in (t, triangle, uv[:, 0], uv[:, 1])))
 
     def occluded(
@@ -320,7 +318,7 @@ class Intersector:
             (*fours, last), exact = self._run("list_more" if done else "list_hits", going, leaving, *after)
             t, triangle, u, v = fours[0] if len(fours) == 1 else map(np.hstack, zip(*fours, strict=True))
             if exact:
-                t = self._frame.distances(t, triangle, going)
+                t = self._geometry.frame.distances(t, triangle, going)
             hits = np.flatnonzero(triangle.reshape(-1) >= 0)
             each, rank = np.divmod(hits, triangle.shape[1])
             yield here[each], done + rank, *(column.reshape(-1)[hits] for column in (t, triangle, u, v))
@@ -341,14 +339,16 @@ class Intersector:
         if not finite.all():
             raise SceneError(f"points contain NaN or infinity, first in point {np.argwhere(~finite)[0].tolist()}")
         shape, flat = query_points.shape[:-1], query_points.reshape(-1, 3).astype(np.float64, copy=False)
-        if self._structure is None or not len(flat):
+        if self._geometry.structure is None or not len(flat):
             return Closest(np.full(query_points.shape, np.nan), np.full(shape, np.inf), np.full(shape, -1, np.int32))
         own = flat if self._pose is None else self._pose.inside(flat)
-        place, farthest = own - self._frame.origin, _FARTHEST / self._frame.scale
+        place, farthest = own - self._geometry.frame.origin, _FARTHEST / self._geometry.frame.scale
         place *= (farthest / np.maximum(np.abs(place).max(axis=1), farthest))[:, None]
-        place = (place * self._frame.scale).astype(np.float32)
+        place = (place * self._geometry.frame.scale).astype(np.float32)
         way, triangle = self._closest(place)
-        closest = self._outside((place + way.astype(np.float64)) / self._frame.scale + self._frame.origin)
+        closest = self._outside(
+            (place + way.astype(np.float64)) / self._geometry.frame.scale + self._geometry.frame.origin
+        )
         apart = closest - flat
         large = np.abs(apart).max(axis=1)  # whose square may leave f64
         distance = large * np.linalg.norm(apart / np.where(large > 0, large, 1)[:, None], axis=1)
@@ -362,10 +362,10 @@ class Intersector:
         points = np.full((*hits.triangle.shape, 3), np.nan)
         met = hits.triangle >= 0
         if met.any():
-            corners = self._corners[hits.triangle[met]]
+            corners = self._geometry.corners[hits.triangle[met]]
             u, v = (part[met].astype(np.float64)[:, None] for part in (hits.u, hits.v))
             mean = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-            points[met] = self._outside(mean / self._frame.scale + self._frame.origin)
+            points[met] = self._outside(mean / self._geometry.frame.scale + self._geometry.frame.origin)
         return points
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike) -> Rays:
@@ -383,7 +383,7 @@ class Intersector:
     def _over_streams(self, name: str, origins: Any, directions: Any, t_min: Any, t_max: Any, leaving: bool) -> Any:
         """Run a query over streams of rays; return its streams."""
         place = check_streams(origins, directions, t_min, t_max, self._target, self._precision)
-        if self._structure is None:
+        if self._geometry.structure is None:
             nothing = (np.inf, sh.Attrib1f), (-1, sh.Attrib1i), (0, sh.Attrib1f), (0, sh.Attrib1f)
             fill = nothing if name == "intersect" else ((False, sh.Attrib1b),)
             options = {"backend": place.backend, "device": place.device, "precision": place.precision}
@@ -392,23 +392,23 @@ class Intersector:
         key = name, place, leaving
         if key not in self._kernels:
             program = getattr(component, name)(self._component, self._ahead(leaving, START))
-            lanes: dict[str, Any] = {"lanes": 1} if self._target == "opencl" and self._is_layered else {}
+            lanes = lanes_of(self._target, self._geometry.structure)
             self._kernels[key] = program.compile(**self._options, device=place.device or None, **lanes)
         return self._kernels[key](origins, directions, t_min, t_max)
 
     def _has_nothing(self, rays: Rays) -> bool:
         """Return whether there is no triangle or no ray; the rays are checked then."""
-        if self._structure is None:
+        if self._geometry.structure is None:
             rays.check()
-        return self._structure is None or not len(rays)
+        return self._geometry.structure is None or not len(rays)
 
     def _run(self, name: str, rays: Rays, leaving: bool, *more: Any) -> tuple[tuple[Any, ...], bool]:
         """Run a query's kernel; return its outputs, and True if the rays had to be converted before it."""
-        for exact in (False, True) if self._frame.is_direct else (True,):
+        for exact in (False, True) if self._geometry.frame.is_direct else (True,):
             if exact:
                 rays.check()
             with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
-                inputs = [np.asarray(values, self._floats) for values in self._frame.inputs(rays, exact)]
+                inputs = [np.asarray(values, self._floats) for values in self._geometry.frame.inputs(rays, exact)]
             *outputs, wrong = self._kernel(name, rays, leaving, exact)(*inputs, *more)
             if exact or not wrong.any():
                 break
@@ -418,48 +418,32 @@ class Intersector:
         """Return the kernel for these rays, with one lane where they diverge; rays through a cube always diverge."""
         key = name, self._walks_alone(rays), leaving, exact
         if key not in self._kernels:
-            program = getattr(queries, name)(self._walk_for(*key[:3]), exact)
-            layered = self._target == "opencl" and self._is_layered
-            lanes: dict[str, Any] = {"lanes": 1} if key[1] or layered else {}
-            self._kernels[key] = program.compile(**self._options, **lanes)
+            structure = self._geometry.structure
+            if name in SEVERAL and isinstance(structure, LayeredCube | PlacedCubes):
+                raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
+            walk = self._walks.walk_for(name, self._ahead(leaving, START), alone=key[1])
+            lanes = lanes_of(self._target, structure, alone=key[1])
+            self._kernels[key] = getattr(queries, name)(walk, exact).compile(**self._options, **lanes)
         return self._kernels[key]
-
-    def _walk_for(self, name: str, alone: bool, leaving: bool) -> Walk:
-        """Return the walk for a query. A grid may visit a triangle twice, so queries for several hits use a BVH."""
-        bound = self._ahead(leaving, START)
-        assert self._structure is not None
-        several = name in ("count", "list_hits", "list_more")
-        if several and self._is_layered:
-            raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
-        if alone:
-            return self._wide.bounded(bound)
-        if several and self._accel == "grid":
-            return walk_with(self._tree, self._tree_triangles, self._target, bound)
-        return self._walk.bounded(bound)
 
     def _walks_alone(self, rays: Rays) -> bool:
         """Return True if rays diverge, so that each walks through the BVH in a packet of one lane."""
-        if self._target != "opencl" or self._precision != "f32" or not isinstance(self._structure, Bvh):
+        structure, frame = self._geometry.structure, self._geometry.frame
+        if not self._walks.has_wide or not isinstance(structure, Bvh) or np.any(rays.near < 0):
             return False
-        if self._moved is not None or np.any(rays.near < 0):  # see `walk.scene_walk`
-            return False
-        low, high = (
-            side[0] / self._frame.scale + self._frame.origin for side in (self._structure.low, self._structure.high)
-        )
+        low, high = (side[0] / frame.scale + frame.origin for side in (structure.low, structure.high))
         return not alike(rays.eye, rays.ray, low, high)
 
     @cached_property
-    def _walk(self) -> Walk:
-        """The walk of packets of coherent rays, built on first use: rays that walk alone do not need it."""
-        assert self._structure is not None
-        assert not isinstance(self._structure, PlacedCubes)  # whose walk `_move_one` has
-        return walk_with(self._structure, self._triangles, self._target, None)
+    def _walks(self) -> QueryWalks:
+        """The walks through the triangles where they are now."""
+        return self._geometry.walks(self._target)
 
     @cached_property
     def _component(self) -> Component:
         """The walk as a component of programs, made on first use."""
-        surfaces, frame = Surfaces.of(self._meshes, self._floats), self._frame
-        return Component(self._walk, frame.origin, frame.scale, self._precision, surfaces, self._placed)
+        surfaces, frame = Surfaces.of(self._geometry.meshes, self._floats), self._geometry.frame
+        return Component(self._walks.walk, frame.origin, frame.scale, self._precision, surfaces, self._placed)
 
     @property
     def _placed(self) -> Any:
@@ -467,34 +451,7 @@ class Intersector:
         return self._pose and (self._pose.turn, self._pose.back, self._pose.offset)
 
     @cached_property
-    def _wide(self) -> WideIntersector:
-        """The walk of lone rays, built on first use."""
-        return WideIntersector(self._tree, self._tree_triangles, backend=self._target)
-
-    @cached_property
-    def _triangles(self) -> Any:
-        """The tables of the triangles, which all walks share; a cube is compared with their rows."""
-        return self._rows if isinstance(self._structure, LayeredCube) else Triangles.of(self._rows, self._floats)
-
-    @cached_property
-    def _tree(self) -> Bvh:
-        """The hierarchy over the triangles."""
-        if isinstance(self._structure, Bvh) and self._moved is None:
-            return self._structure
-        return build_bvh(self._corners, self._floats, self._target)
-
-    @property
-    def _tree_triangles(self) -> Any:
-        """The triangles of `_tree`: those of the walk, or where objects have moved tables of what they are now."""
-        return self._triangles if self._moved is None else Triangles.of(self._rows, self._floats)
-
-    @property
-    def _is_layered(self) -> bool:
-        """Return whether rays walk through layered depth cubes."""
-        return isinstance(self._structure, LayeredCube | PlacedCubes)
-
-    @cached_property
     def _closest(self) -> Any:
         """The kernel for closest points."""
-        program = nearby.closest_point(self._wide)
-        return program.compile(**self._options, **({"lanes": 1} if self._target == "opencl" else {}))
+        program = nearby.closest_point(self._walks.wide)
+        return program.compile(**self._options, **lanes_of(self._target, None, alone=True))

@@ -11,6 +11,7 @@ only the parts of tables that it has.
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,15 +26,37 @@ from raytracer.integrators.integrator import Whitted
 from raytracer.integrators.motion import Motion, all_or_nothing
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Walk
-from raytracer.kernels.walk import SplitWalk, exact_walk, renew_walk
+from raytracer.kernels.walk import QueryWalks, SplitWalk, Structure, renew_walk, walk_with
 from raytracer.layered.cube import LayeredCube, is_layered
 from raytracer.meshes import Mesh
+from raytracer.rays import Frame
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
 _CAMERA = Camera((0, 0, 1), (0, 0, 0))
 """A camera that nobody looks through, so that none is framed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The triangles of `meshes` in the coordinates of `frame`, and the accelerator over them, None without triangles.
+
+    `corners` (N, 3, 3) and `rows` (see `triangle_rows`) are those of the triangles; `moved` is the walk through objects
+    that have moved.
+    """
+
+    frame: Frame
+    meshes: tuple[Mesh, ...]
+    corners: NDArray[Any]
+    rows: NDArray[Any]
+    structure: Structure | None
+    moved: Walk | None = None
+
+    def walks(self, backend: str) -> QueryWalks:
+        """Return the walks of queries on a backend."""
+        assert self.structure is not None
+        return QueryWalks(self.structure, self.corners, self.rows, self.frame.precision, backend, self.moved)
 
 
 class MovedObjects:
@@ -72,14 +95,13 @@ class MovedObjects:
         return tuple(self._motion.meshes)
 
     @property
-    def corners(self) -> NDArray[Any]:
-        """The corners (N, 3, 3) of the triangles in the kernel's coordinates, which follow later moves."""
-        return self.layout.triangles[:, :3].reshape(-1, 3, 3)
-
-    @property
-    def structure_now(self) -> Any:
-        """The accelerator that rays walk through."""
-        return self.layout.structure if self._cubes is None else self.layout.secondary
+    def geometry(self) -> Geometry:
+        """The triangles where they are now."""
+        layout, cubes = self.layout, self.layout.secondary
+        structure = layout.structure if self._cubes is None else cubes
+        corners = layout.triangles[:, :3].reshape(-1, 3, 3)
+        frame = Frame(layout.origin, layout.scale, self.precision)
+        return Geometry(frame, self.meshes, corners, layout.triangles, structure, self.walk)
 
     def move(self, name: str | int, transform: ArrayLike) -> bool:
         """Place the meshes of a name, or the one of a number; return True where `walk` has become another one.
@@ -121,11 +143,11 @@ class MovedObjects:
         layout = Layout.of(scene, self.structure, self.precision, None, self._moving, self.backend)
         self._split: Walk | SplitWalk
         if self._cubes is None:
-            self.walk = self._split = exact_walk(layout, self.backend, None)
+            self.walk = self._split = walk_with(layout.structure, layout.triangles, self.backend, forest=layout.forest)
         else:
             cubes = object_cubes(self._cubes, motion, self._moving, layout, self.backend, before)
             layout = dataclasses.replace(layout, secondary=cubes)
-            exact = exact_walk(layout, self.backend, None)
+            exact = walk_with(layout.structure, layout.triangles, self.backend, forest=layout.forest)
             self.walk = LayeredIntersector(cubes, exact.triangles)
             self._split = SplitWalk(exact, self.walk)
         self.layout = layout

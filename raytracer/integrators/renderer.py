@@ -39,6 +39,7 @@ from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.picture import eye_rays, seen_rays
 from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.walk import lanes_of
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
@@ -104,10 +105,9 @@ class Renderer:
         started = time.perf_counter()
         self.layout = self._laid_out(before and before.secondary)
         self.build_seconds = time.perf_counter() - started
-        self._options: dict[str, Any] = {"precision": self.integrator.precision, "math": self.integrator.math}
         secondary = self.layout.secondary
-        if secondary is not None and self.backend == "opencl":
-            self._options["lanes"] = 1  # rays diverge in a cube, so that packets of them take longer than rays alone
+        self._options: dict[str, Any] = {"precision": self.integrator.precision, "math": self.integrator.math}
+        self._options |= lanes_of(self.backend, secondary)
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout)
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})

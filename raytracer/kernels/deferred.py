@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.kernels.surfaces import SurfaceTables, blank
-from raytracer.kernels.triangle import RayHit, Triangles
+from raytracer.kernels.triangle import RayHit
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
-from raytracer.scene.layout import Layout
 
 KEPT = frozenset({"color", "normal", "normal_map", "cutout"})
 """The fields that textures and programs may decide: those that samples keep, and cutouts, which the walk applies."""
@@ -83,15 +82,6 @@ class SampledSurfaces:
         if not len(self._inputs[0]):
             return np.zeros((1, 2), np.uint32)
         return np.stack([np.asarray(part) for part in self._kernel(*(column[span] for column in self._inputs))], axis=1)
-
-
-def surface_tables(layout: Layout, triangles: Triangles, backend: str) -> SurfaceTables:
-    """Return the surfaces of a layout, with those of the samples of its cube if these are shaded."""
-    surfaces = SurfaceTables(layout, triangles)
-    cube = layout.secondary
-    if cube is not None and cube.options["shading"] == "deferred":
-        surfaces.sampled = SampledSurfaces(surfaces, cube, backend)
-    return surfaces
 
 
 def _check(surfaces: SurfaceTables) -> None:

@@ -17,8 +17,8 @@ from raytracer.accel.bounds import FAR
 from raytracer.accel.space import Rows
 from raytracer.kernels.bsdf import around
 from raytracer.kernels.chances import Chances
-from raytracer.kernels.lights import LightList
 from raytracer.kernels.point import barylerp
+from raytracer.kernels.scene_tables import LightList
 from raytracer.kernels.sky import Sky, turn_of
 from raytracer.kernels.surfaces import Interaction, SurfaceTables, blank, glow_rows
 from raytracer.kernels.triangle import CandidateHit, RayHit

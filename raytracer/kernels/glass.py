@@ -71,21 +71,19 @@ class GlassTracer(Tracer):
         """Follow an eye ray of unit length."""
         ray, light, pixel = self.begin(direction, eye)
         surface = blank(self.surfaces.interaction)
-        rays, media = pixel.rays, self.surfaces.media
+        rays, media, walk = pixel.rays, self.surfaces.media, self.intersector
         share = sh.Color3f(1, 1, 1)
         ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
         waiting = Stack(self.places, rows)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
-        self.surfaces.begin(ray_bodies, self.intersector, ray.eye)
+        self.surfaces.begin(ray_bodies, walk, ray.eye)
         with SH_DO():
             with SH_IF(~through):
                 self.aim(ray, light, surface)
                 self.surfaces.take(shadow, ray_bodies)
-            hit = self.surfaces.meet(
-                self.intersector, lambda: rays == 0, ray.direction, ray.eye, ray.limit, any_hit=False
-            )
+            hit = self.surfaces.meet(walk, lambda: rays == 0, ray.direction, ray.eye, ray.limit)
             rays += sh.cond(ray.limit > 0, 1, 0)
             with SH_IF(ray.tracing):
                 ray.tracing[:] = False

@@ -16,24 +16,22 @@ a running mean, so that a picture may be continued: it is the same whoever compu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
 from raytracer.kernels.bsdf import Bsdf, largest
-from raytracer.kernels.deferred import surface_tables
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.media import Held, Media
-from raytracer.kernels.sky import Sky
+from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import TOGETHER, renew_walk, scene_walk
-from raytracer.scene.layout import Change, Layout
+from raytracer.kernels.walk import TOGETHER
+from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -96,13 +94,14 @@ def power(density: Any, other: Any) -> Any:
     return 1 / (1 + ratio * ratio)
 
 
-class PathTracer:
+class PathTracer(SceneTables):
     """The tables of a scene, and the loop that follows the samples of a pixel.
 
     `seed`, `first_sample` and `past_sample` are uniforms: a run adds the samples from the first to the last to a mean.
     Raises SceneError for a material whose `shade` says how it is lit: path tracing needs a function of two directions.
     """
 
+    scattered = True
     aimed_share = staticmethod(power)
     met_share = staticmethod(power)
 
@@ -113,13 +112,11 @@ class PathTracer:
                     f'{place_of(material.shade)}: a shade is for integrator="whitted", as path tracing knows no light '
                     "without its direction: describe the surface by surface=..., or leave shade out"
                 )
-        self.intersector = scene_walk(layout, backend, scattered=True)
+        super().__init__(layout, scene.background, backend)
         self.together = backend in TOGETHER
-        self.surfaces = surface_tables(layout, self.intersector.triangles, backend)
-        self.intersector.accept = self.surfaces.accept
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
+        self.lights = self.emitters.placed
         self.bsdf = Bsdf(self.surfaces.highlights)
-        self.background = Sky(scene.background)
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
         self.mirrors = self.surfaces.reflects
@@ -128,8 +125,8 @@ class PathTracer:
         self.seed = sh.Param(sh.Attrib1u, 0, name="seed")
         self.first_sample = sh.Param(sh.Attrib1i, 0, name="first_sample")
         self.past_sample = sh.Param(sh.Attrib1i, 1, name="past_sample")
-        self.features: dict[str, bool | int] = {
-            "lights": self.emitters.placed.count,
+        self.features = {
+            "lights": self.lights.count,
             **self.emitters.features,
             "bounces": bounces,
             "mirrors": self.mirrors,
@@ -144,23 +141,9 @@ class PathTracer:
         if self.emitters.around is None and not self.background.plain:
             self.features["sky"] = True
 
-    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
-        """Update the tables after changes; return False where a kernel must be made anew."""
-        renew_walk(self.intersector, layout, changes)
-        return self.surfaces.renew(layout, changes) and self.emitters.renew(layout)
-
-    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
-        """Take the materials and lights of `Layout.painted`, and a scene's background.
-
-        Return False, having changed nothing, where they need another kernel.
-        """
-        suits = self.surfaces.suit(layout) and self.background.suits(scene.background)
-        if not suits or not self.emitters.renew(layout):
-            return False
-        self.surfaces.repaint(layout, tinted)
-        self.emitters.placed.renew(layout.lights)
-        self.background.renew(scene.background)
-        return True
+    def renew_emitters(self, layout: Layout) -> bool:
+        """Update how lights are chosen."""
+        return self.emitters.renew(layout)
 
     def program(self, eyes: EyeRays | PanoramaRays) -> Any:
         """Record the program of a band of the picture: it adds new samples to the mean of the samples before."""

@@ -20,15 +20,13 @@ from typing import Any, Final, NamedTuple
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
-from raytracer.kernels.deferred import surface_tables
-from raytracer.kernels.lights import LightList
 from raytracer.kernels.point import SeenHit
-from raytracer.kernels.sky import Sky
+from raytracer.kernels.scene_tables import LightList, SceneTables
 from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.triangle import RayHit
-from raytracer.kernels.walk import meet, renew_walk, scene_walk
-from raytracer.scene.layout import Change, Layout
-from raytracer.scene.scene import Scene
+from raytracer.kernels.walk import meet
+from raytracer.scene.layout import Layout
+from raytracer.scene.scene import Background, Scene
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 MIN_CONTRIBUTION: Final = 2.0**-17
@@ -71,76 +69,60 @@ class Light:
     lightcol: sh.Color3f
 
 
-class Tracer:
+class Tracer(SceneTables):
     """The tables of a scene, and the loop that follows a ray through it.
 
-    `most_bounces` is the number that the kernel has room for; the param `bounces` may be less. `features` says what the
-    recorded kernel contains. A `min_contribution` other than the default one ends the rays of a smaller share of the
-    picture.
+    `most_bounces` is the number that the kernel has room for; the param `bounces` may be less. A `min_contribution`
+    other than the default one ends the rays of a smaller share of the picture.
     """
-
-    scattered = False
 
     def __init__(
         self,
         layout: Layout,
-        background: Any,
+        background: Background,
         ambient: float,
         bounces: int,
         backend: str,
         min_contribution: float = MIN_CONTRIBUTION,
     ) -> None:
-        self.intersector = scene_walk(layout, backend, scattered=self.scattered)
-        self.background = Sky(background)
+        super().__init__(layout, background, backend)
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.least: Any = min_contribution
         self.cuts = min_contribution != MIN_CONTRIBUTION
         if self.cuts:
             self.least = sh.Param(sh.Attrib1f, min_contribution, name="min_contribution")
-        self.surfaces = surface_tables(layout, self.intersector.triangles, backend)
-        self.intersector.accept = self.surfaces.accept
         self.lights = LightList(layout.lights, self.surfaces)
-        appearance = self.surfaces.appearance
         self.reflects = self.surfaces.reflects
-        self.features: dict[str, bool | int] = {
+        self.loops = self.reflects or self.lights.count > 0
+        self.features = self._features(layout)
+
+    def _features(self, layout: Layout) -> dict[str, bool | int]:
+        appearance = self.surfaces.appearance
+        features: dict[str, bool | int] = {
             "lights": self.lights.count,
             "point lights": self.lights.points,
             "directional lights": self.lights.directions,
-            "reflections": bounces if self.reflects else 0,
+            "reflections": self.most_bounces if self.reflects else 0,
             "smooth normals": layout.normals is not None,
             "vertex colours": layout.colors is not None,
             "materials": len(layout.material_rows) // 2,
             "highlights": self.surfaces.highlights,
         }
         if isinstance(layout.structure, Grid):
-            self.features["triangles outside the grid"] = layout.structure.outside
-        if self.surfaces.clear:
-            self.features["glass"] = True
+            features["triangles outside the grid"] = layout.structure.outside
         if appearance:
-            self.features |= {"surface programs": len(appearance.surfaces), "shade programs": len(appearance.shades)}
-            self.features["textures"] = len(appearance.textured)
-        if self.surfaces.accept is not None:
-            self.features["cutouts"] = True
-        if not self.background.plain:
-            self.features["sky"] = True
-        self.loops = self.reflects or self.lights.count > 0
-
-    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
-        """Update the tables after changes; return False where a kernel must be made anew."""
-        renew_walk(self.intersector, layout, changes)
-        return self.surfaces.renew(layout, changes)
+            features |= {"surface programs": len(appearance.surfaces), "shade programs": len(appearance.shades)}
+            features["textures"] = len(appearance.textured)
+        others = {
+            "glass": self.surfaces.clear, "cutouts": self.surfaces.accept is not None, "sky": not self.background.plain
+        }  # fmt: skip
+        return features | {name: True for name, there in others.items() if there}
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
-        """Take the materials and lights of `Layout.painted`, and a scene's background and ambient.
-
-        Return False, having changed nothing, where they need another kernel.
-        """
-        if not (self.surfaces.suit(layout) and self.background.suits(scene.background)):
+        """Take other materials and lights as every tracer does, and a scene's ambient."""
+        if not super().repaint(layout, tinted, scene):
             return False
-        self.surfaces.repaint(layout, tinted)
-        self.lights.renew(layout.lights)
-        self.background.renew(scene.background)
         self.ambient.value = float(scene.ambient)
         return True
 

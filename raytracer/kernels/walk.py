@@ -1,19 +1,37 @@
-"""The walk through an accelerator, whichever it is.
+"""The walk through an accelerator: which one runs when is decided here.
 
 Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a kernel calls with a ray for its `RayHit`.
+
+| accelerator         | rays                                        | walk                                     |
+| ---                 | ---                                         | ---                                      |
+| grid, brute         | all                                         | GridIntersector                          |
+| grid beside objects | all                                         | GridBeside: the hierarchy, then the grid |
+| grid                | queries for several hits, closest points    | those of a hierarchy built for them      |
+| bvh                 | much in common with their neighbours        | BvhIntersector, on OpenCL in packets     |
+| bvh                 | scattered, on OpenCL in f32; closest points | WideIntersector, each ray alone          |
+| cube, cubes         | all but the eye's                           | LayeredIntersector, each ray alone       |
+| cube, cubes         | the eye's                                   | that of the exact accelerator            |
+
+A hierarchy in which objects move has no wide form: its nodes gather boxes of several levels and lie in the order of the
+whole hierarchy, so that no part of them belongs to one object and could be replaced by itself. Rays of pictures are
+scattered after matt surfaces and in glass; the rays of a query are judged by `rays.alike`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 import shpy as sh
 from raytracer.accel.bvh import Bvh
+from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
+from raytracer.accel.ploc import build_bvh
+from raytracer.accel.space import WORKING, Rows
 from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridIntersector
@@ -25,10 +43,12 @@ from raytracer.layered.placed import PlacedCubes
 from raytracer.scene.layout import Change, Layout
 from shpy import SH_ELSE, SH_IF
 
-Structure = Grid | Bvh | LayeredCube
+Structure = Grid | Bvh | LayeredCube | PlacedCubes
 
 TOGETHER = frozenset({"opencl"})
 """Backends on which rays that run side by side share their traversal: packets of up to 16, not numpy's tiles."""
+SEVERAL = ("count", "list_hits", "list_more")
+"""The queries for more than the nearest hit."""
 MANY = 6000
 """Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
 
@@ -97,32 +117,107 @@ class AloneWalk:
 def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk | SplitWalk:
     """Return the walk through a scene for rays of unit length that may start from a triangle.
 
-    `scattered`: rays that come of eye rays soon have little in common with their neighbours, as after matt surfaces and
-    in glass. Where packets would walk the union of their ways through many triangles, each of them walks alone.
-    Not among objects that move: the wide nodes gather boxes of several levels and lie in the order of the whole
-    hierarchy, so that no part of them belongs to one object and could be replaced by itself.
+    `scattered`: rays that come of eye rays soon have little in common with their neighbours.
     """
     bound = AheadBound(layout.roundoff)
-    exact = exact_walk(layout, backend, bound)
+    structure, forest = layout.structure, layout.forest
+    exact = walk_with(structure, layout.triangles, backend, bound, forest)
     if layout.secondary is not None:
         notes = layout.secondary.options["shading"] == "deferred"
         secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
         secondary.triangles = exact.triangles  # one table for both
         return SplitWalk(exact, secondary)
-    structure = layout.structure
-    wide = backend in TOGETHER and isinstance(structure, Bvh) and structure.low.dtype == np.float32
-    if scattered and wide and len(structure.items) >= MANY and layout.forest is None:
-        assert isinstance(structure, Bvh)
+    if (
+        scattered
+        and isinstance(structure, Bvh)
+        and len(structure.items) >= MANY
+        and has_wide(structure, backend, forest)
+    ):
         return SplitWalk(exact, AloneWalk(WideIntersector(structure, exact.triangles, bound, backend)))
     return exact
 
 
-def exact_walk(layout: Layout, backend: str, bound: AheadBound | None) -> Walk:
-    """Return the walk through the exact accelerator of a layout, and the objects that move beside it."""
-    structure, forest = layout.structure, layout.forest
-    if forest is not None and isinstance(structure, Grid):
-        return GridBeside(structure, forest, layout.triangles, backend in TOGETHER, bound)
-    return walk_with(structure, layout.triangles, backend, bound)
+def walk_with(
+    structure: Structure, triangles: Any, backend: str, bound: AheadBound | None = None, forest: Forest | None = None
+) -> Walk:
+    """Return the walk of packets through a structure over `triangles` (see `triangle_rows`), on a backend.
+
+    `bound` is for rays of unit length that may start from a triangle; `forest` has the objects that move, if any.
+    """
+    if isinstance(structure, LayeredCube | PlacedCubes):
+        return LayeredIntersector(structure, triangles, bound)
+    if isinstance(structure, Bvh):
+        return BvhIntersector(structure, triangles, together=backend in TOGETHER, bound=bound)
+    if forest is not None:
+        return GridBeside(structure, forest, triangles, backend in TOGETHER, bound)
+    return GridIntersector(structure, triangles, bound)
+
+
+def has_wide(structure: Any, backend: str, forest: Forest | None) -> bool:
+    """Return whether rays may walk through the wide form of a hierarchy alone."""
+    is_single = isinstance(structure, Bvh) and structure.low.dtype == np.float32
+    return is_single and backend in TOGETHER and forest is None
+
+
+def lanes_of(backend: str, structure: Any, *, alone: bool = False) -> dict[str, int]:
+    """Return the option of `Program.compile` for rays through a structure: one lane where each of them walks alone."""
+    alone = alone or isinstance(structure, LayeredCube | PlacedCubes)
+    return {"lanes": 1} if alone and backend in TOGETHER else {}
+
+
+class QueryWalks:
+    """The walks of queries through a structure over triangles, each made on first use.
+
+    `corners` (N, 3, 3) and `rows` (see `triangle_rows`) are those of the triangles. `moved` is the walk through objects
+    that have moved, and what it reads.
+    """
+
+    def __init__(
+        self, structure: Structure, corners: Rows, rows: Rows, precision: str, backend: str, moved: Walk | None = None
+    ) -> None:
+        self.structure, self.corners, self.rows, self.backend, self.moved = structure, corners, rows, backend, moved
+        self.floats = WORKING[precision]
+
+    def walk_for(self, query: str, bound: AheadBound | None, *, alone: bool) -> Walk:
+        """Return the walk for a query of this name, of rays that walk alone or in packets."""
+        if alone:
+            return self.wide.bounded(bound)
+        # A grid of several cells may visit a triangle twice.
+        if query in SEVERAL and isinstance(self.structure, Grid) and self.structure.shape != (1, 1, 1):
+            return walk_with(self.tree, self.tree_triangles, self.backend, bound)
+        return self.walk.bounded(bound)
+
+    @property
+    def has_wide(self) -> bool:
+        """Return whether scattered rays walk alone."""
+        return self.moved is None and has_wide(self.structure, self.backend, None)
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The walk of packets of coherent rays: rays that walk alone do not need it."""
+        return walk_with(self.structure, self.triangles, self.backend) if self.moved is None else self.moved
+
+    @cached_property
+    def wide(self) -> WideIntersector:
+        """The walk of lone rays."""
+        return WideIntersector(self.tree, self.tree_triangles, backend=self.backend)
+
+    @cached_property
+    def tree(self) -> Bvh:
+        """The hierarchy over the triangles."""
+        if isinstance(self.structure, Bvh) and self.moved is None:
+            return self.structure
+        return build_bvh(self.corners, self.floats, self.backend)
+
+    @cached_property
+    def triangles(self) -> Any:
+        """The tables of the triangles, which all walks share; a cube is compared with their rows."""
+        return self.rows if isinstance(self.structure, LayeredCube) else Triangles.of(self.rows, self.floats)
+
+    @property
+    def tree_triangles(self) -> Any:
+        """The triangles of `tree`: those of the walk, or where objects have moved tables of what they are now."""
+        return self.triangles if self.moved is None else Triangles.of(self.rows, self.floats)
 
 
 def renew_walk(walk: Walk | SplitWalk, layout: Layout, changes: Sequence[Change]) -> None:
@@ -177,21 +272,3 @@ def _meet_touching(
     with SH_ELSE():
         walk.secondary.collect(hit, ray, eye, 0.0, 0.0, any_hit)
     return hit
-
-
-def walk_through(structure: Structure, triangles: Any, backend: str, roundoff: float | None = None) -> Walk:
-    """Return the walk through a structure over `triangles` (see `triangle_rows`) in the way that suits a backend.
-
-    `roundoff` is for rays of unit length that may start from a triangle (see `AheadBound`).
-    """
-    bound = None if roundoff is None else AheadBound(roundoff)
-    return walk_with(structure, triangles, backend, bound)
-
-
-def walk_with(structure: Structure, triangles: Any, backend: str, bound: AheadBound | None) -> Walk:
-    """Return the walk as in `walk_through`, with the bound of rays that may start from a triangle."""
-    if isinstance(structure, LayeredCube):
-        return LayeredIntersector(structure, triangles, bound)
-    if isinstance(structure, Bvh):
-        return BvhIntersector(structure, triangles, together=backend in TOGETHER, bound=bound)
-    return GridIntersector(structure, triangles, bound)

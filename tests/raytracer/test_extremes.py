@@ -14,8 +14,8 @@ from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
 from raytracer.kernels.surfaces import SurfaceTables, blank
-from raytracer.kernels.triangle import RayHit, Triangles, TriangleTest
-from raytracer.kernels.walk import walk_through
+from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest
+from raytracer.kernels.walk import walk_with
 from raytracer.meshes.shapes import box, icosahedron, sphere
 from raytracer.scene.layout import Layout
 from shpy import SH_WHILE
@@ -193,7 +193,7 @@ def test_rays_that_are_no_rays_miss(backend, accel):
     """NaN, infinite and zero directions, NaN and infinite origins, between rays that hit: theirs do not change."""
     scene = Scene([sphere(rings=12, segments=24)])
     layout = Layout.of(scene, accel)
-    walk = walk_through(layout.structure, layout.triangles, backend)
+    walk = walk_with(layout.structure, layout.triangles, backend)
 
     @sh.program
     def nearest(eye: sh.Point3f, ray: sh.Vector3f) -> _Met:
@@ -283,7 +283,7 @@ class _Bounce(NamedTuple):
 def bounced(mesh, accel):
     """Rays that hit a mesh and go on to the side that they came from; and places in the kernel's units."""
     layout = Layout.of(Scene([mesh], [PointLight((0, 9, 0))]), accel)
-    walk = walk_through(layout.structure, layout.triangles, "opencl", layout.roundoff)
+    walk = walk_with(layout.structure, layout.triangles, "opencl", AheadBound(layout.roundoff))
     tables = SurfaceTables(layout, walk.triangles)
 
     @sh.program

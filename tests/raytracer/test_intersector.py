@@ -54,7 +54,7 @@ def test_the_grid_loses_no_hit():
     directions[3::5] = mesh.vertices[np.arange(len(directions[3::5])) % len(mesh.vertices)] - origins[3::5]
     grid = Intersector(mesh, accel="grid", backend="opencl")
     brute = Intersector(mesh, accel="brute", backend="opencl")
-    assert brute._structure.shape == (1, 1, 1) != grid._structure.shape
+    assert brute._geometry.structure.shape == (1, 1, 1) != grid._geometry.structure.shape
     np.testing.assert_array_equal(grid.intersect(origins, directions).t, brute.intersect(origins, directions).t)
     np.testing.assert_array_equal(grid.occluded(origins, directions), brute.occluded(origins, directions))
 
@@ -121,7 +121,7 @@ def test_rays_in_the_planes_of_the_grid():
     """Rays along an axis, in the faces of a box and on the borders of cells, neither hang nor miss what is inside."""
     mesh = MESHES["ball"]
     shoot = Intersector(mesh, accel="grid", backend="numpy")
-    grid = shoot._structure
+    grid = shoot._geometry.structure
     numbers = np.stack(np.meshgrid(*(np.arange(n + 1) for n in grid.shape[:2])), axis=-1)
     lines = grid.low[:2] + numbers.reshape(-1, 2) * grid.cell[:2]
     origins = np.concatenate([lines, np.full((len(lines), 1), 4.0)], axis=1)

@@ -412,8 +412,10 @@ def test_cubes_where_they_cannot_be_used_are_errors():
 def test_every_width_of_packets_gives_the_same_hits(hit):
     origins, directions = rays(KNOT, 5000)
     shoot = Intersector(KNOT, f"ldc:100:{hit}", "opencl")
-    program = queries.intersect(walk_with(shoot._structure, shoot._rows, "opencl", AheadBound(2.0**-24)), exact=True)
-    inputs = origins * shoot._frame.scale, directions / 32, 0.0, 1e30, (0, 0, 0), 1.0
+    program = queries.intersect(
+        walk_with(shoot._geometry.structure, shoot._geometry.rows, "opencl", AheadBound(2.0**-24)), exact=True
+    )
+    inputs = origins * shoot._geometry.frame.scale, directions / 32, 0.0, 1e30, (0, 0, 0), 1.0
     one, *others = (program.compile("opencl", lanes=lanes, loop_limit=None)(*inputs) for lanes in (1, 4, 8, 16))
     assert (one.triangle >= 0).sum() > 1000
     for found in others:

@@ -244,7 +244,7 @@ def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():
     cube = LayeredCube.of(scene(), 16, 8, "numpy", "plane", depths="half")
     shoot = Intersector(scene(), cube, "numpy")
     shoot.move("ball", turned(0.4))
-    assert shoot._structure.options == cube.options
+    assert shoot._geometry.structure.options == cube.options
     origins, directions = rays(100)
     exact = Intersector(scene(ball=turned(0.4)), backend="numpy").occluded(origins, directions)
     assert (shoot.occluded(origins, directions) == exact).mean() > 0.9

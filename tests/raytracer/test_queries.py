@@ -71,7 +71,7 @@ def test_every_width_and_walk_lists_the_same_hits(widths):
     """Packets of 1 and of 8 lanes that walk through boxes with two children are those of an Intersector on OpenCL."""
     origins, directions = rays(300)
     structure, rows = build_bvh(SOUP.corners), triangle_rows(SOUP.corners)
-    walks = [walk_with(structure, rows, "opencl", None), WideIntersector(structure, rows)]
+    walks = [walk_with(structure, rows, "opencl"), WideIntersector(structure, rows)]
     inputs = (origins, directions, 0.0, np.inf, (0, 0, 0), 1.0, -np.inf, -1)
     kernels = [list_hits(walk, exact=False).compile("numpy", loop_limit=None) for walk in walks]
     for walk, lanes in zip(walks, widths, strict=True):
@@ -452,9 +452,9 @@ def test_a_move_that_is_not_rigid_is_refused():
 @pytest.mark.parametrize("accel", ["bvh", "grid", "brute", "ldc:64"])
 def test_a_query_for_any_hit_ends_at_the_first_one(accel):
     shoot = Intersector(SOUP, accel=accel, backend="numpy")
-    given = shoot._frame.inputs(shoot._rays([(0, 0, 5)], [(0.05, 0.02, -1)], 0.0, np.inf), False)
+    given = shoot._geometry.frame.inputs(shoot._rays([(0, 0, 5)], [(0.05, 0.02, -1)], 0.0, np.inf), False)
     nearest, any_hit = (
-        record(shoot._walk, False).trace(*(np.asarray(part, np.float32) for part in given), at=0)
+        record(shoot._walks.walk, False).trace(*(np.asarray(part, np.float32) for part in given), at=0)
         for record in (intersect, occluded)
     )
     assert len(any_hit) < len(nearest) / 2

@@ -30,7 +30,10 @@ def check(sketch, backend, count=300):
     found = {accel: one.intersect(origins, directions) for accel, one in shoot.items()}
     found["wide"] = by_wide(shoot["bvh"], origins, directions, backend)
     brute = found["brute"]
-    near = np.abs(intersector_eye(shoot["grid"], origins)).max(axis=1) < CELLS * shoot["grid"]._structure.cell.min()
+    near = (
+        np.abs(intersector_eye(shoot["grid"], origins)).max(axis=1)
+        < CELLS * shoot["grid"]._geometry.structure.cell.min()
+    )
     for accel in ("bvh", "wide", "grid"):
         for name, ours, expected in zip(Hits._fields, found[accel], brute, strict=True):
             other = np.flatnonzero((ours != expected) & (near | (accel != "grid")))
@@ -41,24 +44,24 @@ def check(sketch, backend, count=300):
 
 def intersector_eye(intersector, origins):
     """The origins as the kernels see them, from the middle of the grid."""
-    grid, frame = intersector._structure, intersector._frame
+    grid, frame = intersector._geometry.structure, intersector._geometry.frame
     return (origins - frame.origin) * frame.scale - (grid.low + grid.cell * grid.shape / 2)
 
 
 def by_wide(intersector, origins, directions, backend):
     """The hits of the wide walk, on any backend."""
-    walk = WideIntersector(intersector._structure, intersector._rows)
-    frame, rays = intersector._frame, Rays.of(origins, directions, 0.0, np.inf)
+    walk = WideIntersector(intersector._geometry.structure, intersector._geometry.rows)
+    frame, rays = intersector._geometry.frame, Rays.of(origins, directions, 0.0, np.inf)
     kernel = queries.intersect(walk, exact=True).compile(backend, loop_limit=None)
     t, triangle, uv, _ = kernel(*frame.inputs(rays, exact=True))
     return Hits(frame.distances(t, triangle, rays), triangle, uv[:, 0], uv[:, 1])
 
 
 def agree_with_f64(intersector, origins, directions, hits):
-    eye, ray, *_ = intersector._frame.inputs(Rays.of(origins, directions, 0.0, np.inf), exact=True)
+    eye, ray, *_ = intersector._geometry.frame.inputs(Rays.of(origins, directions, 0.0, np.inf), exact=True)
     eye, ray = (np.asarray(a, np.float32).astype(float) for a in (eye, ray))
-    of = known(intersector._corners, eye, ray / np.linalg.norm(ray, axis=1, keepdims=True))
-    t = hits.t * np.linalg.norm(directions, axis=1) * intersector._frame.scale
+    of = known(intersector._geometry.corners, eye, ray / np.linalg.norm(ray, axis=1, keepdims=True))
+    t = hits.t * np.linalg.norm(directions, axis=1) * intersector._geometry.frame.scale
     n = np.arange(len(t))
     hit = hits.triangle >= 0
     assert not of.never[n, hits.triangle][hit].any(), (n[hit][of.never[n, hits.triangle][hit]], "met beside")

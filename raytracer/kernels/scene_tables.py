@@ -1,0 +1,92 @@
+"""The tables of a scene that its tracers read, the placed lights among them, and their upkeep between pictures.
+
+Stage: kernel. `LightList.aim` is the tracer's `getLightValues`. A tracer adds the loop that follows a ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import shpy as sh
+from raytracer.accel.bounds import far
+from raytracer.accel.space import Rows
+from raytracer.kernels.deferred import SampledSurfaces
+from raytracer.kernels.sky import Sky
+from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.walk import renew_walk, scene_walk
+from raytracer.scene.layout import Change, Layout, kinds_of
+from raytracer.scene.scene import Background, Scene
+
+
+class LightList:
+    """The lights of a scene: `count` of them; `number` is a uniform of that value if there are several."""
+
+    def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
+        self.count, self.points, self.directions, self.fades = kinds_of(rows)
+        self.number = sh.Param(sh.Attrib1i, self.count, name="lights_count") if self.count > 1 else self.count
+        self.surfaces = surfaces
+        self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
+
+    def renew(self, rows: Rows) -> None:
+        """Replace the lights by as many others of the same kinds."""
+        if self.table is not None:
+            self.table.update(rows)
+
+    def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
+        """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
+        assert self.table is not None  # else no ray is aimed
+        first = 2 * n if self.count > 1 else 0
+        place, color = self.table[first], self.table[first + 1]
+        toward = sh.Vector3f(place.xyz)
+        distance = sh.Attrib1f(far())
+        if self.points:
+            toward -= place.w * surface.inter
+            distance[:] = sh.cond(place.w > 0, sh.length(toward), far())
+        ray[:] = sh.normalize(toward)
+        eye[:] = surface.inter
+        limit[:] = sh.cond(sh.dot(surface.normal, ray) > 0, distance, 0.0)
+        lightcol[:] = color.rgb
+        if self.fades:
+            way = distance / self.surfaces.scale
+            lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
+
+
+class SceneTables:
+    """The walk of a scene's rays, its surfaces and its background; `features` says what a kernel of them contains."""
+
+    scattered = False
+    """True for tracers whose rays soon have little in common with their neighbours: see `scene_walk`."""
+    features: dict[str, bool | int]
+    lights: LightList
+
+    def __init__(self, layout: Layout, background: Background, backend: str) -> None:
+        self.intersector = scene_walk(layout, backend, scattered=self.scattered)
+        self.surfaces = SurfaceTables(layout, self.intersector.triangles)
+        cube = layout.secondary
+        if cube is not None and cube.options["shading"] == "deferred":
+            self.surfaces.sampled = SampledSurfaces(self.surfaces, cube, backend)
+        self.intersector.accept = self.surfaces.accept
+        self.background = Sky(background)
+
+    def renew_emitters(self, layout: Layout) -> bool:
+        """Update how lights are chosen; return False, having changed nothing, where that needs another kernel."""
+        return True
+
+    def renew(self, layout: Layout, changes: Sequence[Change]) -> bool:
+        """Update the tables after changes; return False where a kernel must be made anew."""
+        renew_walk(self.intersector, layout, changes)
+        return self.surfaces.renew(layout, changes) and self.renew_emitters(layout)
+
+    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
+        """Take the materials and lights of `Layout.painted`, and a scene's background.
+
+        Return False, having changed nothing, where they need another kernel.
+        """
+        suits = self.surfaces.suit(layout) and self.background.suits(scene.background)
+        if not suits or not self.renew_emitters(layout):
+            return False
+        self.surfaces.repaint(layout, tinted)
+        self.lights.renew(layout.lights)
+        self.background.renew(scene.background)
+        return True
