@@ -107,9 +107,7 @@ class GlassTracer(Tracer):
                     if emission is not None:  # mirrors and glass send out all of it, too
                         pixel.color[:] += share * emission
                     light.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
-                if not self.background.plain:
-                    with SH_ELSE():
-                        light.scolor[:] = self.background.radiance(ray.direction)
+                self.show_sky(light, ray)
             if self.lights.count:
                 with SH_ELSE():
                     self.meet_light(ray, light, surface, hit, through, shadow)
@@ -119,6 +117,12 @@ class GlassTracer(Tracer):
                 finished[:] = self.branch(ray, light, surface, share, waiting, ray_bodies, (mirror, clear, bent))
             SH_UNTIL(finished)
         return pixel
+
+    def show_sky(self, light: Any, ray: Any) -> None:
+        """Take a picture or program for what the ray sees, after the branch for one that has met something."""
+        if not self.background.plain:
+            with SH_ELSE():
+                light.scolor[:] = self.background.radiance(ray.direction)
 
     def meet_light(
         self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: Held | None

@@ -53,7 +53,7 @@ class PlainInteraction:
 
 @sh.struct
 class ProgrammedInteraction(PlainInteraction):
-    """That of a scene with programs in place of Phong's model: the number of its `shade`, and what that may ask for."""
+    """An interaction in a scene with programs in place of Phong's model: the number of its `shade`, and what it reads."""
 
     reflectivity: sh.Attrib1f
     shade: sh.Attrib1i
@@ -61,7 +61,7 @@ class ProgrammedInteraction(PlainInteraction):
 
 @sh.struct
 class ClearInteraction(ProgrammedInteraction):
-    """That of a scene with glass.
+    """An interaction in a scene with glass.
 
     `beyond` is the point moved off the surface to the other side, `outside` says whether the ray came from outside.
     """
