@@ -53,7 +53,7 @@ class PlainInteraction:
 
 @sh.struct
 class ProgrammedInteraction(PlainInteraction):
-    """An interaction in a scene with programs in place of Phong's model: the number of its `shade`, and what it reads."""
+    """An interaction of a scene with shades: the number of the surface's own, and the fields that shades alone read."""
 
     reflectivity: sh.Attrib1f
     shade: sh.Attrib1i
