@@ -1,10 +1,11 @@
 """Every operation of a type in one kernel of OpenCL: at one lane and in packets, for numbers and for vectors."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from backends.running import compiled_anew
+from backends.running import compiled_anew, differs
 from backends.test_opencl_ops import ELEMENTS, values
 from backends.test_packets import same
 
@@ -91,3 +92,37 @@ def check_every_operation(lanes: int, base: str, size: int) -> None:
     backend.compile(module, Options(lanes=lanes)).run(Call((ELEMENTS,), tuple(inputs), outputs, {}, {}))
     for (name, expected), found in zip(cases, outputs, strict=True):
         same(found, expected, name)
+
+
+@sh.program
+def reciprocal_root(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.rsqrt(x)
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+def test_a_reciprocal_root_begins_with_the_processors_estimate(lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its bits are those of the formula; `scripts/exhaustive rsqrt` compares all numbers."""
+    special = np.float32([0, -0.0, np.inf, -np.inf, np.nan, -1, 1e-45, 1e-40, 2.0**-126, 3.4028235e38])
+    others = np.random.default_rng(5).integers(0, 2**32, 1 << 16).astype(np.uint32).view(np.float32)
+    x = np.concatenate([special, others])
+    machine = machine_of(None)
+    expected = reciprocal_root.compile("numpy")(x)
+    for guesses in (machine.abilities.guesses, frozenset[int]()):
+        abilities = replace(machine.abilities, guesses=guesses)
+        monkeypatch.setitem(vars(machine), "abilities", abilities)
+        kernel = compiled_anew(reciprocal_root, "opencl", lanes=lanes)
+        estimated = "__builtin_ia32_rsqrt" in kernel.source
+        assert estimated == (lanes in guesses and "fused" in machine.binary64)
+        assert not differs(kernel(x), expected).any()
+
+
+def test_another_function_of_that_name_is_not_replaced() -> None:
+    @sh.subroutine
+    def rsqrt_strict(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.fma(x, x, 1.0) / sh.sqrt(x)
+
+    @sh.program
+    def other(x: sh.Attrib1f) -> sh.Attrib1f:
+        return rsqrt_strict(x) + rsqrt_strict(x + 1)
+
+    assert "__builtin_ia32_rsqrt" not in compiled_anew(other, "opencl", lanes=8).source

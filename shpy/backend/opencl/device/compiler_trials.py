@@ -12,7 +12,7 @@ from typing import Final
 from shpy.backend.opencl.device.declarations import GUARD, declarations
 from shpy.backend.opencl.device.stack import SIZES, name_of, trial_of
 from shpy.backend.opencl.device.trial import DECLARES, Trial
-from shpy.backend.opencl.packets.prologue import SIGNS
+from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS
 from shpy.backend.opencl.packets.prologue_wide import try_wide
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backend.opencl.text.operations import ELEMENTWISE
@@ -45,6 +45,10 @@ _TRIALS: Final = {
     **{
         f"signs{n}": Trial(f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1))
         for n, text in SIGNS.items()
+    },
+    **{
+        f"guess{n}": Trial(f"float{n}", f"a[0] = floor({text.format('a[0]')} + 0.5f);", (0.0625,) * n, (4.0,) * n)
+        for n, text in GUESSES.items()
     },
     **{
         f"floats{n}": Trial(

@@ -38,7 +38,7 @@ from shpy.backend.opencl.device.importing import pyopencl
 from shpy.backend.opencl.device.stack import SIZES, most_private, name_of, thread_stack
 from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
-from shpy.backend.opencl.packets.prologue import SIGNS, Abilities
+from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, Abilities
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, warn
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
@@ -437,7 +437,8 @@ class Machine:
         names = self._succeeded
         signs = frozenset(n for n in SIGNS if f"signs{n}" in names)
         wider = frozenset(n for n in WIDER if f"wide{n}" in names)
-        return Abilities("reduce" in names, "elementwise" in names, "shuffle" in names, signs, wider)
+        guesses = frozenset(n for n in GUESSES if f"guess{n}" in names)
+        return Abilities("reduce" in names, "elementwise" in names, "shuffle" in names, signs, wider, guesses)
 
     @once_of_each
     def most_private(self) -> int:

@@ -25,10 +25,10 @@ from shpy.passes.private import check_private, private_memory
 _REGISTERS: Final = 32
 """The vector registers that the numbers which a loop carries may fill.
 
-CPU milliseconds at 16, 32 and 64 lanes on AVX-512, whose registers hold 16 (PoCL 3.1, least of 8 rounds in alternation):
-of a polynomial, which has no loop, 7.4, 5.7, 4.2, and a shader 18.9, 14.6, 11.6; of mandelbrot, whose loop carries 5
-numbers, 20.7, 16.3, 15.8; of spheres, with 14 numbers, 11.7, 11.9, 13.3; at 16 and 32 lanes of pictures whose loops carry
-56 and more, 68 and 91 (`mixed`), 169 and 180 (`glass`), 97 and 104 (`cornell`, path traced).
+CPU milliseconds at 16, 32 and 64 lanes on AVX-512, whose registers hold 16 (PoCL 3.1, least of 8 rounds in
+alternation): a polynomial, which has no loop, 7.4, 5.7, 4.2, and a shader 18.9, 14.6, 11.6; mandelbrot, whose loop
+carries 5 numbers, 20.7, 16.3, 15.8; spheres, with 14 numbers, 11.7, 11.9, 13.3. At 16 and 32 lanes, pictures whose
+loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornell`, path traced, 97 and 104.
 """
 _MOST_EACH: Final = 4
 """The most registers of a value."""

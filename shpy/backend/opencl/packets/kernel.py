@@ -69,6 +69,8 @@ _LARGE: Final = 400
 Other functions with more statements are not inlined.
 """
 
+_FUSED_RSQRT: Final = "sqrt div mul neg fma fma mul sub eq mul mul add mul add cond".split()
+
 
 def print_packets(
     module: Module,
@@ -120,6 +122,13 @@ def _stay_together(module: Module) -> bool:
     pure = {str(s.attr) for _, s in lets if s.op == "call"}
     part = any(s.op == "lane_any" and name not in pure for name, s in lets)
     return not part and not any(s.op == "table" and isinstance(s.value.type, Lanes | Rows) for _, s in lets)
+
+
+def _is_fused_rsqrt(function: Function) -> bool:
+    """Return whether a function of lanes is strict mode's 1 / sqrt(x) with fma (`passes/formulas/strict/root`)."""
+    if function.name != "rsqrt_strict" or not isinstance(function.inputs[0].type, Lanes):
+        return False
+    return [s.op for s in walk(function.body) if isinstance(s, Let) and s.op not in ("const", "splat")] == _FUSED_RSQRT
 
 
 def _is_large(function: Function) -> bool:
@@ -249,6 +258,8 @@ class PacketMaker(KernelMaker):
 
         Where `pair` can interleave two lanes, the function computes two, which hides the latency of their loads.
         """
+        if _is_fused_rsqrt(function) and self.prologue.rsqrt(name):
+            return
         if not function.alone:
             super().add(function, name)
             return

@@ -18,6 +18,7 @@ bool sh_any(int8 mask) {
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -38,12 +39,53 @@ SIGNS: Final = {
 }
 """The signs of a mask as the bits of a number, by the number of lanes: x86 takes one instruction for it, or none."""
 
+GUESSES: Final = {
+    4: "__builtin_ia32_rsqrtps({})",
+    8: "__builtin_ia32_rsqrtps256({})",
+    16: "__builtin_ia32_rsqrt14ps512_mask({0}, {0}, -1)",
+}
+"""1 / sqrt(x) by one instruction of x86, by the number of lanes: its relative error is below 2**-11.
+
+It may give NaN or infinity for zeros, infinities, NaN, negative and denormal numbers.
+"""
+
+_RSQRT: Final = """\
+// 1 / sqrt(x), rounded once, of numbers without an estimate.
+__attribute__((noinline)) T {name}_rare(T x) {
+    T near = 1.0f / sqrt(x);
+    T minus_root = -(x * near);
+    T lack = fma(minus_root, near, (T)(1.0f)) - fma(x, near, minus_root) * near;
+    return lack == lack ? near + near * lack * (0.375f * lack + 0.5f) : near;
+}
+
+// 1 / sqrt(x), rounded once: an estimate of 11 bits, then a number within one unit in the last place, then the nearest.
+T {name}(T x) {
+    T guess = GUESS;
+    T lack = fma(-(x * guess), guess, (T)(1.0f));
+    T near = fma(guess * lack, fma((T)(0.375f), lack, (T)(0.5f)), guess);
+    T root = x * near;
+    lack = fma(fma(-x, near, root), near, fma(-root, near, (T)(1.0f)));
+    if (RARE) {
+        return {name}_rare(x);
+    }
+    return fma(near * lack, fma((T)(0.375f), lack, (T)(0.5f)), near);
+}"""
+"""The bits do not depend on the processor's estimate.
+
+From any number within 2**-11 the first step gives one within a unit in the last place (151 million estimates over all x
+of [1, 4)), and from any such number the second step rounds correctly (all x of [1, 4), all neighbours; without the term
+of 3/8 one or two fail). Other exponents are these scaled by powers of 4, which neither overflow nor underflow.
+`scripts/exhaustive rsqrt --lanes 8` and `--lanes 64` compare all 2**32 inputs with both instructions. It takes 12
+operations and no division: strict n-body takes 0.63 (Intel Xeon) and 0.79 (AMD EPYC) of its CPU time at 64 lanes.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
     """The extensions of a compiler: `__builtin_reduce_or`, the functions of ELEMENTWISE, `__builtin_shufflevector`.
 
-    `signs` are the widths for which it has the functions of SIGNS; `wider` are the widths of WIDER that it has.
+    `signs` are the widths for which it has the functions of SIGNS; `wider` are the widths of WIDER that it has;
+    `guesses` are the widths for which it has the functions of GUESSES.
     """
 
     reduce: bool = False
@@ -51,6 +93,7 @@ class Abilities:
     shuffle: bool = False
     signs: frozenset[int] = frozenset()
     wider: frozenset[int] = frozenset()
+    guesses: frozenset[int] = frozenset()
 
 
 _TEXTS: Final = {
@@ -159,6 +202,25 @@ class PacketPrologue(Prologue):
             lines.append(f"    ulong{width} {name} = {last}.lo | {last}.hi;")
         lines.append(f"    return ({name}.x | {name}.y) != 0;")
         return head + "\n".join(lines) + "\n}"
+
+    def rsqrt(self, name: str) -> bool:
+        """Add the correctly rounded 1 / sqrt(x) of lanes of binary32 by an estimate; return whether there is one."""
+        length = max((n for n in self.abilities.guesses if n <= self.lanes), default=0)
+        if not length:
+            return False
+        parts = [""]
+        while len(parts) * length < self.lanes:
+            parts = [f"{part}.{half}" for part in parts for half in ("lo", "hi")]
+        guesses = [GUESSES[length].format(f"x{part}") for part in parts]
+        guess = guesses[0] if len(guesses) == 1 else f"(float{self.lanes})({', '.join(guesses)})"
+        if length in self.abilities.signs:  # a NaN among the numbers is one in their sum, which takes less to test
+            total = " + ".join(f"lack{part}" for part in parts)
+            rare = f"{SIGNS[length].replace('(mask)', f'({total} != {total})')} != 0"
+        else:
+            rare = f"{self.use('lane_any', lanes_of(Base.B, self.lanes))}(lack != lack)"
+        text = _RSQRT.replace("GUESS", guess).replace("RARE", rare).replace("{name}", name)
+        self._ask(name, lambda _: re.sub(r"\bT\b", f"float{self.lanes}", text))
+        return True
 
     # Types and memory
 
