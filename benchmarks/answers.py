@@ -16,7 +16,7 @@ from statistics import geometric_mean
 from textwrap import fill
 from typing import Any, Final
 
-from benchmarks.tables import markdown
+from shpy.command import markdown
 from shpy.files import replacing
 
 FOLDER: Final = Path(__file__).parent / "results"

@@ -13,8 +13,9 @@ import numpy as np
 
 from benchmarks.peers import PEERS
 from benchmarks.rounds import Measured
-from benchmarks.tables import Table, markdown
+from benchmarks.tables import Table
 from benchmarks.work import TARGETS
+from shpy.command import markdown
 
 OURS = {
     "opencl": "shpy, OpenCL",

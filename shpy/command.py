@@ -17,7 +17,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -131,6 +131,17 @@ def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]
             print(f"{title}: {done} of {total}", file=sys.stderr, flush=True)
 
     return progress
+
+
+def markdown(rows: Sequence[Sequence[object]], *, left: int = 1) -> str:
+    """Return rows as a Markdown table; the first row is the head, and all columns but the first `left` are numbers."""
+    head, *body = ([str(cell) for cell in row] for row in rows)
+    lines = [head, [*["---"] * left, *["---:"] * (len(head) - left)], *body]
+    widths = [max(len(row[i]) for row in lines) for i in range(len(head))]
+    sides = "<" * left + ">" * (len(head) - left)
+    return "\n".join(
+        "| " + " | ".join(f"{c:{s}{w}}" for c, s, w in zip(row, sides, widths, strict=True)) + " |" for row in lines
+    )
 
 
 def _say(name: str, text: str, status: int) -> int:

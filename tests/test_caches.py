@@ -38,7 +38,6 @@ FEW = {
     "shpy/streams/elements.py": "precisions",
     "shpy/testing/certify/functions.py": "functions of the language",
     "shpy/testing/certify/golden.py": "one file",
-    "shpy/testing/conformance/running.py": "cases of the list",
     "shpy/view/kernels.py": "one thread",
 }
 """Files with `functools.cache`, and what its keys are there: there are few of them, whatever a program does."""

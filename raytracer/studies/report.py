@@ -82,8 +82,7 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str
     """Return a Markdown table under its title; an empty text if it has no rows."""
     if not rows:
         return ""
-    lines = [f"**{title}**", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join([*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows)])
+    return f"**{title}**\n\n{sh.command.markdown([head, *rows])}"
 
 
 def csv_of(rows: Sequence[Mapping[str, Any]], first: str) -> str:

@@ -17,20 +17,24 @@ import numpy as np
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Options
 from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
-from shpy.backend.numpy.device.run import SPACE
+from shpy.backend.numpy.device.run import SPACE, NumpyBackend, NumpyExecutable
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.backend.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyTypeError
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Loc, Module
+from shpy.ir.parser import parse
 from shpy.ir.traverse import limited_loops
+from shpy.ir.verifier import verify
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math, Precision
-from shpy.passes.pipeline import with_strict_functions
+from shpy.passes.pipeline import Target, prepare, with_strict_functions
 from shpy.programs import Program, check_program
 from shpy.run.kernel import Kernel
 
 INTERPRETER = "interpreter"
+PREPARED = "prepared"
+"""The interpreter on what the passes give to a target's printer."""
 _WIDTHS = {"opencl": (1, *WIDTHS)}
 """The numbers of lanes that comparisons run when they name the backend alone."""
 _MORE_WIDTHS = {"opencl": WIDER}
@@ -94,6 +98,30 @@ class Reference:
     def space(self, device: int | None) -> NumpySpace:
         """Return the host's memory."""
         return SPACE
+
+
+class Prepared(Reference):
+    """The interpreter on what the passes give to a target's printer, whose text must be read back the same."""
+
+    name = PREPARED
+
+    def compile(self, module: Module, options: Options) -> Interpreted:
+        """Prepare the module for a target without functions of its own, and make its closures."""
+        prepared = prepare(module, options, Target("plain", loop_flags=True))
+        verify(prepared.module)
+        assert parse(str(prepared.module)) == prepared.module
+        return Interpreted(Interpreter(prepared.module), prepared.loops)
+
+
+class Tiled(NumpyBackend):
+    """numpy, a few lanes at a time, with lanes that are left over."""
+
+    def __init__(self, tile: int) -> None:
+        self.tile = tile
+
+    def compile(self, module: Module, options: Options, tile: int | None = None) -> NumpyExecutable:
+        """Compile a module for these tiles."""
+        return super().compile(module, options, tile or self.tile)
 
 
 def interpreter_of(module: Module, precision: Precision, loop_limit: int | None, math: Math = "strict") -> Interpreter:
@@ -160,9 +188,23 @@ def flushes_denormals(notes: Iterable[str]) -> bool:
     return any("flushes denormals" in note for note in notes)
 
 
+def flushes(target: str, device: int | None = None) -> bool:
+    """Return whether the device of a target says that it turns denormals into zeros."""
+    name = target.partition("-")[0]
+    return name in NAMES and flushes_denormals(backend(name).devices()[device or 0].notes)
+
+
 def kernel(program: Program, target: str, only: Collection[int] | None = None, **options: Any) -> Kernel:
-    """Return the program compiled for one of `targets()`; `only` are the elements that the interpreter runs."""
-    if target == INTERPRETER:
-        return Kernel(program.recorded, Reference(only), Options(**options))
+    """Return the program compiled for a target; `only` are the elements that the interpreter runs.
+
+    Targets are those of `targets()`, PREPARED, and "numpy-5", numpy with tiles of that size.
+    """
     name, _, lanes = target.partition("-")
-    return program.compile(name, lanes=int(lanes) if lanes else "auto", **options)
+    match name:
+        case "interpreter" | "prepared":
+            own = Reference(only) if name == INTERPRETER else Prepared()
+            return Kernel(program.recorded, own, Options(**options))
+        case "numpy" if lanes:
+            return Kernel(program.recorded, Tiled(int(lanes)), Options(**options))
+    chosen: dict[str, Any] = {"lanes": int(lanes) if lanes else "auto", **options}
+    return program.compile(name, **chosen)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backends.running import BACKENDS, LANES, PACKETS, TARGETS, TILES, WIDE
+from backends.running import BACKENDS, LANES, PACKETS, TARGETS, TILES, WIDE, differs
 from stress.mode import stressed
 
 import shpy as sh
@@ -17,7 +17,7 @@ from shpy.ir.nodes import Let
 from shpy.ir.ops import MADE_BY_PASSES, OPS, STRUCTURAL, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.testing.conformance import operations, zeros
-from shpy.testing.conformance.cases import THIN, Case, differs
+from shpy.testing.conformance.cases import THIN, Case
 from shpy.testing.conformance.catalogue import all_cases
 from shpy.testing.conformance.control import BRANCHES, LOOPS
 

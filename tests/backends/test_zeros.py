@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from backends.running import covering
+from backends.running import covering, differs
 
 import shpy as sh
 from shpy.testing.conformance import edges
-from shpy.testing.conformance.running import differs
 
 
 @sh.program

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from backends.running import DenormalWatch, differs, flushes_denormals, kernel
+from backends.running import differs, flushes_denormals, kernel
 from stress.mode import stressed
 
 import shpy as sh
@@ -23,8 +23,10 @@ from shpy.passes.modes import Math
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
 from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
-from shpy.testing.generated.source import PARAMS, TABLES, record, source
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.generated.source import PARAMS, record, source
 from shpy.testing.generated.syntax import Const, Tree
+from shpy.testing.observers import Setting
 
 Precision = Literal["f16", "f32", "f64"]
 Answers = tuple[list[Array], Array]
@@ -62,10 +64,6 @@ class Expected:
                 output[k] = one
         return outputs, ends
 
-    @cached_property
-    def watch(self) -> DenormalWatch:
-        return DenormalWatch(self.recorded.ir, self.options)
-
     @property
     def names(self) -> list[str]:
         """The inputs of its kernels."""
@@ -81,11 +79,12 @@ class Expected:
     def options(self) -> Options:
         return Options(loop_limit=self.program.loop_limit or LIMIT)
 
-    def denormal(self, k: int) -> bool:
-        """Return whether a denormal arises on the way of this element: a device that flushes them may go another."""
-        tables = {n: TABLES[n].data(np.float32) for n in self.recorded.tables}
-        params = {n: PARAMS[n].value for n in self.recorded.params}
-        return self.watch.arises([a[k] for a in self.inputs], params, tables, (), ())
+    @cached_property
+    def denormals(self) -> Array:
+        """Return the elements on whose way a denormal arises: a device that flushes them may go another."""
+        options = {f.name: getattr(self.options, f.name) for f in fields(self.options)}
+        arguments = {name: options[name] for name in ("precision", "math", "loop_limit")}
+        return meets_denormals(Setting(record(self.program), tuple(self.inputs), {}, None, arguments))
 
     def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
         """Compare the status of every element and every bit of its outputs; all NaNs are equal."""
@@ -95,7 +94,7 @@ class Expected:
             off = differs(found, wanted)
             wrong |= (off.any(axis=-1) if off.ndim > 1 else off) & (how == WRITTEN)
         for k in np.flatnonzero(wrong):
-            if flushes_denormals(who) and self.denormal(int(k)):
+            if flushes_denormals(who) and self.denormals[k]:
                 continue
             given = {i.name: a[k].tolist() for i, a in zip(self.program.inputs, self.inputs, strict=True)}
             raise AssertionError(
@@ -131,10 +130,6 @@ class Specialized(Expected):
         recorded = record(self.program)
         uniforms = {n: PARAMS[n].value for n in recorded.params}
         return recorded.specialize(**self.constant, **uniforms)
-
-    @cached_property
-    def watch(self) -> DenormalWatch:
-        return DenormalWatch(record(self.program).ir, self.options)
 
     @property
     def names(self) -> list[str]:
@@ -192,9 +187,9 @@ class Repeated(Expected):
     def recorded(self) -> sh.Program:  # type: ignore[override]
         return self.once.recorded
 
-    @property
-    def watch(self) -> DenormalWatch:  # type: ignore[override]
-        return self.once.watch
+    @cached_property
+    def denormals(self) -> Array:
+        return self._repeated(self.once.denormals).ravel()
 
     @property
     def options(self) -> Options:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from shpy.programs import Program
 from shpy.run.kernel import Kernel
-from shpy.testing.conformance.running import flushes_denormals
+from shpy.testing.reference import flushes
 
 Verdict = Literal["same", "denormals", "refused", "absent", "differs", "failed"]
 """`denormals`: the same bits but where a denormal arises; `absent`: it cannot be checked here."""
@@ -40,7 +40,7 @@ class Target:
     @property
     def flushes(self) -> bool:
         """Return whether it turns denormals into zeros."""
-        return flushes_denormals(self.backend, **self.options)
+        return flushes(self.backend, self.device)
 
 
 @dataclass(frozen=True)

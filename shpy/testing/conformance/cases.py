@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import shpy as sh
-from shpy.backend.base import Array, Options
+from shpy.backend.base import Array
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import Tolerance
 from shpy.ir.types import Base
@@ -26,15 +26,15 @@ from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.record import InputType
 from shpy.lang.values.structure import leaves as leaves_of
-from shpy.run import host
-from shpy.streams.elements import dtypes_at
-from shpy.testing.arrays import flat_leaves
-from shpy.testing.conformance.running import DenormalWatch, differs, flushes_denormals, kernel
+from shpy.testing.arrays import differing, flat_leaves
+from shpy.testing.denormals import meets_denormals
+from shpy.testing.observers import Setting
+from shpy.testing.reference import INTERPRETER, PREPARED, flushes, kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 EXACT = Tolerance()
 COUNT = 48
-INTERPRETED = ("interpreter", "prepared")
+INTERPRETED = (INTERPRETER, PREPARED)
 THIN = 11
 
 
@@ -105,33 +105,12 @@ class Case:
         if self.meaning is not None:
             outputs = self.meaning(self.arrays)
             return Outcome(outputs, np.ones(len(outputs[0]), np.bool_))
-        return self.run("interpreter")
+        return self.run(INTERPRETER)
 
     @functools.cached_property
-    def watch(self) -> DenormalWatch:
-        """The watch that finds denormals in this program."""
-        return DenormalWatch(self.program.ir, Options(**self.options))
-
-    @functools.cached_property
-    def flat(self) -> tuple[list[Array], dict[str, Any]]:
-        """Every input over the elements in one line, and the data of every table."""
-        recorded, precision = self.program.recorded, self.options.get("precision", "f32")
-        streams = host.streams(recorded.inputs, self.arrays, precision)
-        tables = host.tables(recorded.inputs, self.arrays, recorded.tables)
-        return [s.flat(self.reference.written.shape) for s in streams], {
-            name: table.data(dtypes_at(precision)[table.type.base]) for name, table in tables.items()
-        }
-
-    def denormal(self, element: int) -> bool:
-        """Return whether a denormal arises on the way of an element."""
-        (flat, tables), shape = self.flat, self.reference.written.shape
-        return self.watch.arises(
-            [a[element if len(a) > 1 else 0] for a in flat],
-            {},
-            tables,
-            tuple(map(int, np.unravel_index(element, shape))),
-            shape,
-        )
+    def denormals(self) -> Array:
+        """The elements on whose way a denormal arises."""
+        return meets_denormals(Setting(self.program, (), self.arrays, self.shape, self.options))
 
     def check(self, outcome: Outcome, who: str) -> None:
         """Raise AssertionError unless the outcome of the target `who` equals the reference's."""
@@ -158,11 +137,11 @@ class Case:
         if shapes[0] != shapes[1]:
             return f"{self.name} on {who}: outputs of {shapes[0]}, not {shapes[1]}"
         for n, (a, b) in enumerate(zip(result.outputs, expected.outputs, strict=True)):
-            wrong = differs(a, b)
+            wrong = differing(a, b)
             rank = expected.written.ndim
             elements = wrong.any(axis=tuple(range(rank, wrong.ndim))).ravel()
             for k in np.flatnonzero(elements):
-                if flushes_denormals(who, **more) and self.denormal(int(k)):
+                if flushes(who, more.get("device")) and self.denormals[k]:
                     continue
                 inputs = {name: element(array, int(k), expected.written.shape) for name, array in self.arrays.items()}
                 x, y = (element(v, int(k), expected.written.shape) for v in (a, b))
