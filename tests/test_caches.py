@@ -13,8 +13,6 @@ from shpy.backend.registry import backend as backend_named
 
 ROOT = Path(__file__).parent.parent
 FEW = {
-    "raytracer/accel/families.py": "backends",
-    "raytracer/accel/pairs.py": "backends",
     "raytracer/accel/plane_kernel.py": "backends",
     "raytracer/layered/raster.py": "one switch",
     "shpy/backend/dump.py": "the parts of SHPY_DUMP",

@@ -14,8 +14,7 @@ All backends give the same numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bvh import Bounds, half_area
 from raytracer.accel.planes import constant
+from raytracer.accel.programs import LateProgram
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 Ints = NDArray[np.int64]
@@ -51,7 +51,7 @@ def families(tree: Binary, backend: str) -> list[Ints]:
     """Return for each level the children (n, WIDTH) of each wide node, as nodes of `tree`; -1 fills the rest."""
     rows = np.zeros((len(tree.count), 4), np.int32)
     rows[:, 0], rows[:, 1], rows[:, 2] = tree.left, tree.right, _shares(tree, backend)
-    table, kernel = sh.Table(constant(rows), sh.Attrib4i, copy=False), _family(backend)
+    table, kernel = sh.Table(constant(rows), sh.Attrib4i, copy=False), family.on(backend)
     levels = []
     nodes = np.zeros(1, np.int32)
     while len(nodes):
@@ -81,7 +81,7 @@ def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
         inner = tree.count[nodes] > HALF
         first = np.where(inner, 2 * np.cumsum(inner) - 2, -1).astype(np.int32)
         tables = [sh.Table(constant(cost), sh.Attrib4f, copy=False) for cost in below]
-        *below, shares[nodes] = _share(backend)(area[nodes], first, *tables)
+        *below, shares[nodes] = share.on(backend)(area[nodes], first, *tables)
     return shares
 
 
@@ -93,32 +93,28 @@ class Share(NamedTuple):
     share: sh.Attrib1i
 
 
-@cache
-def _share(backend: str) -> Any:
-    @sh.program
-    def share(area: sh.Attrib1f, first: sh.Attrib1i, few: sh.Table[sh.Attrib4f], many: sh.Table[sh.Attrib4f]) -> Share:
-        """Compute the costs of a node from its area and `first`, its first child's row in the tables, -1 for a leaf."""
-        one, other = ([*few[first + k], *many[first + k]] for k in (0, 1))  # [k - 1] in k boxes
-        least, parts = [], []
-        for boxes in range(2, WIDTH + 1):
-            cost, part = one[0] + other[boxes - 2], sh.Attrib1i(1)
-            for k in range(2, boxes):
-                both = one[k - 1] + other[boxes - k - 1]
-                part = sh.cond(both < cost, k, part)
-                cost = sh.cond(both < cost, both, cost)
-            least.append(cost)
-            parts.append(part)
-        is_leaf = first < 0
-        whole = sh.cond(is_leaf, area, area + least[-1])
-        shares = sh.Attrib1i(0)
-        costs = [whole]
-        for k, (cost, part) in enumerate(zip(least, parts, strict=True)):
-            is_one = is_leaf | (whole < cost)
-            shares = shares | sh.cond(is_one, 0, part << _BITS * k)
-            costs.append(sh.cond(is_one, whole, cost))
-        return Share(sh.Attrib4f(*costs[:HALF]), sh.Attrib4f(*costs[HALF:]), shares)
-
-    return share.compile(backend)
+@LateProgram
+def share(area: sh.Attrib1f, first: sh.Attrib1i, few: sh.Table[sh.Attrib4f], many: sh.Table[sh.Attrib4f]) -> Share:
+    """Compute the costs of a node from its area and `first`, its first child's row in the tables, -1 for a leaf."""
+    one, other = ([*few[first + k], *many[first + k]] for k in (0, 1))  # [k - 1] in k boxes
+    least, parts = [], []
+    for boxes in range(2, WIDTH + 1):
+        cost, part = one[0] + other[boxes - 2], sh.Attrib1i(1)
+        for k in range(2, boxes):
+            both = one[k - 1] + other[boxes - k - 1]
+            part = sh.cond(both < cost, k, part)
+            cost = sh.cond(both < cost, both, cost)
+        least.append(cost)
+        parts.append(part)
+    is_leaf = first < 0
+    whole = sh.cond(is_leaf, area, area + least[-1])
+    shares = sh.Attrib1i(0)
+    costs = [whole]
+    for k, (cost, part) in enumerate(zip(least, parts, strict=True)):
+        is_one = is_leaf | (whole < cost)
+        shares = shares | sh.cond(is_one, 0, part << _BITS * k)
+        costs.append(sh.cond(is_one, whole, cost))
+    return Share(sh.Attrib4f(*costs[:HALF]), sh.Attrib4f(*costs[HALF:]), shares)
 
 
 class Family(NamedTuple):
@@ -128,31 +124,27 @@ class Family(NamedTuple):
     second: sh.Attrib4i
 
 
-@cache
-def _family(backend: str) -> Any:
-    @sh.program
-    def family(node: sh.Attrib1i, rows: sh.Table[sh.Attrib4i]) -> Family:
-        """Find the children of the wide node at `node`; a row holds a node's two children and its shares."""
-        members, rooms = sh.Array(sh.Attrib1i, WIDTH), sh.Array(sh.Attrib1i, WIDTH)
-        for k in range(WIDTH):
-            members[k] = -1
-        place = sh.Attrib1i(0)
-        here = sh.Attrib1i(node)
-        boxes = sh.Attrib1i(WIDTH)
-        with SH_DO():
-            row = rows[here]
-            part = sh.cond(boxes > 1, (row.z >> _BITS * sh.max(boxes - 2, 0)) & (WIDTH - 1), 0)
-            with SH_IF(part > 0):
-                members[place + part] = row.y
-                rooms[place + part] = boxes - part
-                here[:] = row.x
-                boxes[:] = part
-            with SH_ELSE():
-                members[place] = here
-                place += boxes
-                here[:] = members[sh.min(place, WIDTH - 1)]
-                boxes[:] = rooms[sh.min(place, WIDTH - 1)]
-            SH_UNTIL(place >= WIDTH)
-        return Family(*(sh.Attrib4i(*(members[first + k] for k in range(HALF))) for first in (0, HALF)))
-
-    return family.compile(backend, loop_limit=None)
+@LateProgram
+def family(node: sh.Attrib1i, rows: sh.Table[sh.Attrib4i]) -> Family:
+    """Find the children of the wide node at `node`; a row holds a node's two children and its shares."""
+    members, rooms = sh.Array(sh.Attrib1i, WIDTH), sh.Array(sh.Attrib1i, WIDTH)
+    for k in range(WIDTH):
+        members[k] = -1
+    place = sh.Attrib1i(0)
+    here = sh.Attrib1i(node)
+    boxes = sh.Attrib1i(WIDTH)
+    with SH_DO():
+        row = rows[here]
+        part = sh.cond(boxes > 1, (row.z >> _BITS * sh.max(boxes - 2, 0)) & (WIDTH - 1), 0)
+        with SH_IF(part > 0):
+            members[place + part] = row.y
+            rooms[place + part] = boxes - part
+            here[:] = row.x
+            boxes[:] = part
+        with SH_ELSE():
+            members[place] = here
+            place += boxes
+            here[:] = members[sh.min(place, WIDTH - 1)]
+            boxes[:] = rooms[sh.min(place, WIDTH - 1)]
+        SH_UNTIL(place >= WIDTH)
+    return Family(*(sh.Attrib4i(*(members[first + k] for k in range(HALF))) for first in (0, HALF)))

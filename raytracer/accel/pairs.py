@@ -11,7 +11,6 @@ So the box around two has the lower of each two numbers. All backends give the s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import lower
 from raytracer.accel.planes import constant
+from raytracer.accel.programs import LateProgram
 
 Sides = Sequence[NDArray[np.float32]]
 Side = sh.Table[sh.Attrib1f]
@@ -39,7 +39,7 @@ def partners(sides: Sides, backend: str) -> NDArray[np.int32]:
     Of pairs of the same surface those count that are closer, then those that begin at an even place, then the first.
     All boxes agree on this order, so two find each other at least; and of equal boxes all do.
     """
-    return np.asarray(_partner(backend)(*_tables(sides), shape=len(sides[0])))
+    return np.asarray(partner.on(backend)(*_tables(sides), shape=len(sides[0])))
 
 
 def joined(
@@ -51,7 +51,7 @@ def joined(
     is added where the partner is the lower one.
     """
     indices = np.asarray(places, np.int32)
-    *boxes, axis = _join(backend)(indices, sh.Table(partner, sh.Attrib1i), *_tables(sides))
+    *boxes, axis = join.on(backend)(indices, sh.Table(partner, sh.Attrib1i), *_tables(sides))
     return boxes, axis
 
 
@@ -59,31 +59,28 @@ def _tables(sides: Sides) -> list[Any]:
     return [sh.Table(constant(side), sh.Attrib1f, copy=False) for side in sides]
 
 
-@cache
-def _partner(backend: str) -> Any:
-    @sh.program
-    def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side) -> sh.Attrib1i:
-        sides = x, y, z, past_x, past_y, past_z
-        place = sh.grid_index(1)
-        (total,) = x.shape
-        own = [side[place] for side in sides]
-        least = sh.Attrib1f(np.inf)
-        found = sh.Attrib1i(place)
-        for apart in range(1, REACH + 1):
-            before = _surface(own, [side[place - apart] for side in sides])
-            after = _surface(own, [side[place + apart] for side in sides])
-            nearer = (place >= apart) & (before < least)
-            least = sh.cond(nearer, before, least)
-            found = sh.cond(nearer, place - apart, found)
-            nearer = after < least
-            if apart == 1:
-                nearer = nearer | ((after == least) & (place % 2 == 0))
-            nearer = nearer & (place + apart < total)
-            least = sh.cond(nearer, after, least)
-            found = sh.cond(nearer, place + apart, found)
-        return found
-
-    return partner.compile(backend)
+@LateProgram
+def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side) -> sh.Attrib1i:
+    """Return the place of a box's partner; see `partners`."""
+    sides = x, y, z, past_x, past_y, past_z
+    place = sh.grid_index(1)
+    (total,) = x.shape
+    own = [side[place] for side in sides]
+    least = sh.Attrib1f(np.inf)
+    found = sh.Attrib1i(place)
+    for apart in range(1, REACH + 1):
+        before = _surface(own, [side[place - apart] for side in sides])
+        after = _surface(own, [side[place + apart] for side in sides])
+        nearer = (place >= apart) & (before < least)
+        least = sh.cond(nearer, before, least)
+        found = sh.cond(nearer, place - apart, found)
+        nearer = after < least
+        if apart == 1:
+            nearer = nearer | ((after == least) & (place % 2 == 0))
+        nearer = nearer & (place + apart < total)
+        least = sh.cond(nearer, after, least)
+        found = sh.cond(nearer, place + apart, found)
+    return found
 
 
 def _surface(one: Sequence[Any], other: Sequence[Any]) -> Any:
@@ -106,32 +103,29 @@ class Join(NamedTuple):
     axis: sh.Attrib1i
 
 
-@cache
-def _join(backend: str) -> Any:
-    @sh.program
-    def join(
-        place: sh.Attrib1i,
-        partner: Numbers,
-        x: Side,
-        y: Side,
-        z: Side,
-        past_x: Side,
-        past_y: Side,
-        past_z: Side,
-    ) -> Join:
-        sides = x, y, z, past_x, past_y, past_z
-        other = partner[place]
-        one, two = [side[place] for side in sides], [side[other] for side in sides]
-        # Twice the way from middle to middle.
-        way = [(two[axis] - two[axis + 3]) - (one[axis] - one[axis + 3]) for axis in range(3)]
-        farthest = sh.Attrib1i(0)
-        along = way[0]
-        for axis in (1, 2):
-            farther = abs(along) < abs(way[axis])
-            farthest = sh.cond(farther, axis, farthest)
-            along = sh.cond(farther, way[axis], along)
-        turned = sh.cond(along < 0, TURNED, 0)
-        box = list(map(lower, one, two))
-        return Join(box[0], box[1], box[2], box[3], box[4], box[5], farthest + turned)
-
-    return join.compile(backend)
+@LateProgram
+def join(
+    place: sh.Attrib1i,
+    partner: Numbers,
+    x: Side,
+    y: Side,
+    z: Side,
+    past_x: Side,
+    past_y: Side,
+    past_z: Side,
+) -> Join:
+    """Return the box around a box and its partner."""
+    sides = x, y, z, past_x, past_y, past_z
+    other = partner[place]
+    one, two = [side[place] for side in sides], [side[other] for side in sides]
+    # Twice the way from middle to middle.
+    way = [(two[axis] - two[axis + 3]) - (one[axis] - one[axis + 3]) for axis in range(3)]
+    farthest = sh.Attrib1i(0)
+    along = way[0]
+    for axis in (1, 2):
+        farther = abs(along) < abs(way[axis])
+        farthest = sh.cond(farther, axis, farthest)
+        along = sh.cond(farther, way[axis], along)
+    turned = sh.cond(along < 0, TURNED, 0)
+    box = list(map(lower, one, two))
+    return Join(box[0], box[1], box[2], box[3], box[4], box[5], farthest + turned)

@@ -6,8 +6,7 @@ its triangle. Numbers of 16 bits are decoded by operations on integers, so every
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,20 +21,15 @@ _EXPONENT = (127 - 15) << 23
 """The difference between the biases of the exponents of binary32 and binary16, at its place."""
 
 
-class Sample(Protocol):
-    """A sample: its depth, how that changes by a texel along a row and a column, and the number of its triangle."""
+class Sample(NamedTuple):
+    """A sample: its depth, how that changes by a texel along a row and a column, and the number of its triangle.
 
-    @property
-    def depth(self) -> Any:
-        """The depth of the sample."""
+    The slope is None but for hit="plane". A kernel keeps those parts that a test reads.
+    """
 
-    @property
-    def slope(self) -> Any:
-        """The change of the depth, for hit="plane"."""
-
-    @property
-    def number(self) -> Any:
-        """The number of the triangle."""
+    depth: Any
+    slope: Any
+    number: Any
 
 
 def sample_tables(cube: LayeredCube | PlacedCubes) -> SingleSamples | HalfSamples:
@@ -64,34 +58,11 @@ class SingleSamples:
         sample: Any = self.samples[item]
         return sh.float_from_bits(sample.x)
 
-    def sample(self, item: Any, coding: None) -> SingleSample:
+    def sample(self, item: Any, coding: None) -> Sample:
         """Return a sample."""
-        sample: Any = self.samples[item]
-        return SingleSample(sample, self.has_slopes)
-
-
-@dataclass(frozen=True)
-class SingleSample:
-    """A row of `SingleSamples`."""
-
-    row: Any
-    has_slopes: bool
-
-    @property
-    def depth(self) -> Any:
-        """The depth of the sample."""
-        return sh.float_from_bits(self.row.x)
-
-    @property
-    def slope(self) -> Any:
-        """The change of the depth by a texel along a row and a column."""
-        slope: Any = sh.float_from_bits(self.row.yz)
-        return slope
-
-    @property
-    def number(self) -> Any:
-        """The number of the triangle."""
-        return sh.Attrib1i(self.row.w if self.has_slopes else self.row.y)
+        row: Any = self.samples[item]
+        slope = sh.float_from_bits(row.yz) if self.has_slopes else None
+        return Sample(sh.float_from_bits(row.x), slope, sh.Attrib1i(row.w if self.has_slopes else row.y))
 
 
 class DepthCoding:
@@ -131,39 +102,13 @@ class HalfSamples:
         bits = ((code & _SIGN) << 16) | (((code & _REST) << 13) + _EXPONENT)
         return sh.float_from_bits(bits) * coding.unit + coding.middle
 
-    def slope(self, item: Any, coding: DepthCoding) -> Any:
-        """Return the change of the depth by a texel along a row and a column."""
-        assert self.slopes is not None
-        code = code_of(self.slopes, item)
-        return (sh.Attrib2f(sh.Attrib1f(code & 0xFF), sh.Attrib1f(code >> 8)) - STEEPEST) * coding.steps
-
-    def sample(self, item: Any, coding: DepthCoding) -> HalfSample:
+    def sample(self, item: Any, coding: DepthCoding) -> Sample:
         """Return a sample."""
-        return HalfSample(self, item, coding)
-
-
-@dataclass(frozen=True)
-class HalfSample:
-    """The sample at a place of `HalfSamples`."""
-
-    samples: HalfSamples
-    item: Any
-    coding: DepthCoding
-
-    @property
-    def depth(self) -> Any:
-        """The depth of the sample."""
-        return self.samples.depth(self.item, self.coding)
-
-    @property
-    def slope(self) -> Any:
-        """The change of the depth by a texel along a row and a column."""
-        return self.samples.slope(self.item, self.coding)
-
-    @property
-    def number(self) -> Any:
-        """The number of the triangle."""
-        return self.samples.triangles[self.item]
+        slope = None
+        if self.slopes is not None:
+            code = code_of(self.slopes, item)
+            slope = (sh.Attrib2f(sh.Attrib1f(code & 0xFF), sh.Attrib1f(code >> 8)) - STEEPEST) * coding.steps
+        return Sample(self.depth(item, coding), slope, self.triangles[item])
 
 
 def code_of(table: Any, item: Any) -> Any:

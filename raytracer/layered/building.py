@@ -64,8 +64,7 @@ class Scanlines:
 
     def run(self, program: Any, *inputs: Any, shape: Any = None) -> Any:
         """Run a program whose first inputs are the triangles and the frame."""
-        kernel = program.compile(self.backend, loop_limit=None)
-        return kernel(self.triangles, self.frame, *inputs, shape=shape)
+        return program.on(self.backend)(self.triangles, self.frame, *inputs, shape=shape)
 
     def owners(self, counts: Any, what: str) -> tuple[Any, Any]:
         """Return the number of the element that owns each of the counted parts, and where each element's parts begin.
@@ -75,10 +74,10 @@ class Scanlines:
         """
         total = int(np.asarray(counts).sum(dtype=np.int64))
         check_count(total, what)
-        starts = sh.scan(raster.added(), counts, exclusive=True)
-        number = raster.numbered().compile(self.backend)(shape=counts.shape)
+        starts = sh.scan(raster.added.program, counts, exclusive=True)
+        number = raster.numbered.on(self.backend)(shape=counts.shape)
         number = sh.Stream(number, sh.Attrib1i, backend=self.backend)
-        return sh.scan(raster.larger(), sh.scatter(number, starts, (total,))), starts
+        return sh.scan(raster.larger.program, sh.scatter(number, starts, (total,))), starts
 
     def samples(self) -> Any:
         """Return the samples in the order of triangles, rows and columns, as streams; None if there are none."""
@@ -86,12 +85,12 @@ class Scanlines:
             return None
         number, starts = self.owners(self.spans.number, "samples")
         tables = map(_table, (starts, self.spans.triangle, self.spans.row, self.spans.first))
-        return self.run(raster.samples_of_spans(), number, *tables) if number.size else None
+        return self.run(raster.samples_of_spans, number, *tables) if number.size else None
 
     def weights(self, samples: Samples) -> NDArray[np.float32]:
         """Return where samples lie in their triangles."""
         texel = np.repeat(np.arange(len(samples.offsets) - 1, dtype=np.int32), np.diff(samples.offsets))
-        return np.asarray(self.run(raster.weights_of_samples(), texel, samples.triangles))
+        return np.asarray(self.run(raster.weights_of_samples, texel, samples.triangles))
 
 
 def build_samples(
@@ -120,7 +119,7 @@ def build_samples(
         texels = np.asarray(offsets)
         halves = depth_codes(frame, texels, np.asarray(depths))
         depths = sh.Stream(decoded(frame, texels, halves), sh.Attrib1f, backend=backend)
-    coarse = raster.coarse_blocks().compile(backend, loop_limit=None)
+    coarse = raster.coarse_blocks.on(backend)
     blocks = coarse(lines.frame, _table(offsets), _table(depths), shape=(3 * lines.blocks**2,))
     samples = Samples(*(np.asarray(part) for part in (offsets, depths, triangle, slopes, *blocks)))
     return replace(samples, halves=halves, weights=lines.weights(samples) if shaded else None)
@@ -135,7 +134,7 @@ def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
     order = sh.gather(by_depth, sh.argsort(sh.gather(samples.texel, by_depth)))
     counts = sh.histogram(samples.texel, 3 * lines.resolution**2 + 1)
     parts = (sh.gather(part, order) for part in (samples.depth, samples.triangle, samples.slope))
-    return sh.scan(raster.added(), counts, exclusive=True), *parts
+    return sh.scan(raster.added.program, counts, exclusive=True), *parts
 
 
 def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
@@ -143,7 +142,7 @@ def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
     spans, backend = lines.spans, lines.backend
     if spans is None:
         return None
-    plane = lines.run(raster.planes_of_spans(), spans.triangle)
+    plane = lines.run(raster.planes_of_spans, spans.triangle)
     place = np.stack([np.asarray(part) for part in (spans.row, spans.first, spans.number)], axis=1)
     owner = np.stack([np.asarray(part) for part in (plane.image, spans.triangle)], axis=1)
     check_count(int(place[:, 2].sum(dtype=np.int64)), "samples")
@@ -152,7 +151,7 @@ def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
         return None
     texel = np.repeat(np.arange(len(offsets) - 1, dtype=np.int32), np.diff(offsets))
     parts = (sh.Stream(part, sh.Attrib1i, backend=backend) for part in (texel, triangle))
-    samples = lines.run(raster.samples_of_texels(), *parts)
+    samples = lines.run(raster.samples_of_texels, *parts)
     return sh.Stream(offsets, sh.Attrib1i, backend=backend), samples.depth, samples.triangle, samples.slope
 
 

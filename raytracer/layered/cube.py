@@ -237,47 +237,42 @@ class LayeredCube:
 
 
 def is_layered(accel: str) -> bool:
-    """Return whether the name of an accelerator is "ldc", "ldc:resolution", or this with ":hit" or ":hit:shading".
-
-    A last ":half" is for depths in binary16. Raises SceneError for a name that begins like these and goes on otherwise.
-    """
-    name, *more = str(accel).split(":")
-    if name != "ldc":
-        return False
-    words, half = _words(more)
-    if len(words) > 3 or (more and not (more[0].isascii() and more[0].isdigit())):
-        raise SceneError(
-            f'a layered depth cube is "ldc", "ldc:1024", "ldc:1024:half" or "ldc:1024:triangle", not {accel!r}'
-        )
-    for word, choices in zip(words[1:], (HITS, SHADINGS), strict=False):
-        if word not in choices:
-            raise SceneError(
-                f"{word!r} in {accel!r} is none of {', '.join(map(repr, choices))}; "
-                '"half" stands last, as in "ldc:1024:half"'
-            )
-    _check_depths("half" if half else "single", _hit_and_shading(words)[0], words[0] if words else "")
-    return True
+    """Return whether the name of an accelerator is that of a cube; SceneError as `options_of`."""
+    return options_of(accel) is not None
 
 
 def cube_of(accel: str, mesh_or_scene: Mesh | HasMeshes, backend: str | None) -> LayeredCube:
-    """Return the cube that an accelerator's name stands for; see `is_layered`."""
-    words, half = _words(accel.split(":")[1:])
-    resolution = int(words[0]) if words else _RESOLUTION
-    hit, shading = _hit_and_shading(words)
+    """Return the cube that an accelerator's name stands for."""
+    options = options_of(accel)
+    assert options is not None
+    return LayeredCube.of(mesh_or_scene, backend=backend, **options)
+
+
+def options_of(accel: str) -> dict[str, Any] | None:
+    """Return the options of the cube that "ldc", "ldc:resolution", or this with ":hit" or ":hit:shading" stands for.
+
+    A last ":half" is for depths in binary16. None for the name of another accelerator. Raises SceneError for a name
+    that begins like these and goes on otherwise.
+    """
+    name, *words = str(accel).split(":")
+    if name != "ldc":
+        return None
+    half = len(words) > 1 and words[-1] == "half"
+    resolution, *choices = words[: len(words) - half] or [str(_RESOLUTION)]
+    if len(choices) > 2 or not (resolution.isascii() and resolution.isdigit()):
+        raise SceneError(
+            f'a layered depth cube is "ldc", "ldc:1024", "ldc:1024:half" or "ldc:1024:triangle", not {accel!r}'
+        )
+    for word, allowed in zip(choices, (HITS, SHADINGS), strict=False):
+        if word not in allowed:
+            raise SceneError(
+                f"{word!r} in {accel!r} is none of {', '.join(map(repr, allowed))}; "
+                '"half" stands last, as in "ldc:1024:half"'
+            )
+    hit, shading = (*choices, *("plane", "exact")[len(choices) :])
     depths = "half" if half else "single"
-    return LayeredCube.of(mesh_or_scene, resolution, backend=backend, hit=hit, shading=shading, depths=depths)
-
-
-def _words(more: list[str]) -> tuple[list[str], bool]:
-    """Return the words of an accelerator's name after "ldc" without a last "half", and whether there is one."""
-    half = len(more) > 1 and more[-1] == "half"
-    return (more[:-1] if half else more), half
-
-
-def _hit_and_shading(words: list[str]) -> tuple[str, str]:
-    """Return the hit test and the shading of an accelerator's words, which begin with the resolution."""
-    hit, shading = (*words[1:3], *("plane", "exact")[len(words[1:3]) :])
-    return hit, shading
+    _check_depths(depths, hit, resolution)
+    return {"resolution": int(resolution), "hit": hit, "shading": shading, "depths": depths}
 
 
 def _check(mesh_or_scene: Any, resolution: Any, block: Any, hit: str, tolerance: Any) -> None:

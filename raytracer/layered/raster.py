@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, higher, highest, lower, lowest
+from raytracer.accel.programs import LateProgram
 from shpy import SH_FOR, SH_IF
 
 MARGIN = 2.0**-6
@@ -153,7 +154,7 @@ def span_of(corners: Sequence[Any], low: Any, high: Any) -> tuple[Any, Any]:
 def rows_of_triangles(conservative: bool) -> Any:
     """Record the program that gives the rows of each triangle."""
 
-    @sh.program
+    @LateProgram
     def rows(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f]) -> Rows:
         seen = Projected(triangles, frame, sh.grid_index(1))
         heights = [corner[1] for corner in seen.corners]
@@ -168,7 +169,7 @@ def rows_of_triangles(conservative: bool) -> Any:
 def spans_of_rows(conservative: bool) -> Any:
     """Record the program that gives the span of each row; `starts` is where each triangle's rows begin."""
 
-    @sh.program
+    @LateProgram
     def spans(
         triangles: sh.Table[sh.Attrib4f],
         frame: sh.Table[sh.Attrib4f],
@@ -187,31 +188,26 @@ def spans_of_rows(conservative: bool) -> Any:
     return spans
 
 
-@cache
-def samples_of_spans() -> Any:
-    """Record the program that gives the samples of all spans.
+@LateProgram
+def samples_of_spans(
+    triangles: sh.Table[sh.Attrib4f],
+    frame: sh.Table[sh.Attrib4f],
+    number: sh.Attrib1i,
+    starts: sh.Table[sh.Attrib1i],
+    span_triangle: sh.Table[sh.Attrib1i],
+    span_row: sh.Table[sh.Attrib1i],
+    span_first: sh.Table[sh.Attrib1i],
+) -> Sample:
+    """Return the samples of all spans.
 
     `number` is the span of each, `starts` where each span's samples begin.
     """
-
-    @sh.program
-    def samples_of_spans(
-        triangles: sh.Table[sh.Attrib4f],
-        frame: sh.Table[sh.Attrib4f],
-        number: sh.Attrib1i,
-        starts: sh.Table[sh.Attrib1i],
-        span_triangle: sh.Table[sh.Attrib1i],
-        span_row: sh.Table[sh.Attrib1i],
-        span_first: sh.Table[sh.Attrib1i],
-    ) -> Sample:
-        triangle, row = span_triangle[number], span_row[number]
-        column = span_first[number] + sh.grid_index(1) - starts[number]
-        seen = Projected(triangles, frame, triangle)
-        resolution = sh.Attrib1i(frame[COUNTS].x)
-        texel = (seen.axis * resolution + row) * resolution + column
-        return Sample(texel, seen.depth(column, row), triangle, sh.Attrib2f(*seen.slope))
-
-    return samples_of_spans
+    triangle, row = span_triangle[number], span_row[number]
+    column = span_first[number] + sh.grid_index(1) - starts[number]
+    seen = Projected(triangles, frame, triangle)
+    resolution = sh.Attrib1i(frame[COUNTS].x)
+    texel = (seen.axis * resolution + row) * resolution + column
+    return Sample(texel, seen.depth(column, row), triangle, sh.Attrib2f(*seen.slope))
 
 
 def bits_below(count: Any) -> Any:
@@ -220,53 +216,38 @@ def bits_below(count: Any) -> Any:
     return sh.cond(inside == 32, sh.Attrib2u(0xFFFFFFFF), (sh.Attrib2u(1) << sh.Attrib2u(sh.min(inside, 31))) - 1)
 
 
-@cache
-def planes_of_spans() -> Any:
-    """Record the program that gives the plane of the triangle of each span."""
-
-    @sh.program
-    def planes_of_spans(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], number: sh.Attrib1i) -> Plane:
-        seen = Projected(triangles, frame, number)
-        return Plane(seen.axis, sh.Point3f(*seen.corners[0]), sh.Attrib2f(*seen.slope))
-
-    return planes_of_spans
+@LateProgram
+def planes_of_spans(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], number: sh.Attrib1i) -> Plane:
+    """Return the plane of the triangle of each span."""
+    seen = Projected(triangles, frame, number)
+    return Plane(seen.axis, sh.Point3f(*seen.corners[0]), sh.Attrib2f(*seen.slope))
 
 
-@cache
-def samples_of_texels() -> Any:
-    """Record the program that gives the samples of texels that are known to be reached by triangles."""
-
-    @sh.program
-    def samples_of_texels(
-        triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
-    ) -> Sample:
-        seen = Projected(triangles, frame, triangle)
-        resolution = sh.Attrib1i(frame[COUNTS].x)
-        row = texel // resolution - seen.axis * resolution
-        return Sample(texel, seen.depth(texel % resolution, row), triangle, sh.Attrib2f(*seen.slope))
-
-    return samples_of_texels
+@LateProgram
+def samples_of_texels(
+    triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
+) -> Sample:
+    """Return the samples of texels that are known to be reached by triangles."""
+    seen = Projected(triangles, frame, triangle)
+    resolution = sh.Attrib1i(frame[COUNTS].x)
+    row = texel // resolution - seen.axis * resolution
+    return Sample(texel, seen.depth(texel % resolution, row), triangle, sh.Attrib2f(*seen.slope))
 
 
-@cache
-def weights_of_samples() -> Any:
-    """Record the program that gives where samples lie in their triangles: the weights of corners 1 and 2.
+@LateProgram
+def weights_of_samples(
+    triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
+) -> sh.TexCoord2f:
+    """Return where samples lie in their triangles: the weights of corners 1 and 2.
 
     The centre of a texel that a triangle only touches is moved into the triangle.
     """
-
-    @sh.program
-    def weights_of_samples(
-        triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
-    ) -> sh.TexCoord2f:
-        seen = Projected(triangles, frame, triangle)
-        resolution = sh.Attrib1i(frame[COUNTS].x)
-        column, row = texel % resolution, texel // resolution - seen.axis * resolution
-        middle = sh.Attrib2f(sh.Attrib1f(column) + 0.5, sh.Attrib1f(row) + 0.5)
-        b, c, whole = weights_at([(x - middle.x, y - middle.y) for x, y, _ in seen.corners])
-        return sh.TexCoord2f(b / whole, c / whole)
-
-    return weights_of_samples
+    seen = Projected(triangles, frame, triangle)
+    resolution = sh.Attrib1i(frame[COUNTS].x)
+    column, row = texel % resolution, texel // resolution - seen.axis * resolution
+    middle = sh.Attrib2f(sh.Attrib1f(column) + 0.5, sh.Attrib1f(row) + 0.5)
+    b, c, whole = weights_at([(x - middle.x, y - middle.y) for x, y, _ in seen.corners])
+    return sh.TexCoord2f(b / whole, c / whole)
 
 
 def weights_at(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any, Any]:
@@ -279,65 +260,43 @@ def weights_at(corners: Sequence[tuple[Any, Any]]) -> tuple[Any, Any, Any]:
     return b, c, sh.cond(whole > 0, whole, 1.0)
 
 
-@cache
-def coarse_blocks() -> Any:
-    """Record the program that gives the coarse level of each block of texels, over all layers."""
-
-    @sh.program
-    def coarse_blocks(
-        frame: sh.Table[sh.Attrib4f], offsets: sh.Table[sh.Attrib1i], depths: sh.Table[sh.Attrib1f]
-    ) -> Block:
-        resolution, block, blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
-        number = sh.grid_index(1)
-        image, place = number // (blocks * blocks), number % (blocks * blocks)
-        top, left = place // blocks * block, place % blocks * block
-        low, inverse = (turned(frame[k].xyz, image)[2] for k in (LOW, INVERSE))
-        inverse = inverse * frame[COUNTS].w
-        ends, slices = sh.Attrib2f(FAR, -FAR), sh.Attrib2u(0)
-        width = sh.min(block, resolution - left)
-        with SH_FOR(top, sh.min(top + block, resolution)) as row:
-            texel = (image * resolution + row) * resolution + left
-            with SH_FOR(texel, texel + width) as here:
-                begin, end = offsets[here], offsets[here + 1]
-                with SH_FOR(begin, end) as item:
-                    depth = depths[item]
-                    ends.x = lower(ends.x, depth)
-                    ends.y = higher(ends.y, depth)
-                    slice = sh.Attrib1i((depth - low) * inverse)
-                    slices |= bits_below(slice + 1) & ~bits_below(slice)
-        return Block(ends, slices)
-
-    return coarse_blocks
+@LateProgram
+def coarse_blocks(frame: sh.Table[sh.Attrib4f], offsets: sh.Table[sh.Attrib1i], depths: sh.Table[sh.Attrib1f]) -> Block:
+    """Return the coarse level of each block of texels, over all layers."""
+    resolution, block, blocks = (sh.Attrib1i(frame[COUNTS][k]) for k in range(3))
+    number = sh.grid_index(1)
+    image, place = number // (blocks * blocks), number % (blocks * blocks)
+    top, left = place // blocks * block, place % blocks * block
+    low, inverse = (turned(frame[k].xyz, image)[2] for k in (LOW, INVERSE))
+    inverse = inverse * frame[COUNTS].w
+    ends, slices = sh.Attrib2f(FAR, -FAR), sh.Attrib2u(0)
+    width = sh.min(block, resolution - left)
+    with SH_FOR(top, sh.min(top + block, resolution)) as row:
+        texel = (image * resolution + row) * resolution + left
+        with SH_FOR(texel, texel + width) as here:
+            begin, end = offsets[here], offsets[here + 1]
+            with SH_FOR(begin, end) as item:
+                depth = depths[item]
+                ends.x = lower(ends.x, depth)
+                ends.y = higher(ends.y, depth)
+                slice = sh.Attrib1i((depth - low) * inverse)
+                slices |= bits_below(slice + 1) & ~bits_below(slice)
+    return Block(ends, slices)
 
 
-@cache
-def added() -> Any:
-    """Record the program that adds two counts."""
-
-    @sh.program
-    def added(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
-        return a + b
-
-    return added
+@LateProgram
+def added(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    """Add two counts."""
+    return a + b
 
 
-@cache
-def larger() -> Any:
-    """Record the program that takes the larger of two numbers."""
-
-    @sh.program
-    def larger(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
-        return sh.max(a, b)
-
-    return larger
+@LateProgram
+def larger(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    """Return the larger of two numbers."""
+    return sh.max(a, b)
 
 
-@cache
-def numbered() -> Any:
-    """Record the program that gives each element its place."""
-
-    @sh.program
-    def numbered() -> sh.Attrib1i:
-        return sh.grid_index(1)
-
-    return numbered
+@LateProgram
+def numbered() -> sh.Attrib1i:
+    """Return the place of each element."""
+    return sh.grid_index(1)
