@@ -267,18 +267,18 @@ _LATE = (
     *("shpy.notebook", "shpy.view", "importlib.metadata"),
     *("lark", "mapbox_earcut", "matplotlib", "moderngl", "mpmath", "PIL", "pyopencl", "scipy", "trimesh"),
 )
-"""Modules that importing shpy and raytracer does not load. The check of functions' text is for raytracer's structs."""
+"""Modules that importing shpy and raytracer does not load."""
 
 
 @pytest.mark.parametrize(
     ("package", "late"),
     [
-        ("shpy", (*_LATE, "shpy.lang.mistakes.flow")),
+        ("shpy", (*_LATE, "shpy.lang.mistakes.explain")),
         ("raytracer", (*_LATE, "raytracer.cli", "raytracer.studies.christen")),
     ],
 )
 def test_importing_loads_what_recording_needs_and_no_more(package, late):
-    """Parsing, tracing, compiling and the check of a function's text load their modules on first use."""
+    """Parsing, tracing, compiling and the messages of mistakes load their modules on first use."""
     assert [m for m in late if m.startswith(("shpy", "raytracer")) and importlib.util.find_spec(m) is None] == []
     code = f"import sys, {package}; print(*sorted(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -1,4 +1,4 @@
-"""Functions made from text for the tests of the source check, and what the check says of them."""
+"""Functions made from text for the tests of mistakes, and what recording says of them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ import pytest
 
 import shpy as sh
 from shpy.errors import RecordError
-from shpy.lang.mistakes.check import check_source
 from shpy.lang.programs import control
-from shpy.lang.programs.record import is_value
 
 BLOCKS = {k: v for k, v in vars(control).items() if k.startswith("SH_")}
 _count = itertools.count()
@@ -43,7 +41,14 @@ def made(text: str, **names: Any) -> Any:
 
 
 def check(text: str, **names: Any) -> None:
-    check_source(made(text, **names), is_value=is_value)
+    """Record the last function; an input without a type is an Attrib1f."""
+    record(made(text, **names))
+
+
+def record(function: Any) -> sh.Program:
+    for name in function.__code__.co_varnames[: function.__code__.co_argcount]:
+        function.__annotations__.setdefault(name, sh.Attrib1f)
+    return sh.program(function)
 
 
 def blame(text: str, **names: Any) -> str:

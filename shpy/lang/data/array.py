@@ -15,11 +15,12 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
+from shpy.lang.mistakes.aliases import check_store
 from shpy.lang.programs.blocks import Counted
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values import arithmetic
-from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import Literal
 from shpy.lang.values.structure import Layout, build_values, flatten, layout_of, leaves
 from shpy.lang.values.value import Value
@@ -146,6 +147,7 @@ class Array(Symbolic):
             self._take(value)
             return
         index = self._index(i)
+        check_store(self._frame, self)
         entries = flatten(self._layout, value, "an element")
         for variable, cls, entry in zip(self._variables, self._classes, entries, strict=True):
             handle = arithmetic.convert(self._frame, entry, cls.type, "a store into an Array")

@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import FrameType
-from typing import NoReturn, TypeAlias, TypeGuard
+from typing import Any, NoReturn, TypeAlias, TypeGuard
 
 import numpy as np
 
@@ -23,12 +23,11 @@ from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
 from shpy.lang.mistakes.foreign import OTHER_NAMES, SPELLED_OUT, is_in_library, module_cure
-from shpy.lang.mistakes.objects import named
+from shpy.lang.mistakes.objects import is_vector, named
 from shpy.lang.mistakes.rewrite import ends_of, rewritten, size_of
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
-from shpy.lang.values.abstract import AbstractValue
 
 Hint: TypeAlias = tuple[str, str]  # the sentence, the cure
 _Span: TypeAlias = tuple[int, int, int, int]
@@ -101,7 +100,7 @@ class _Site:
     whole: ast.AST
 
 
-def refuse(value: AbstractValue, asked: str) -> NoReturn:
+def refuse(value: Any, asked: str) -> NoReturn:
     """Raise RecordError for a symbolic value that Python or numpy asked for a bool, a number or an array."""
     loc = here()
     sentence, unseen = _UNSEEN[asked]
@@ -166,7 +165,7 @@ class _Spelling:
     def counted(self, node: ast.expr) -> str:
         """Return an expression as an int of the language."""
         value, text = named(node, self.frame), ast.unparse(node)
-        return f"{self.prefix}Attrib1i({text})" if isinstance(value, AbstractValue) and not value.type.is_int else text
+        return f"{self.prefix}Attrib1i({text})" if is_vector(value) and not value.type.is_int else text
 
     def quoted(self, node: ast.AST) -> str:
         """Return the code as it stands in the text."""

@@ -45,10 +45,10 @@ def rebound(loc: Loc, place: str, written: str, used: str, cure: str, *, is_new:
     )
 
 
-def index_used(loc: Loc, place: str, written: str, use: ast.AST, prefix: str) -> RecordError:
-    """Return the error for a loop's index that is used after the loop."""
+def index_used(loc: Loc, place: str, written: str, used: int, prefix: str) -> RecordError:
+    """Return the error for a loop's index that is used after the loop, on a line."""
     return RecordError(
-        f"`{place}` counts the iterations of `with {written}`, and is used after it (line {line_of(use)})",
+        f"`{place}` counts the iterations of `with {written}`, and is used after it (line {used})",
         loc=loc,
         cure=f"`last = {prefix}Attrib1i()` before the loop, `last[:] = {place}` inside, `last` after it",
     )
@@ -114,15 +114,6 @@ def without_call(text: Text, node: ast.expr, block: bool) -> RecordError:
     """Return the error for `SH_BREAK`, or `with SH_DO:`, without parentheses."""
     name = quoted(text, node)
     return RecordError(f"`{name}` is not called", loc=at(text, node), cure=f"with {name}():" if block else f"{name}()")
-
-
-def until_not_last(text: Text, node: ast.stmt, following: ast.stmt) -> RecordError:
-    """Return the error for a test that is not the last statement of its loop."""
-    return RecordError(
-        f"`{quoted(text, node)}` is not the last statement of its SH_DO: line {line_of(following)} follows it",
-        loc=at(text, node),
-        cure="move it to the end of the block; `SH_BREAK(c)` leaves a loop in the middle",
-    )
 
 
 def none_compared(text: Text, node: ast.Compare, value: ast.expr) -> RecordError:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Iterable
+from types import FunctionType
 
 from shpy.ir.ops import OPS
 
@@ -90,6 +91,12 @@ _OF_VALUES = {
 }  # fmt: skip
 
 _TWO = frozenset(row.name for row in OPS.values() if len(row.takes) > 1)
+
+
+def functions() -> list[str]:
+    """Return the names in `shpy` of the functions that give one value: their annotation says `Any`."""
+    things = vars(sys.modules["shpy"]).items()
+    return [n for n, x in things if isinstance(x, FunctionType) and x.__annotations__.get("return") == "Any"]
 
 
 def is_in_library(name: str) -> bool:

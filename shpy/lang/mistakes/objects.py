@@ -12,7 +12,13 @@ import inspect
 from types import FrameType
 from typing import Any
 
-from shpy.lang.values.abstract import AbstractValue
+from shpy.lang.recording.symbolic import Symbolic
+
+
+def is_vector(thing: object) -> bool:
+    """Return whether this is a scalar or vector of the language, or the class of one."""
+    cls = thing if isinstance(thing, type) else type(thing)
+    return issubclass(cls, Symbolic) and hasattr(cls, "base")
 
 
 def named(node: ast.expr, frame: FrameType | None) -> Any:
@@ -26,7 +32,7 @@ def named(node: ast.expr, frame: FrameType | None) -> Any:
         return None
     if isinstance(node, ast.Attribute):
         owner = named(node.value, frame)
-        return None if owner is None or isinstance(owner, AbstractValue) else _attribute(owner, node.attr)
+        return None if owner is None or is_vector(owner) else _attribute(owner, node.attr)
     return None
 
 

@@ -12,12 +12,11 @@ import ast
 import copy
 from functools import reduce
 from types import FrameType
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from shpy.ir.types import Base
-from shpy.lang.mistakes.objects import named
+from shpy.lang.mistakes.objects import is_vector, named
 from shpy.lang.mistakes.precedence import joined_comparisons
-from shpy.lang.values.abstract import AbstractValue
 from shpy.parsing import parse
 
 _LONGEST = 96
@@ -146,11 +145,9 @@ class _Rewriter(ast.NodeTransformer):
             case ast.Call(func=function):
                 cls = named(function, self.frame)
                 return _of_class(cls) if isinstance(cls, type) else None
-            case ast.Attribute(value=value, attr=picked) if isinstance(
-                subject := named(value, self.frame), AbstractValue
-            ):
+            case ast.Attribute(value=value, attr=picked) if is_vector(subject := named(value, self.frame)):
                 return _Form(subject.base is Base.B, len(picked))
-            case ast.Subscript(value=value) if isinstance(subject := named(value, self.frame), AbstractValue):
+            case ast.Subscript(value=value) if is_vector(subject := named(value, self.frame)):
                 return _Form(subject.base is Base.B, 1)
         subject = named(node, self.frame)
         if isinstance(subject, bool):
@@ -162,9 +159,9 @@ class _Rewriter(ast.NodeTransformer):
         return max((form.size for node in nodes if (form := self.form(node))), default=1)
 
 
-def _of_class(cls: type) -> _Form | None:
+def _of_class(cls: Any) -> _Form | None:
     """Return the form of the values of a class of the language."""
-    return _Form(cls.base is Base.B, cls.size) if issubclass(cls, AbstractValue) else None
+    return _Form(cls.base is Base.B, cls.size) if is_vector(cls) else None
 
 
 def _membership(left: ast.expr, items: list[ast.expr], *, positive: bool) -> ast.expr:

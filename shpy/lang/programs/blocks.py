@@ -9,12 +9,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Break, If, Loc, Loop, Region, Stmt
 from shpy.ir.types import Base, vec
-from shpy.lang.mistakes import bytecode
+from shpy.lang.mistakes import frames
+from shpy.lang.mistakes.statements import alone
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import for_name
 from shpy.lang.recording.recorder import Frame, Scope, need_frame
@@ -45,6 +46,12 @@ class _Construct(type):
         block.frame.waiting.append(block)
         return block
 
+    def __enter__(cls) -> NoReturn:
+        raise RecordError(f"`{cls.what}` is not called", loc=here(), cure=f"with {cls.what}():")
+
+    def __exit__(cls, *error: object) -> None:
+        """Exist, since Python looks for it before it enters."""
+
 
 class Block(metaclass=_Construct):
     """A `with SH_…` block: opens a scope on entry, closes it on exit."""
@@ -56,8 +63,12 @@ class Block(metaclass=_Construct):
         self.frame = need_frame(self.what)
         self.loc = here()
         self.scope: Scope | None = None
-        self.entries: list[bytecode.Entry] = []
+        self.entries: list[frames.Entry] = []
         self.test: Callable[[], Any] | None = None
+
+    def unopened(self) -> RecordError:
+        """Return the error for a block that its function never opens."""
+        return alone(self.what, self.loc)
 
     def open(self) -> None:
         """Open the block's region."""
@@ -70,7 +81,7 @@ class Block(metaclass=_Construct):
         frame.waiting.remove(self)
         frame.scopes.append(self.scope)
         frame.blocks.append(self)
-        self.entries = bytecode.entered()
+        self.entries = frames.entered()
 
     def close(self) -> Region:
         """Close the region; return its statements."""
@@ -121,7 +132,7 @@ class Block(metaclass=_Construct):
             return
         region = self.close()
         try:
-            bytecode.check_left(entries, self.what, self.loc, self.loop, self.test)
+            frames.check_left(entries, self.what, self.loc, self.loop, self.test)
             self.finish(region)
         except RecordError as error:
             self.frame.damage = self.frame.damage or error

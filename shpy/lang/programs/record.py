@@ -29,12 +29,12 @@ from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.programs.copies import without_copies
 from shpy.lang.programs.returns import Returns
 from shpy.lang.programs.subroutine import _slot_value
-from shpy.lang.recording.location import at, here
+from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.scope import unwrapped
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
-from shpy.lang.values.structure import Layout, build_values, is_value, layout_of, leaves
+from shpy.lang.values.structure import Layout, build_values, layout_of, leaves
 
 InputType = Layout | TableType | TextureType
 
@@ -69,9 +69,7 @@ RESERVED = ("out", "shape", "where")
 def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
     """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
     loc = loc_of(function)
-    from shpy.lang.mistakes.check import check_source  # here: importing shpy records nothing
-
-    check_source(function, is_value=is_value)
+    _check_kind(plain_function(function))
     types, defaults = _input_types(function, loc)
     title: str = name or str(getattr(plain_function(function), "__name__", "program"))
     with uncollected(), recording("program" if title == "<lambda>" else title, loc) as context:
@@ -80,6 +78,21 @@ def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
         body = lambda arguments: _called(function, arguments)  # noqa: E731
         recorded = record_body(context, types, layout, body, return_loc(function), bodies_of(function))
         return replace(recorded, defaults=defaults)
+
+
+def _check_kind(function: Any) -> None:
+    """Raise RecordError for a coroutine or a generator: a call of it returns before its body runs."""
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return
+    if code.co_flags & (inspect.CO_COROUTINE | inspect.CO_ASYNC_GENERATOR):
+        kind, cure = "coroutine", f"def {code.co_name}"
+    elif code.co_flags & inspect.CO_GENERATOR:
+        kind, cure = "generator", "return a, b"
+    else:
+        return
+    text = f"{code.co_name} is a {kind}, and its body does not run when it is called"
+    raise RecordError(text, loc=loc_in(code, code.co_firstlineno), cure=cure)
 
 
 def _is_open(annotation: Any) -> bool:
@@ -160,7 +173,7 @@ def _called(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
         hide_frames()
         if isinstance(error, ShpyError) or not isinstance(error, _EXPLAINED):
             raise
-        from shpy.lang.mistakes.python_errors import explain_python_error  # here: few programs need it
+        from shpy.lang.programs.python_errors import explain_python_error  # here: few programs need it
 
         explained = explain_python_error(error, str(getattr(plain_function(function), "__name__", "")))
         if explained is None:

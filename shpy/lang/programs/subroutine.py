@@ -22,7 +22,7 @@ from shpy.ir.nodes import Call, Function, Loc, Store, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, walk
 from shpy.lang.data.array import Array
 from shpy.lang.programs.returns import Returns
-from shpy.lang.recording.location import at, here, in_library, is_library
+from shpy.lang.recording.location import at, here, in_library, is_library, on_one_line
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc
 from shpy.lang.recording.tree import in_one_statement
@@ -231,6 +231,7 @@ class Recorded:
         """Return everything but the name; recordings with equal contents share one function."""
         return self.layout, self.function.loc, replace(self.function, name="")
 
+    @on_one_line
     def call(self, frame: Frame, arguments: dict[str, Any], converted: Collection[str]) -> Any:
         """Record a call from `frame`; return the function's result. Arguments in `converted` cannot be stored into."""
         results = frame.call(self.function, tuple(self._arguments(frame, arguments, converted)))
@@ -346,13 +347,10 @@ def subroutine(function: Callable[..., Any] | None = None, *, alone: bool = Fals
     would take different branches and read different elements of tables. The results are the same; it takes no
     `sh.Array`.
 
-    Raises RecordError for the classic mistakes that its source shows, ShpyTypeError for anything but a function.
+    Raises ShpyTypeError for anything but a function.
     """
     if function is None:
         return functools.partial(subroutine, alone=alone)
     if not callable(function):
         raise ShpyTypeError("sh.subroutine takes a function", loc=here(), cure="@sh.subroutine above a def")
-    from shpy.lang.mistakes.check import check_source  # here: importing shpy records nothing
-
-    check_source(function, is_value=is_value)
     return Subroutine(function, alone=alone)

@@ -118,7 +118,7 @@ def is_users(file: str) -> bool:
     return not _look_inside(file)
 
 
-_IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
+IN_PLACE = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
 
 
 def called_frames() -> list[FrameType]:
@@ -129,7 +129,7 @@ def called_frames() -> list[FrameType]:
     frames: list[FrameType] = []
     frame = user_frame()
     while frame is not None and not _look_inside(frame.f_code.co_filename):
-        if frame.f_code.co_name not in _IN_PLACE:
+        if frame.f_code.co_name not in IN_PLACE:
             frames.append(frame)
         frame = frame.f_back
     return frames
@@ -162,7 +162,33 @@ def here() -> Loc | None:
     if elsewhere:
         return elsewhere[-1]
     frame = user_frame()
-    return None if frame is None else loc_in(frame.f_code, frame.f_lineno)
+    if frame is None:
+        return None
+    places = origin(frame.f_code).places
+    loc = places.get(frame.f_lasti)
+    if loc is None:  # Python walks through the table of lines for `f_lineno`
+        loc = places[frame.f_lasti] = loc_in(frame.f_code, frame.f_lineno)
+    return loc
+
+
+def on_one_line(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function that runs none of the user's code: the user's line is looked up once for all it records.
+
+    An operator records up to six statements, and the look-up goes through the frames between the user and the recorder.
+    """
+
+    @functools.wraps(function)
+    def run(*args: P.args, **named: P.kwargs) -> T:
+        elsewhere = _thread.elsewhere
+        if elsewhere:
+            return function(*args, **named)
+        elsewhere.append(here())
+        try:
+            return function(*args, **named)
+        finally:
+            elsewhere.pop()
+
+    return run
 
 
 def caller() -> Loc | None:

@@ -6,7 +6,7 @@ emitted text read like the user's program.
     12: z = sh.Attrib2f(0, 0)           # name_for(loc) == "z"
     13: z[:] = z + c                    # name_for(loc) is None: a store, not a name
     14: with SH_FOR(0, 8) as i:         # for_name(loc) == "i"
-    15: a, b = x + 1, sh.sqrt(x)        # unpacked_name(frame) == "b" while the root is taken
+    15: a, b = x + 1, sh.sqrt(x)        # unpacked_name(loc) == "b" while the root is taken
 """
 
 from __future__ import annotations
@@ -28,20 +28,22 @@ from shpy.lang.recording.text import Text, text_of
 class Naming:
     """The names that one file binds, by line: the targets of assignments and of `with … as`."""
 
-    tree: ast.Module
+    text: Text
     assigned: dict[int, str | None] = field(default_factory=dict)
     unpacked: dict[int, list[tuple[ast.expr, str]]] = field(default_factory=dict)
     bound: dict[int, str | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for node in ast.walk(self.tree):
+        for node in self.text.statements:
             if isinstance(node, ast.Assign | ast.AnnAssign):
                 _enter(self.assigned, node, _target(node))
                 for expression, name in _pairs(node):
                     for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
                         self.unpacked.setdefault(line, []).append((expression, name))
-            elif isinstance(node, ast.withitem) and isinstance(node.optional_vars, ast.Name):
-                _enter(self.bound, node.context_expr, node.optional_vars.id)
+            elif isinstance(node, ast.With | ast.AsyncWith):
+                for item in node.items:
+                    if isinstance(item.optional_vars, ast.Name):
+                        _enter(self.bound, item.context_expr, item.optional_vars.id)
 
 
 def _target(node: ast.Assign | ast.AnnAssign) -> str | None:
@@ -68,7 +70,7 @@ def _enter(names: dict[int, str | None], node: ast.stmt | ast.expr, name: str | 
 
 @lru_cache(maxsize=256)
 def _naming(text: Text) -> Naming | None:
-    return Naming(text.tree) if text.tree is not None else None
+    return Naming(text) if text.tree is not None else None
 
 
 def _naming_at(loc: Loc | None) -> Naming | None:
@@ -131,17 +133,19 @@ def _positions(code: CodeType) -> list[Any]:
     return listing
 
 
-def unpacked_name(frame: FrameType | None) -> str | None:
-    """Return the name that an assignment such as `a, b = x + 1, y` gives the expression that `frame` is evaluating."""
-    text = text_of(frame.f_code) if frame is not None else None
-    naming = _naming(text) if text is not None else None
-    if frame is None or naming is None or frame.f_lineno not in naming.unpacked:
+def unpacked_name(loc: Loc) -> str | None:
+    """Return the name that an assignment on a line, such as `a, b = x + 1, y`, gives the expression that is running."""
+    naming = _naming_at(loc)
+    if naming is None or loc.line not in naming.unpacked:
+        return None
+    frame = user_frame()
+    if frame is None or frame.f_lineno != loc.line or text_of(frame.f_code) is not loc.text:
         return None
     positions = _positions(frame.f_code)[frame.f_lasti // 2]
     if None in positions:
         return None
     line, _, column, _ = positions
-    for e, name in naming.unpacked[frame.f_lineno]:
+    for e, name in naming.unpacked[loc.line]:
         if (e.lineno, e.col_offset) <= (line, column) < (e.end_lineno, e.end_col_offset):
             return name
     return None

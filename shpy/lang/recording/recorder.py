@@ -34,7 +34,7 @@ from shpy.ir.nodes import (
 from shpy.ir.ops import result_type
 from shpy.ir.traverse import rewrite, walk
 from shpy.ir.types import Type
-from shpy.lang.recording.location import here, user_frame
+from shpy.lang.recording.location import here
 from shpy.lang.recording.names import name_for, unpacked_name
 
 if TYPE_CHECKING:
@@ -100,7 +100,8 @@ class Frame:
 
     def append(self, statement: Stmt) -> None:
         """Record a statement in the open region; an error after an exit."""
-        statements = self.scope.statements
+        scope = self.scopes[-1]
+        statements = scope.statements
         if statements and isinstance(statements[-1], EXITS):
             exit = statements[-1]
             raise RecordError(
@@ -108,11 +109,11 @@ class Frame:
                 loc=here(),
                 cure="put it before, or give the exit a condition, as in SH_BREAK(c)",
             )
-        if self.scope.sealed is not None:
+        if scope.sealed is not None:
             raise RecordError(
-                f"this follows the SH_UNTIL at {self.scope.sealed}, which is the last statement of its SH_DO",
+                f"this follows the SH_UNTIL at {scope.sealed}, which is the last statement of its SH_DO",
                 loc=here(),
-                cure="put it before the SH_UNTIL",
+                cure="put it before the SH_UNTIL; `SH_BREAK(c)` leaves a loop in the middle",
             )
         statements.append(statement)
 
@@ -152,9 +153,9 @@ class Frame:
         loc = loc or here()
         variable = Variable(len(self.variables), type, length, None, loc)
         self.variables.append(variable)
-        self.homes[variable.id] = self.scope
+        self.homes[variable.id] = self.scopes[-1]
         if name is None and loc is not None:
-            name = name_for(loc) or unpacked_name(user_frame())
+            name = name_for(loc) or unpacked_name(loc)
             if name is not None:
                 # Only the last object made on a line is what the line's name is bound to.
                 before = self._named_at.get((loc.file, loc.line, name))
@@ -186,9 +187,11 @@ class Frame:
     def _check_blocks(self) -> None:
         if self.damage is not None:
             raise self.damage
-        for block in self.blocks or self.waiting:
-            state = "is still open at the end" if self.blocks else "alone does nothing: it opens a block"
-            raise RecordError(f"this {block.what} {state}", loc=block.loc, cure=f"with {block.what}(…):")
+        for block in self.blocks:
+            text = f"this {block.what} is still open at the end"
+            raise RecordError(text, loc=block.loc, cure=f"with {block.what}(…):")
+        for block in self.waiting:
+            raise block.unopened()
 
     def named(self, variable: Variable) -> Variable:
         """Return the variable with its final name."""

@@ -4,7 +4,7 @@ Stage: record. Takes a code object; gives the text that it was compiled from, or
 written by another program, since Python compiled it. So its text is compiled again and compared with the code object:
 bytecode, constants, names and the positions of all instructions. Where an editor has changed the file, the versions
 that were read before are compared, too. Code without a text (a REPL, `exec`, a file that has changed) is judged by its
-bytecode alone, see `mistakes/bytecode.py`.
+bytecode alone, see `mistakes/frames.py`.
 
     text_of(function.__code__)      # Text: file, lines, tree; or None
     origin(code).loc(12)            # Loc of line 12, which carries its text
@@ -55,9 +55,22 @@ class Text:
         """The syntax tree; None where the text does not parse."""
         try:
             tree: ast.Module = parse("".join(self.lines))
-        except (SyntaxError, ValueError, RecursionError, MemoryError):  # `bytecode` checks frames instead
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # the bytecode tells what it can
             return None
         return tree
+
+    @functools.cached_property
+    def statements(self) -> list[ast.stmt]:
+        """All statements of the text, in no order; expressions, of which there are many more, are not looked into."""
+        statements: list[ast.stmt] = []
+        waiting: list[Any] = [self.tree] if self.tree is not None else []
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, ast.stmt):
+                statements.append(node)
+            for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+                waiting += getattr(node, part, ())
+        return statements
 
     def line(self, number: int) -> str:
         """Return a line, counted from 1; "" where there is none."""
@@ -105,15 +118,20 @@ class Text:
 
 
 class Origin:
-    """The text of a code object, or None, and the locations of its lines."""
+    """The text of a code object, or None, and the locations of its lines and of its instructions.
 
-    __slots__ = ("code", "locs", "tested", "text")
+    `listing` is what `mistakes` reads off the code.
+    """
+
+    __slots__ = ("code", "listing", "locs", "places", "tested", "text")
 
     def __init__(self, code: CodeType, text: Text | None, tested: Any) -> None:
         self.code = code
         self.text = text
         self.tested = tested
         self.locs: dict[int, Loc] = {}
+        self.places: dict[int, Loc] = {}
+        self.listing: Any = None
 
 
 _origins: dict[int, Origin] = {}

@@ -26,17 +26,17 @@ def definition_of(code: CodeType) -> tuple[FunctionNode, Text] | None:
     text = text_of(code)
     if text is None or text.tree is None:
         return None
-    for node in _functions(text.tree).get((code.co_name, code.co_firstlineno), ()):
+    for node in _functions(text).get((code.co_name, code.co_firstlineno), ()):
         if _arguments(node) == code.co_varnames[: len(_arguments(node))]:
             return node, text
     return None
 
 
 @functools.lru_cache(maxsize=256)
-def _functions(tree: ast.Module) -> dict[tuple[str, int], list[FunctionNode]]:
+def _functions(text: Text) -> dict[tuple[str, int], list[FunctionNode]]:
     """Return the functions of a file by name and first line, which is that of the first decorator."""
     functions: dict[tuple[str, int], list[FunctionNode]] = {}
-    for node in ast.walk(tree):
+    for node in text.statements:
         if isinstance(node, FunctionNode):
             first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
             functions.setdefault((node.name, first), []).append(node)

@@ -6,50 +6,20 @@ of a uniform that follows others.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from copy import deepcopy
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
-from shpy.errors import RecordError, ShpyTypeError
+from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
+from shpy.lang.mistakes.frames import refuse_closed
 from shpy.lang.recording.emit import DEFERRED, HOST, Constant, Emitter, Handle, constant_of, embed
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values.dependent import become_dependent
 
 CLASSES: dict[tuple[str, int, Base], type[Any]] = {}
 """The class of each kind, size and base; `types` fills it in."""
-
-
-class Symbolic:
-    """Base of what a name of a program may hold: a value, a matrix, a struct or an array.
-
-    In a recording, `copy.copy` and `copy.deepcopy` call the method `copy`. Outside, they copy as pickling does.
-    """
-
-    __slots__ = ()
-
-    def __copy__(self) -> Any:
-        return _copied(self, lambda parts: parts)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
-        return _copied(self, lambda parts: deepcopy(parts, memo))
-
-    def __delitem__(self, part: Any) -> None:
-        raise ShpyTypeError(
-            f"del takes nothing from {type(self).__name__}, whose parts are fixed", loc=here(), cure="x[:] = …, a store"
-        )
-
-    __delattr__ = __delitem__
-
-
-def _copied(value: Any, kept: Callable[[tuple[Any, ...]], tuple[Any, ...]]) -> Any:
-    """Return a copy; outside of a recording, one that is made of the parts that are kept."""
-    if current_frame() is not None:
-        return type(value).copy(value)  # not `value.copy`: a struct may have a field of that name
-    make, parts = value.__reduce__()
-    return make(*kept(parts))
 
 
 class Part(NamedTuple):
@@ -131,15 +101,23 @@ class AbstractValue(Symbolic):
             )
         home = own.homes[self._variable]
         if home.closed:
-            name = own.names[self._variable] or "x"
-            cure = f"make it before the block, {name} = sh.{type(self).__name__}(), and store inside it, {name}[:] = …"
-            if self._variable in own.spelled:
-                cure = "make the whole matrix or struct before the block, and store inside it, as in x[:] = …"
-            raise RecordError(
-                f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
-                loc=here(),
-                cure=cure,
-            )
+            self._refuse_closed()
+
+    def _refuse_closed(self) -> NoReturn:
+        """Raise the error for a value that is used after the block which made it."""
+        own = self._frame
+        assert own is not None
+        home, loc = own.homes[self._variable], here()
+        refuse_closed(self, own.names[self._variable], loc)
+        name = own.names[self._variable] or "x"
+        cure = f"make it before the block, {name} = sh.{type(self).__name__}(), and store inside it, {name}[:] = …"
+        if self._variable in own.spelled:
+            cure = "make the whole matrix or struct before the block, and store inside it, as in x[:] = …"
+        raise RecordError(
+            f"{self._called()} was made inside the {home.what} block at {home.loc} and is used after it",
+            loc=loc,
+            cure=cure,
+        )
 
     def _read_from(self, name: str, owner: str = "vector") -> Self:
         """Remember what this value is a copy of, for the error of a store into it."""

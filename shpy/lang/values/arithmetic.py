@@ -19,9 +19,10 @@ from shpy.ir.constants import encode
 from shpy.ir.types import FLOATS, Base, Type, vec
 from shpy.lang.mistakes.precedence import parenthesized
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
-from shpy.lang.recording.location import here
+from shpy.lang.recording.location import here, on_one_line
 from shpy.lang.recording.recorder import Frame, current_frame, need_frame
-from shpy.lang.values.abstract import CLASSES, AbstractValue, Symbolic
+from shpy.lang.recording.symbolic import Symbolic
+from shpy.lang.values.abstract import CLASSES, AbstractValue
 from shpy.lang.values.coerce import (
     Literal,
     cast_literal,
@@ -121,6 +122,7 @@ def read(emitter: Emitter, x: Operand, type: Type) -> Handle:
     return handle if x.size == type.size else emitter.let("splat", (handle,), type)
 
 
+@on_one_line
 def elementwise(op: str, args: Sequence[Any], what: str, *, floats: bool = False, kind: str | None = None) -> Any:
     """Apply a component-wise operation to operands that meet in one type; `floats` widens ints to f first."""
     operands = [operand(a, what) for a in args]
@@ -245,6 +247,7 @@ def index(emitter: Emitter, i: AbstractValue) -> Handle:
     return emitter.let("convert", (smaller,), i.type.based(Base.I))
 
 
+@on_one_line
 def select(c: Any, a: Any, b: Any) -> Any:
     """Return `a` where `c` holds, else `b`, component by component; both are evaluated."""
     chosen = operand(c, "sh.cond")

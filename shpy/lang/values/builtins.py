@@ -19,7 +19,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.ops import COMPOSITES, OPS, Op
 from shpy.ir.types import FLOATS, INTS, Base, vec
-from shpy.lang.recording.location import here
+from shpy.lang.recording.location import here, on_one_line
 from shpy.lang.recording.recorder import need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES
@@ -42,6 +42,7 @@ def _components(row: Op, *args: Any) -> Any:
     return elementwise(row.name, args, f"sh.{row.name}", floats=row.bases == FLOATS)
 
 
+@on_one_line
 def _vectors(row: Op, *args: Any) -> Any:
     """Record an operation on whole vectors of one type; some operations take scalars beside them."""
     what = f"sh.{row.name}"

@@ -22,8 +22,8 @@ from shpy.ir.constants import is_int
 from shpy.ir.types import Base, vec
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values import builtins
-from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.arithmetic import check_index, check_width, refuse_operand
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.dependent import name_parts

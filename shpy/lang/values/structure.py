@@ -26,13 +26,13 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyTypeError
+from shpy.lang.mistakes.aliases import check_exchange
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values import arithmetic
-from shpy.lang.values.abstract import Symbolic
 from shpy.lang.values.coerce import literal
 from shpy.lang.values.dependent import name_parts
-from shpy.lang.values.exchange import check_exchange
 from shpy.lang.values.matrix import Matrix, rows_of_array
 from shpy.lang.values.value import CLASSES, Value
 
@@ -361,7 +361,9 @@ class Struct(Symbolic):
         field = getattr(self, name)
         if field is not value:
             if is_value(value):
-                check_exchange(leaves_of(field), leaves_of(value))
+                frame = current_frame()
+                if frame is not None:
+                    check_exchange(frame, leaves_of(field), leaves_of(value))
             field[:] = value
         else:  # `ray.o += d` stored already
             for leaf in leaves_of(field):

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import encode, to_array
 from shpy.ir.types import vec
-from shpy.lang.mistakes.foreign import value_cure
-from shpy.lang.recording.location import here, user_frame
+from shpy.lang.mistakes.aliases import check_store
+from shpy.lang.mistakes.foreign import functions, value_cure
+from shpy.lang.mistakes.statements import check_none
+from shpy.lang.recording.location import here, on_one_line, user_frame
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
@@ -42,6 +44,11 @@ class Value(Operators, AbstractValue):
     __array_ufunc__: ClassVar[None] = None
 
     def __init__(self, *components: Any) -> None:
+        self._compose(components)
+
+    @on_one_line
+    def _compose(self, components: tuple[Any, ...]) -> None:
+        """Become a value of these components, which are scalars, vectors and numbers."""
         if not hasattr(type(self), "kind"):
             raise ShpyTypeError("Value is not a type of the language", loc=here(), cure="sh.Attrib1f(x), for example")
         frame = current_frame()
@@ -90,8 +97,6 @@ class Value(Operators, AbstractValue):
         text = f"{type(self).__name__!r} object has no attribute {name!r}"
         if name.startswith("_"):
             return AttributeError(text, name=name, obj=self)
-        from shpy.lang.mistakes.kinds import functions
-
         called = "v" if self._frame is None else self._frame.names[self._variable] or "v"
         cure = value_cure(name, called, functions())
         if cure is None and any(set(name) <= set(letters) for letters in _SETS) and len(name) <= 4:
@@ -101,6 +106,7 @@ class Value(Operators, AbstractValue):
         sets = " or ".join(letters[: self.size] for letters in _SETS)
         return ShpyAttributeError(text, loc=here(), cure=cure or f"components of {sets}, of one set, up to four")
 
+    @on_one_line
     def _pick(self, picked: tuple[int, ...], spelled: str) -> Any:
         emitter = arithmetic.emitter_of(self)
         type_ = vec(self.base, len(picked))
@@ -174,8 +180,10 @@ class Value(Operators, AbstractValue):
             return
         self._store(value, _components(key, self.size), f"[{_spell(key)}]")
 
+    @on_one_line
     def _store(self, value: Any, picked: tuple[int, ...] | None, spelled: str) -> None:
         frame = self._storable(spelled)
+        check_store(frame, self, value if picked is None else None)
         if picked is not None and len(set(picked)) != len(picked):
             raise RecordError(f"{spelled} stores one component twice", loc=here(), cure="name each component once")
         size = self.size if picked is None else len(picked)
@@ -211,6 +219,8 @@ class Value(Operators, AbstractValue):
 
     def _binary(self, op: str, other: Any, what: str, reflected: bool = False) -> Any:
         if not arithmetic.is_operand(other):
+            if other is None:
+                check_none(here())
             if op not in ("eq", "ne") or isinstance(other, complex):
                 arithmetic.refuse_operand(other, what)
             return NotImplemented

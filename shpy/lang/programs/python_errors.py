@@ -16,14 +16,17 @@ import re
 import traceback
 from collections import Counter
 from itertools import islice
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
+
+import numpy as np
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
 from shpy.ir.nodes import Loc
 from shpy.lang.data.array import Array
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture
+from shpy.lang.mistakes.explain import conversion_of
 from shpy.lang.mistakes.objects import named
 from shpy.lang.recording.location import is_users, loc_in
 from shpy.lang.recording.scope import from_shpy
@@ -82,6 +85,10 @@ def explain_python_error(
     if isinstance(error, AttributeError):
         return _attribute(error, loc) or _tuple(text, loc)
     if "does not support ufuncs" in text:
+        call = _running(error.__traceback__, place[0])
+        if isinstance(call, ast.Call) and loc.text is not None and isinstance(named(call.func, place[0]), np.ufunc):
+            message, cure = conversion_of(call, loc.text)
+            return RecordError(message, loc=loc, cure=cure)
         return RecordError(
             "numpy's functions cannot take values of the language",
             loc=loc,
@@ -161,11 +168,11 @@ def _arguments(error: Exception, loc: Loc) -> ShpyError | None:
     return ShpyTypeError(f"{spelled}() {match[1]}", loc=loc, cure=f"{spelled}({', '.join(takes)})")
 
 
-def _running(trace: TracebackType | None) -> ast.expr | None:
-    """Return the expression that raised an error, in the innermost frame of its traceback."""
+def _running(trace: TracebackType | None, frame: FrameType | None = None) -> ast.expr | None:
+    """Return the expression that raised an error, in a frame of its traceback, or else the innermost."""
     if trace is None:
         return None
-    while trace.tb_next is not None:
+    while trace.tb_next is not None and trace.tb_frame is not frame:
         trace = trace.tb_next
     code = trace.tb_frame.f_code
     line, end, column, end_column = next(islice(code.co_positions(), trace.tb_lasti // 2, None))
