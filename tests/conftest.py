@@ -26,7 +26,7 @@ pytest_plugins = ["patience"]
 for setting in ("SHPY_BACKEND", "SHPY_DUMP"):
     os.environ.pop(setting, None)
 
-# To have a driver write out each of thousands of kernels takes longer than to compile them; test_store.py has its own.
+# Nothing that an earlier run found out about drivers counts; test_store.py has folders of its own.
 os.environ["SHPY_CACHE_DIR"] = ""
 
 # A slow machine is no news here; test_slow.py looks at the line.

@@ -63,11 +63,6 @@ def reads_header(platform: str) -> bool:
     return platform == _POCL
 
 
-def keeps_kernels(platform: str) -> bool:
-    """Return whether a platform's driver finds the code that it made of a text in an earlier process."""
-    return platform == _POCL and os.environ.get("POCL_KERNEL_CACHE", "1").startswith("1")
-
-
 def _fault_of(folder: Path) -> str | None:
     """Return the reason why no file can be written in a folder, which is made if it is missing; None if one can."""
     try:

@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import cached_property
 from platform import machine as architecture
 from typing import Any, ClassVar, Final
-from weakref import WeakSet, WeakValueDictionary
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from shpy.backend.device.pace import Pace
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
-from shpy.backend.opencl.device.absence import explain_absence, explain_cache, keeps_kernels, reads_header
+from shpy.backend.opencl.device.absence import explain_absence, explain_cache, reads_header
 from shpy.backend.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
 from shpy.backend.opencl.device.compiler_trials import TRIALS
 from shpy.backend.opencl.device.declarations import GUARD, declarations
@@ -159,7 +159,6 @@ class Machine:
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         # Whoever runs a program keeps it: once its last executable is gone, so is the program.
         self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
-        self._on_disk: WeakSet[Any] = WeakSet()
         self.pool = Pool()
         self._uploads: list[Any] = []
         """Copies to the device that may be in progress, with their arrays, and memory that runs may still read."""
@@ -182,8 +181,7 @@ class Machine:
         """Return the program of this text, built once; raises pyopencl's error if the driver refuses it."""
         program = self._programs.get((text, math))
         if program is None:
-            program = self._kept(text, math) or self._compiled(text, self.options(math))
-            self._programs[text, math] = program
+            program = self._programs[text, math] = self._compiled(text, self.options(math))
         return program
 
     def _compiled(self, text: str, options: list[str]) -> Any:
@@ -210,38 +208,6 @@ class Machine:
         device = self.device
         parts = (device.platform.name, device.platform.version, device.name, device.version, device.driver_version)
         return store.key("opencl", *parts, " ".join(options), text)
-
-    def _binary_key(self, text: str, math: Math) -> str:
-        """Return the name of a program's binary, which holds the code that the first launch made."""
-        return self._key(f"{ANY_SIZE} work items: {text}", self.options(math))
-
-    def _kept(self, text: str, math: Math) -> Any:
-        """Return the program from an earlier process's binary; None where there is none that the driver takes."""
-        binary = store.load(self._binary_key(text, math))
-        try:
-            return None if binary is None else self.load(text, math, binary)
-        except self.cl.Error as error:
-            store.tell(f"{self.device.name.strip()} refuses the binary of an earlier process ({error})")
-            return None
-
-    def load(self, text: str, math: Math, binary: bytes) -> Any:
-        """Return the program of a binary that another process made of this text; pyopencl's error if it is refused."""
-        program = _built_silently(self.cl.Program(self.context, [self.device], [binary]), self.options(math))
-        self._programs[text, math] = program
-        self._on_disk.add(program)
-        return program
-
-    def keep(self, text: str, math: Math) -> None:
-        """Store the program's binary for later processes, after a launch, so that it holds generated code.
-
-        Do nothing for a driver that has a cache of its own: PoCL would generate code for another group size to make
-        this binary, which takes a third of a compilation.
-        """
-        program = self.build(text, math)
-        if program not in self._on_disk and store.is_open() and not keeps_kernels(self.device.platform.name.strip()):
-            self._on_disk.add(program)
-            binary = program.get_info(self.cl.program_info.BINARIES)[0]
-            store.save(self._binary_key(text, math), bytes(binary))
 
     def pace(self, *, bounded: bool) -> Pace:
         """Return the pace of a new kernel. A CPU has no watchdog that ends long dispatches."""

@@ -140,7 +140,6 @@ def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Ke
                 remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole_group(kernel.lanes)))
             executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, group, remarks)
             executable.warm_up()
-            machine.keep(kernel.text, options.math)
         except machine.cl.Error as e:
             raise _refusal(str(e), kernel) from e
     return executable
