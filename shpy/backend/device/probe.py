@@ -26,10 +26,21 @@ from shpy.passes.library import CORRECTABLE
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """The operations that are probed; `convert` converts a float to an int."""
 _OF_COMPILERS: Final = frozenset({"zeros", "exits"})
-FAULTS: Final = frozenset({*PROBED, "convert_nan", "denormals", *_OF_COMPILERS})
-"""Faults of a device: wrong operations, ints of NaN that are not 0, denormals that become zero, a compiler that takes
-`0 * x` for 0 or `x < 0 ? x : 0` for a minimum of any zeros, and one that leaves loops before the conditions of their
-exits hold."""
+FAULTS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("add", "sub", "mul", "floor", "convert"), "none that was run; programs with it are refused"),
+    "div": "NVIDIA's OpenGL 580.159; OpenCL 1.2 allows it",
+    "sqrt": "NVIDIA's OpenGL 580.159; OpenCL 1.2 allows it",
+    "fma": "rusticl of Mesa 22.3 to 26.1; GLSL 4.00 allows it",
+    "convert_nan": "Intel's CPU runtime, PoCL of PyPI, NVIDIA's OpenCL 580.159, rusticl of 22.3; OpenCL 1.2 allows it",
+    "denormals": "llvmpipe of Mesa 22.3 to 26.1, NVIDIA's OpenGL 580.159; GLSL 3.30 allows it",
+    "zeros": "NVIDIA's OpenCL 580.159, rusticl of Mesa 22.3 and 25.0; goes when NVIDIA's and Debian 13's are right",
+    "exits": "llvmpipe and rusticl of Mesa 22.3, not of 25.0; goes with Debian 12 (support ends in June 2028)",
+}
+"""Faults of a device, each with the drivers that have it and when it can go; one that a standard allows stays.
+
+They are wrong operations; ints of NaN that are not 0; denormals that become zero; a compiler that takes `0 * x` for 0
+or `x < 0 ? x : 0` for a minimum of any zeros; and one that leaves loops before the conditions of their exits hold.
+"""
 COUNT: Final = 2048
 """Triples of inputs."""
 _TINY: Final = np.float32(2.0**-126)

@@ -42,7 +42,7 @@ void main() {
 }
 """
 
-_OF_GLSL = QUESTIONS.keys() - FAULTS
+_OF_GLSL = QUESTIONS.keys() - FAULTS.keys()
 """Faults that the texts of this backend correct."""
 _IN_DOUBLES = (("mul", "div"), ("add", "sub"), ("sqrt", "floor"))
 _EXACT, _ROOTED, _READ = "exact", "rooted", "read"
@@ -272,7 +272,7 @@ class Context:
         )
         ordered = "GL_ARB_gpu_shader5" in extensions or version >= 400
         key = store.key("glsl faults", *about, str(ordered), PROBE, *(text for text, _ in QUESTIONS.values()))
-        faults = store.known_names(key, FAULTS | _OF_GLSL, lambda: self.call(self._faults))
+        faults = store.known_names(key, FAULTS.keys() | _OF_GLSL, lambda: self.call(self._faults))
         doubles = ordered and "GL_ARB_gpu_shader_fp64" in extensions
         binary64 = self._binary64(about, flushed="denormals" in faults) if doubles else frozenset()
         # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.

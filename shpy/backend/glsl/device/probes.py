@@ -120,7 +120,7 @@ void main() {
 }
 """
 
-# A square root of binary64 that the prologue corrects.
+# A square root of binary64 that the prologue corrects: for NVIDIA 580.159, and goes when a later one is right.
 ROOTS: Final = """\
 #version 330 core
 #extension GL_ARB_gpu_shader5 : enable
@@ -177,10 +177,15 @@ def decimal_doubles() -> str:
 
 
 QUESTIONS: Final = {
+    # llvmpipe of Mesa 22.3: see FAULTS.
     "exits": (EXITS, [5] * 8),
+    # llvmpipe and zink of Mesa 25.0 and 26.1; goes when Debian 13 and 14 are right.
     "choices": (CHOICES, [1] * 8),
+    # NVIDIA 580.159; goes when a later one is right.
     "negations": (NEGATIONS, [1] * 8),
+    # llvmpipe and zink of Mesa 26.1; goes when Debian 14 is right.
     "signs": (SIGNS, [1] * 8),
+    # NVIDIA 580.159 by its results, not by this question yet; goes, with `decimal_doubles`, when that draws 1.
     "decimals": (decimal_floats(), [1] * 8),
 }
 """By fault, the shader that shows it, and what a device without the fault draws for eight elements."""

@@ -57,7 +57,7 @@ class Limits:
     doubles: bool = False
     """True if the device has binary64, and computes exactly in it."""
     roots: bool = True
-    """True if its own square roots of binary64 are exact as well."""
+    """True if its own square roots of binary64 are exact as well: those of NVIDIA 580.159 are not."""
     reads: bool = True
     """True if its compiler rounds decimal numbers correctly."""
 
