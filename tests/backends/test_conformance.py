@@ -48,9 +48,17 @@ def test_every_operation_is_in_the_list() -> None:
 
 
 @each(CASES)
-@pytest.mark.parametrize("target", [name for name in BACKENDS if name != "opencl"])
-def test_target_agrees_with_the_interpreter(case: Case, target: str) -> None:
-    agree(case, target)
+def test_targets_agree_with_the_interpreter(case: Case) -> None:
+    """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
+
+    A case is one test, not one for each target: pytest takes milliseconds for each of thousands.
+    """
+    for target in (name for name in BACKENDS if name != "opencl"):
+        agree(case, target)
+    for width in TILES if case in STRUCTURED else ():
+        case.check(case.run(width), width)
+    if case.expected is not None:
+        is_expected(case)
 
 
 def exits(case: Case) -> tuple[str, str] | None:
@@ -84,10 +92,11 @@ def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
 
 
 @pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
-@each(operations.ROWS)
-def test_an_operation_by_itself_agrees_on_opencl(case: Case) -> None:
+@pytest.mark.parametrize("part", range(24))
+def test_operations_by_themselves_agree_on_opencl(part: int) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""
-    agree(case, ("opencl", "opencl-1")[drawn(case) % 2])
+    for case in operations.ROWS[part::24]:
+        agree(case, ("opencl", "opencl-1")[drawn(case) % 2])
 
 
 def agree(case: Case, target: str) -> None:
@@ -100,12 +109,6 @@ def agree(case: Case, target: str) -> None:
     if backend in TARGETS:
         with stressed(drawn(case)):
             case.check(case.run(target), target)
-
-
-@each(STRUCTURED)
-def test_how_many_are_in_a_tile_does_not_matter(case: Case) -> None:
-    for width in TILES:
-        case.check(case.run(width), width)
 
 
 @pytest.mark.slow
@@ -147,9 +150,14 @@ OUT_OF_RANGE = "is out of the range of f at precision f16"
 
 
 @pytest.mark.sampled(25)
-@pytest.mark.parametrize("precision", ["f16", "f64"])
-@each([case for case in CASES if "precision" not in case.options and not case.meaning])
-def test_other_working_precisions_agree_with_the_interpreter(case: Case, precision: str) -> None:
+@pytest.mark.parametrize("part", range(25))
+def test_other_working_precisions_agree_with_the_interpreter(part: int) -> None:
+    for precision in ("f16", "f64"):
+        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::25]:
+            agree_at(precision, case)
+
+
+def agree_at(precision: str, case: Case) -> None:
     """GLSL has no f64, and f16 no constants above 65504: both are refused."""
     other = replace(case, options={**case.options, "precision": precision})
     refused = {"glsl": r"no 64-bit floats|has no f64"} if precision == "f64" else case.refused
@@ -168,12 +176,11 @@ def wide() -> list[str]:
     return [name for name, lanes in WIDE.items() if lanes in machine_of(None).widths]
 
 
-@pytest.mark.sampled(2)
-@each(STRUCTURED[::16])
-def test_packets_wider_than_vectors_of_opencl_agree(case: Case) -> None:
+def test_packets_wider_than_vectors_of_opencl_agree() -> None:
     """Each case takes one of the widths that the driver has."""
-    for width in wide()[STRUCTURED.index(case) // 16 % 2 :][:1]:
-        case.check(case.run(width), width)
+    for number, case in enumerate(STRUCTURED[::32]):
+        for width in wide()[number % 2 :][:1]:
+            case.check(case.run(width), width)
 
 
 @pytest.mark.slow
@@ -190,8 +197,8 @@ def test_one_lane_has_the_same_zeros(case: Case) -> None:
     case.check(case.run("opencl-1"), "opencl-1")
 
 
-@each([c for c in CASES if c.expected is not None])
-def test_interpreter_gives_what_is_expected(case: Case) -> None:
+def is_expected(case: Case) -> None:
+    """Raise AssertionError unless the interpreter gives the results that are written in the case."""
     outputs = case.reference.outputs
     expected = case.expected
     if callable(expected):
