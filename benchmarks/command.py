@@ -48,7 +48,7 @@ from raytracer.meshes.shapes import knot
 from shpy.command import run, whole
 from shpy.errors import ShpyError
 from shpy.files import replacing
-from shpy.outputs import check_file, write_json
+from shpy.pictures.outputs import check_file, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
 CHAINS = {w.name: w for w in (*chains.WORKS, *collectives.WORKS)}

@@ -62,7 +62,7 @@ from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, i
 from shpy.lang.values.structs import struct
 from shpy.lang.values.structure import swap
 from shpy.lang.values.types import TYPES
-from shpy.pictures import picture as _picture  # which notebooks call
+from shpy.pictures.png import picture as _picture  # which notebooks call
 from shpy.programs import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result
@@ -72,8 +72,12 @@ from shpy.tracing import Step
 globals().update(TYPES | FUNCTIONS)
 
 # The modules and the names that `__getattr__` loads on first use, each name with its module.
-_MODULES = ("accuracy", "command", "files", "library", "packages", "screen", "testing", "videos", "view")
-_LATER = {"animate": "animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}
+_MODULES = {
+    **{name: name for name in ("accuracy", "command", "files", "library", "packages", "testing", "view")},
+    "screen": "pictures.screen",
+    "videos": "pictures.videos",
+}
+_LATER = {"animate": "pictures.animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
 __all__ = sorted(
@@ -90,7 +94,7 @@ __all__ = sorted(
 def __getattr__(name: str) -> Any:
     """Load `sh.testing`, `sh.animate` and the like on first use."""
     if name in _MODULES:
-        return importlib.import_module(f"shpy.{name}")
+        return importlib.import_module(f"shpy.{_MODULES[name]}")
     if name in _LATER:
         value = globals()[name] = getattr(importlib.import_module(f"shpy.{_LATER[name]}"), name)
         return value

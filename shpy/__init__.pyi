@@ -17,11 +17,11 @@ from shpy import command as command
 from shpy import files as files
 from shpy import packages as packages
 from shpy import library as library
-from shpy import screen as screen
 from shpy import testing as testing
-from shpy import videos as videos
 from shpy import view as view
-from shpy.animation import animate as animate
+from shpy.pictures import screen as screen
+from shpy.pictures import videos as videos
+from shpy.pictures.animation import animate as animate
 from shpy.notebook.live import widget as widget
 from shpy.backend.registry import BackendInfo as BackendInfo
 from shpy.backend.registry import backends as backends

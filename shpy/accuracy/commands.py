@@ -27,7 +27,7 @@ from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.values.structure import leaves
-from shpy.outputs import check_output, write_json
+from shpy.pictures.outputs import check_output, write_json
 from shpy.programs import Program
 from shpy.units import Budget
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyError
 from shpy.lang.recording.location import here
-from shpy.outputs import new_figure, save_figure
+from shpy.pictures.outputs import new_figure, save_figure
 
 Array = NDArray[Any]
 

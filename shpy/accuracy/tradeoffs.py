@@ -25,7 +25,7 @@ from shpy.accuracy.reference import Kind, Truth, evaluate
 from shpy.choices import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.outputs import new_figure, save_figure
+from shpy.pictures.outputs import new_figure, save_figure
 from shpy.programs import Program, check_count, check_program
 from shpy.run.kernel import Kernel
 from shpy.testing.denormals import meets_denormals

@@ -16,9 +16,9 @@ import numpy as np
 from shpy.chains.chain import Chain, Sequence
 from shpy.chains.member import Member
 from shpy.chains.running import Run
-from shpy.evolution import arguments_of
 from shpy.ieee import in_ieee_arithmetic
-from shpy.screen import Moment
+from shpy.pictures.evolution import arguments_of
+from shpy.pictures.screen import Moment
 
 
 class _Watch(Chain):

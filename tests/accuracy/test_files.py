@@ -7,7 +7,7 @@ import pytest
 import shpy as sh
 from shpy.cli import main
 from shpy.files import replacing
-from shpy.outputs import check_output, new_figure, save_figure, write_json
+from shpy.pictures.outputs import check_output, new_figure, save_figure, write_json
 
 PROGRAM = """
 import shpy as sh

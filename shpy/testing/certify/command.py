@@ -16,7 +16,7 @@ from pathlib import Path
 
 from shpy.backend.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyError
-from shpy.outputs import check_file, write_json
+from shpy.pictures.outputs import check_file, write_json
 from shpy.testing.certify.findings import Section, Target
 from shpy.testing.certify.report import (
     certificate,

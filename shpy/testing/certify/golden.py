@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.outputs import write_json
+from shpy.pictures.outputs import write_json
 from shpy.testing.arrays import Array
 
 FILE: Final = Path(__file__).with_name("golden.json")

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from shpy.chains.chain import Chain
 from shpy.command import progress_lines
 from shpy.errors import ShpyTypeError
-from shpy.evolution import Evolution
 from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
+from shpy.pictures.evolution import Evolution
+from shpy.pictures.screen import Moment, check_pictures, pixels, run_at
+from shpy.pictures.videos import FPS, writing
 from shpy.programs import Program
-from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
-from shpy.videos import FPS, writing
 
 Frame = NDArray[np.uint8]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from shpy.ir.traverse import grid_rank
 from shpy.lang.values.structure import Group, Leaf
+from shpy.pictures.screen import Moment, drawn, is_filled, pixels, unfilled
 from shpy.programs import Program
-from shpy.screen import Moment, drawn, is_filled, pixels, unfilled
 from shpy.shown import show_by
 from shpy.streams.stream import Stream
 
