@@ -122,7 +122,7 @@ class Table:
 
     @property
     def is_argument(self) -> bool:
-        """Whether a run brings its elements."""
+        """Return whether a run brings its elements."""
         return isinstance(self.source, Argument)
 
     @property
