@@ -69,6 +69,21 @@ def functions(count):
     return work
 
 
+def choices(count):
+    """Blocks one after the other; values of before the first one wait for each, and for the end."""
+
+    @sh.program
+    def work(x: sh.Attrib1f, z: sh.Attrib1f) -> sh.Attrib1f:
+        y = sh.Attrib1f(x)
+        values = [x * (k + 0.5) + z for k in range(count)]
+        for value in values:
+            with sh.SH_IF(value > y):
+                y += value * z
+        return y * sum(values)
+
+    return work
+
+
 def on_numpy(program):
     program.compile("numpy")
 
@@ -105,7 +120,7 @@ def lines_of(work):
     return count
 
 
-@pytest.mark.parametrize("make", [additions, chain, functions])
+@pytest.mark.parametrize("make", [additions, chain, functions, choices])
 def test_work_grows_with_the_program(make):
     """Four times the statements take at most 4.4 times the work, in every stage."""
     sizes = 48, 192

@@ -140,12 +140,11 @@ def spread_twice(u: sh.Table[sh.Attrib1f, 2], v: sh.Attrib1f) -> tuple[sh.Attrib
 
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
-def test_a_stencil_writes_its_results_where_they_belong(precision):
+def test_the_results_of_a_stencil_reach_any_array(precision):
     """Several outputs may be equal, an output may be an input, and arrays that numbers lie apart in are written too."""
     rng = np.random.default_rng(3)
     u, v = rng.random((9, 300), np.float32), rng.random((9, 300), np.float32)
     kernel = spread_twice.compile("numpy", precision=precision)
-    assert "out=" in kernel.source
     wanted = [result.copy() for result in kernel(u, v)]
     np.testing.assert_array_equal(wanted[0], wanted[1])
     sh.testing.assert_equivalent(spread_twice, u, v, backends=["interpreter", "numpy"], precision=precision)

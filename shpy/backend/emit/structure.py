@@ -1,28 +1,33 @@
-"""Makes the output tree of a function: names, declarations, the shapes of loops, returns.
+"""Makes the output tree of a function in one walk: names, declarations, statements, returns.
 
-Stage: emit. A `Body` takes a prepared function and plans it; a target's operations give the expressions. The IR has
-one loop; its usual shapes are found again:
+Stage: emit. A target's operations give the expression of a value, which waits for its use and is written there. It is
+declared instead where it is made if it is used more than once, long, or named by the user, and before a statement that
+changes what it reads. What needs the whole function is found first (`survey`): where each value is used, where each
+variable is declared, and which stores become returns.
 
-    body begins with If(not c) { Break }                        while (c) { ... }
-    ... and `continuing` is one store                           for (int i = 0; i < n; i += 1) { ... }
-    until c, which reads nothing declared in the loop           do { ... } while (!c);
-    any other                                                   while (true) { ... if (c) { break; } }
-    one whose `continuing` cannot follow a `continue`           again = false; while (true) { if (again) { ... } ... }
+    %3 = add %1, %2 (of $x)                        float t = x + y;
+    store $x = 0                       ->          x = 0.0f;
+    store $y = %3                                  y = t;
+
+    $n is stored first in each iteration, and used in no other region  ->  declared inside the loop
+    $n is loaded before it is stored in an iteration                   ->  declared, zero, before the loop
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from dataclasses import replace
+from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Unit
+from shpy.backend.emit.loops import LoopParts, leading_test, opens_loop
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.operations import Operations
-from shpy.backend.emit.plan import Wishes, is_whole, plan
-from shpy.backend.emit.survey import Place
-from shpy.backend.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Index, Literal, Name
+from shpy.backend.emit.survey import Place, Survey, is_whole
+from shpy.backend.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Index, Literal, Name, measure
+from shpy.backend.emit.waiting import Waiting
 from shpy.ir.nodes import (
     Break,
     Call,
@@ -39,9 +44,14 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import continues, defined, variables_of, walk
+from shpy.ir.traverse import changed_variables, continues, defined, uses, variables_of, walk
 from shpy.ir.types import Type
 from shpy.passes.known import Known
+
+MAX_DEPTH: Final = 32
+"""Expressions nest no deeper: compilers give up at 256 brackets, readers before."""
+MAX_WIDTH: Final = 100
+"""Letters, about, of an expression that needs no name."""
 
 
 class Body(Operations):
@@ -62,13 +72,27 @@ class Body(Operations):
         self.types = {v.id: v.type for v in self.values.values()}
         self.variables = {v.id: v for v in variables_of(function)}
         self.ranges = Known(function)
+        self.survey = Survey(function, unit.callees)
+        self.waiting = Waiting(self.survey.uses)
         self.exprs = {}
         self.slots = {}
         self.scope = unit.globals.scope()
         self.out: list[tree.Stmt] = []
         self.gives_value = False
         """Return whether the function returns its one result."""
+        self._adopted: int | None = None
+        """The value for which the variable stands that the next statement stores it into."""
         self._first_values: dict[int, tuple[Expr, Loc | None]] = {}
+        self._declared: dict[Place, list[int]] = {}
+        """Variables that are declared before a statement."""
+        self._homes: dict[int, int] = {}
+        """The regions in which variables are declared."""
+        self._zeroed: set[int] = set()
+        """Variables that may be read before they are stored."""
+        self._returns: set[Place] = set()
+        """Stores of the result that end the function."""
+        self._unnamed: int | None = None
+        """The result, if it needs no variable: every way through the function ends with a store of it."""
         self._load_names: dict[int, str] = {}
         for s in walk(function.body):
             if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) and s.value.name:
@@ -83,10 +107,6 @@ class Body(Operations):
     def repeats(self, s: Let | Store) -> Collection[int]:
         """Return the operands that the target writes more than once: the index of a store, which is tested."""
         return (s.index,) if isinstance(s, Store) and s.index is not None else ()
-
-    def letters(self, op: str) -> int:
-        """Return how long the name of the function is that does an operation, nearly."""
-        return len(op) + 3
 
     def reference(self, e: Expr) -> Expr:
         """Return a variable that is no array as an argument by reference."""
@@ -111,15 +131,31 @@ class Body(Operations):
     # The function
 
     def begin(self, *, returns: bool) -> None:
-        """Plan the function, whose parameters have their names by now."""
+        """Find what needs the whole function, whose parameters have their names by now."""
         single = len(self.function.outputs) == 1
         self.gives_value = returns and single
-        result = self.function.outputs[0].id if self.gives_value and self.returns_expressions else None
-        wishes = Wishes(self.apart, self.repeats, self.letters, self.direct, tuple(self.slots), result)
-        self.planned = plan(self.function, self.unit.callees, wishes)
+        self.inputs = {i.id for i in self.function.inputs if isinstance(i, Value)}
+        self.inlined = {value for value in self.survey.lets if self.survey.may_inline(value)}
+        self.inlined.difference_update(self.apart(self.inlined))
+        self._find_declarations()
+        if self.gives_value and self.returns_expressions:
+            self._returns, whole = self.survey.final_stores(self.function.outputs[0].id)
+            self._unnamed = self.function.outputs[0].id if whole else None
         if returns and not single:
-            zeroed = [o for o in self.function.outputs if o.id in self.planned.zeroed]
+            zeroed = [o for o in self.function.outputs if o.id in self._zeroed]
             self.out += [Assign(self.slots[o.id], self.zero(o.type)) for o in zeroed]
+
+    def _find_declarations(self) -> None:
+        """Find where each variable is declared, and whether as zero."""
+        function = self.function
+        for variable in self.variables.values():
+            place = self.survey.place(variable, output=variable in function.outputs)
+            if place is not None and variable not in function.inputs:
+                where, zero = place
+                self._declared.setdefault(where, []).append(variable.id)
+                self._homes[variable.id] = where[0]
+                if zero:
+                    self._zeroed.add(variable.id)
 
     def statements(self) -> None:
         """Make the function's statements, with a return at its end where it gives a value."""
@@ -131,7 +167,7 @@ class Body(Operations):
         body = self.function.body
         if self.region(body, 0):
             return True
-        for variable in self.planned.declared.get((0, len(body)), ()):
+        for variable in self._declared.get((0, len(body)), ()):
             if self._is_missing(variable):
                 self.declare_zero(self.variables[variable])
         return False
@@ -143,10 +179,17 @@ class Body(Operations):
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
         """Collect what is made inside as a block, with names of its own."""
-        out, scope = self.out, self.scope
-        self.out, self.scope = [], scope.scope()
+        outer, self.scope = self.scope, self.scope.scope()
+        with self.collected() as out:
+            yield out
+        self.scope = outer
+
+    @contextmanager
+    def collected(self) -> Iterator[list[tree.Stmt]]:
+        """Collect the statements that are made inside."""
+        outer, self.out = self.out, []
         yield self.out
-        self.out, self.scope = out, scope
+        self.out = outer
 
     # Values and variables
 
@@ -156,11 +199,18 @@ class Body(Operations):
         name = self.scope.take(definition.name)
         self.out.append(Declare(definition.type, name, e or self.exprs[value], loc=loc or definition.loc))
         self.exprs[value] = Name(definition.type, name)
+        self.waiting.remove(value)
 
-    def settle(self, place: Place) -> None:
-        """Declare the values that are used later and that this statement would change."""
-        for value in self.planned.settled.get(place, ()):
+    def change(self, variables: Collection[int]) -> None:
+        """Declare the values that read these variables and are used after the statement that changes them."""
+        for value in self.waiting.readers(variables):
             self.bind(value)
+
+    def repeat(self, s: Let | Store) -> None:
+        """Declare the operands that the statement writes more than once, unless they are names or numbers."""
+        for value in self.repeats(s):
+            if measure(self.exprs[value])[0] > 0:
+                self.bind(value)
 
     def slot(self, variable: Variable, default: str = "v") -> str:
         """Take a name for the variable, which is declared with it."""
@@ -176,15 +226,15 @@ class Body(Operations):
 
     def _is_missing(self, variable: int) -> bool:
         """Return whether the variable is still to be declared."""
-        return not (variable in self.slots or variable in self.direct or variable == self.planned.unnamed)
+        return not (variable in self.slots or variable in self.direct or variable == self._unnamed)
 
     def _declare(self, place: Place, s: Stmt) -> None:
         """Declare the variables whose place is before this statement."""
-        for v in self.planned.declared.get(place, ()):
+        for v in self._declared.get(place, ()):
             variable = self.variables[v]
             if not self._is_missing(v):
                 continue
-            if v in self.planned.zeroed:
+            if v in self._zeroed:
                 self.declare_zero(variable)
             elif not (isinstance(s, Store) and s.variable == v):
                 self.out.append(Declare(variable.type, self.slot(variable), loc=variable.loc))
@@ -197,7 +247,8 @@ class Body(Operations):
 
     def _placed(self, s: Stmt, place: Place) -> bool:
         """Append one statement and what is declared before it; return whether what follows cannot be reached."""
-        if isinstance(s, Store) and place in self.planned.returns:
+        if isinstance(s, Store) and place in self._returns:
+            self.waiting.use([s.value])
             self.out.append(Exit("return", self.exprs[s.value], s.loc))
             return True
         self._declare(place, s)
@@ -230,34 +281,71 @@ class Body(Operations):
         return False
 
     def let(self, s: Let, place: Place) -> None:
-        """Make the expression of a value, and a temporary where that is planned."""
+        """Make the expression of a value, which waits for its use or gets a name."""
         value = s.value.id
-        if not self.planned.survey.uses[value]:
+        if not self.survey.uses[value]:
+            self.waiting.use(s.args)
             return
-        self.settle(place)
-        self.exprs[value] = self.operation(s)
-        if value in self.planned.named:
+        self.repeat(s)
+        e = self.exprs[value] = self.operation(s)
+        reads = self.waiting.reads(s)
+        self.waiting.use(s.args)
+        depth, width = measure(e)
+        fits = depth <= MAX_DEPTH and (width <= MAX_WIDTH or self._is_result(value, place))
+        if fits and value in self.inlined:
+            self.waiting.add(value, reads)
+        elif fits and self._goes_into_a_variable(s.value, place):
+            self._adopted = value
+        else:
             self.bind(value)
+
+    def _is_result(self, value: int, place: Place) -> bool:
+        """Return whether the next statement does nothing but return the value, or write it to an output."""
+        store = self.survey.following(place)
+        if not isinstance(store, Store) or store.value != value:
+            return False
+        return (place[0], place[1] + 1) in self._returns or store.variable in self.direct
+
+    def _goes_into_a_variable(self, value: Value, place: Place) -> bool:
+        """Return whether the next statement stores it: then that variable's name stands for it."""
+        store = self.survey.following(place)
+        if not isinstance(store, Store) or store.value != value.id or not is_whole(store):
+            return False
+        if value.name not in (None, self.variables[store.variable].name) or store.variable in self.direct:
+            return False
+        return not opens_loop(self.survey, store, (place[0], place[1] + 1))
 
     def store(self, s: Store, place: Place) -> None:
         """Append a store: an assignment, a declaration, or the start of a loop."""
-        e, variable = self.exprs[s.value], self.variables[s.variable]
+        e, variable, reads = self.exprs[s.value], self.variables[s.variable], self.waiting.reads(s)
+        adopted, self._adopted = s.value == self._adopted, None
+        self.waiting.use([s.value])
         if s.variable in self.direct:
             self.out.append(self.output(variable, e, s.loc))
-            return
-        self.settle(place)
-        if s.index is not None:
+        elif s.index is not None:
+            self.change([s.variable])
+            self.repeat(s)
+            self.waiting.use([s.index])
             self.store_element(s, s.index, e)
         elif s.variable in self.slots:
+            self.change([s.variable])
             self.out.append(self.assign(s, self.slots[s.variable], e))
-        elif place in self.planned.kept:
+        elif self._continues_input(s):
             self.slots[s.variable] = e
-        elif place in self.planned.starts:
+        elif not adopted and opens_loop(self.survey, s, place, reads):
             self._first_values[s.variable] = e, s.loc
         else:
             self.out.append(Declare(variable.type, self.slot(variable), e, loc=s.loc))
-        if place in self.planned.adopts:
+        if adopted:
             self.exprs[s.value] = self.slots[s.variable]
+            if self.waiting.left[s.value]:
+                self.waiting.add(s.value, frozenset({s.variable}))
+
+    def _continues_input(self, s: Store) -> bool:
+        """Return whether the variable starts as an input of its name that is not used again."""
+        if s.value not in self.inputs or self.waiting.left[s.value] or self._homes[s.variable]:
+            return False
+        return self.values[s.value].name == self.variables[s.variable].name is not None
 
     def assign(self, s: Store, target: Expr, e: Expr) -> Assign:
         """Return the assignment to the components that are stored."""
@@ -290,7 +378,8 @@ class Body(Operations):
                 args.append(self.arg(a))
             else:
                 args.append(self.slots[a] if port.length is not None else self.reference(self.slots[a]))
-        self.settle(place)
+        self.waiting.use(uses(s, self.unit.callees))
+        self.change(changed_variables(s, self.unit.callees))
         if len(s.results) == 1:
             self._call_with_result(self.called(s.function, s.results[0].type, args), s, place)
             return
@@ -302,22 +391,23 @@ class Body(Operations):
         self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, call: Expr, s: Call, place: Place) -> None:
-        (result,), after = s.results, self.planned.survey.following(place)
-        uses = self.planned.survey.uses[result.id]
-        if not uses:
+        (result,), after = s.results, self.survey.following(place)
+        count = self.survey.uses[result.id]
+        if not count:
             self.out.append(Do(call, s.loc))
-        elif uses == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
+        elif count == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
             self.exprs[result.id] = call
         else:
             self.bind(result.id, call, s.loc)
 
     def branch(self, s: If, place: Place) -> bool:
         """Append a choice; return whether what follows cannot be reached."""
-        self.settle(place)
         condition = self.exprs[s.condition]
+        self.waiting.use([s.condition])
+        self.change(self.survey.stored[place])
         blocks, ended = [], []
-        for region, number in zip((s.then, s.orelse), self.planned.survey.inner[place], strict=True):
-            with self.block() as out:
+        for region, number in zip((s.then, s.orelse), self.survey.inner[place], strict=True):
+            with self.waiting.region(), self.block() as out:
                 ended.append(self.region(region, number))
             blocks.append(tuple(out))
         if not s.then and s.orelse:
@@ -328,26 +418,57 @@ class Body(Operations):
     # Loops
 
     def loop(self, s: Loop, place: Place) -> None:
-        """Append a loop in the plainest shape that it has."""
+        """Append a loop in the plainest shape that its parts allow."""
         self._hide_first_values(s, place)
-        self.settle(place)
+        self.change(self.survey.stored[place])
         outer, self.scope = self.scope, self.scope.scope()
-        starts = self._begin_counters()
-        skips = continues(s) and bool(s.continuing or s.until is not None)
-        if place in self.planned.steps:
-            self.out.append(self.looped(s, self._counted(s, place, starts)))
+        starts, around = self._begin_counters(), self.scope
+        body, continuing = self.survey.inner[place]
+        with self.waiting.region(), self.block() as statements:
+            start, test = self.first_test(s, body)
+            reached = not self.region(s.body, body, start) or continues(s)
+            with self.collected() as last:
+                if reached:
+                    self.region(s.continuing, continuing)
+            until = self.exprs[s.until] if s.until is not None and reached else None
+            self.waiting.use([] if s.until is None else [s.until])
+        parts = LoopParts(s, starts, test, tuple(statements), tuple(last), until, around)
+        loop = parts.counted()
+        if loop is not None and loop.step is not None:
+            changed = {self.slots[v] for v in self.survey.stored_in[body] if v in self.slots}
+            steady = test is not None and changed.isdisjoint(tree.walk(test))
+            loop = replace(loop, step=self.step(test if steady else None, loop.step))
         else:
             for declared in starts:
                 outer.reserve(declared.name)
                 self.out.append(declared)
-            if not skips:
-                loop = self._plain(s, place)
-            elif place in self.planned.feet and place not in self.planned.tests:
-                loop = self._tested_last(s, place)
-            else:
-                loop = self._gated(s, place, outer)
-            self.out.append(self.looped(s, loop))
+            loop = parts.plain() or parts.gated(self._gate(s, outer))
+        self.out.append(self.looped(s, loop))
         self.scope = outer
+
+    def first_test(self, s: Loop, number: int) -> tuple[int, Expr | None]:
+        """Return where the body goes on after a first `If(c) { Break }`, and the opposite of c; (0, None) without.
+
+        It is a statement of the body if something has to be declared before it.
+        """
+        at = leading_test(s.body)
+        if at is None:
+            return 0, None
+        self.region(s.body[:at], number)
+        test = s.body[at]
+        assert isinstance(test, If)
+        self._declare((number, at), test)
+        if self.out:
+            self.statement(test, (number, at))
+            return at + 1, None
+        self.waiting.use([test.condition])
+        return at + 1, tree.negation(self.exprs[test.condition])
+
+    def _gate(self, s: Loop, outer: Names) -> Name:
+        """Declare the bool that holds from a loop's second iteration on."""
+        gate = Name(BOOL, outer.take("again"))
+        self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
+        return gate
 
     def _hide_first_values(self, s: Loop, place: Place) -> None:
         """Append the statements that hide the first values of a loop's variables from a driver that misreads its exits.
@@ -356,7 +477,7 @@ class Body(Operations):
         exit compares it with. Where the comparison follows the step and holds for the first value, it leaves the loop
         at once. To find these variables alone took 170 lines, and no benchmark on llvmpipe was faster by it.
         """
-        for variable in () if self.unit.leaves_loops else sorted(self.planned.survey.stored[place]):
+        for variable in () if self.unit.leaves_loops else sorted(self.survey.stored[place]):
             type = self.variables[variable].type
             zero = self.unknown_zero(type)
             if zero is not None and variable in self.slots and self.variables[variable].length is None:
@@ -368,82 +489,3 @@ class Body(Operations):
         starts, self._first_values = self._first_values, {}
         names = {v: self.slot(self.variables[v], "i") for v in starts}
         return tuple(Declare(self.variables[v].type, names[v], e, loc=loc) for v, (e, loc) in starts.items())
-
-    def _counted(self, s: Loop, place: Place, starts: tuple[Declare, ...]) -> tree.Loop:
-        """Return a `for`."""
-        body, continuing = self.planned.survey.inner[place]
-        start, test = self._first_test(s, place)
-        for index, let in enumerate(s.continuing):
-            if isinstance(let, Let):
-                self.let(let, (continuing, index))
-        store = s.continuing[-1]
-        assert isinstance(store, Store)
-        step = self.assign(store, self.slots[store.variable], self.exprs[store.value])
-        changed = {self.slots[v] for v in self.planned.survey.stored_in[body] if v in self.slots}
-        steady = test is not None and changed.isdisjoint(tree.walk(test))
-        step = self.step(test if steady else None, step)
-        with self.block() as statements:
-            self.region(s.body, body, start)
-        return tree.Loop(tuple(statements), starts, test, step, loc=s.loc)
-
-    def _tested_last(self, s: Loop, place: Place) -> tree.Loop:
-        """Return a `do` whose test `continue` goes to."""
-        body, continuing = self.planned.survey.inner[place]
-        self.region(s.continuing, continuing)
-        assert s.until is not None
-        again = tree.negation(self.exprs[s.until])
-        with self.block() as statements:
-            self.region(s.body, body)
-        return tree.Loop(tuple(statements), again=again, loc=s.loc, again_loc=_line_of_test(s))
-
-    def _plain(self, s: Loop, place: Place) -> tree.Loop:
-        """Return a loop of body, continuing and test, one after the other."""
-        body, continuing = self.planned.survey.inner[place]
-        start, test = self._first_test(s, place)
-        around, again = self.scope, None
-        with self.block() as statements:
-            if not self.region(s.body, body, start):
-                self.region(s.continuing, continuing)
-                if s.until is not None:
-                    until = self.exprs[s.until]
-                    if test is None and _is_visible(until, around):
-                        again = tree.negation(until)
-                    else:
-                        statements.append(tree.If(until, (Exit("break"),), (), _line_of_test(s)))
-        line = None if again is None else _line_of_test(s)
-        return tree.Loop(tuple(statements), test=test, again=again, loc=s.loc, again_loc=line)
-
-    def _gated(self, s: Loop, place: Place, outer: Names) -> tree.Loop:
-        """Return a loop whose step and test are at its top, skipped in the first iteration: `continue` goes there."""
-        body, continuing = self.planned.survey.inner[place]
-        gate = Name(BOOL, outer.take("again"))
-        self.scope.reserve(gate.text)
-        self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
-        with self.block() as statements:
-            with self.block() as last:
-                self.region(s.continuing, continuing)
-                if s.until is not None:
-                    last.append(tree.If(self.exprs[s.until], (Exit("break"),)))
-            statements += [tree.If(gate, tuple(last)), Assign(gate, Literal(BOOL, True))]
-            self.region(s.body, body)
-        return tree.Loop(tuple(statements), loc=s.loc)
-
-    def _first_test(self, s: Loop, place: Place) -> tuple[int, Expr | None]:
-        """Return where the body goes on after a first `If(c) { Break }`, and the opposite of c; (0, None) without."""
-        start, number = self.planned.tests.get(place, 0), self.planned.survey.inner[place][0]
-        test = s.body[start - 1] if start else None
-        if not isinstance(test, If):
-            return 0, None
-        self.region(s.body[: start - 1], number)
-        return start, tree.negation(self.exprs[test.condition])
-
-
-def _is_visible(e: Expr, scope: Names) -> bool:
-    """Return whether all names in an expression are known in a scope."""
-    return all(part.text in scope for part in tree.walk(e) if isinstance(part, Name))
-
-
-def _line_of_test(loop: Loop) -> Loc | None:
-    """Return the user's line that computes what ends the loop."""
-    values = (s.value for s in (*loop.body, *loop.continuing) if isinstance(s, Let))
-    return next((value.loc for value in values if value.id == loop.until), None)

@@ -1,4 +1,4 @@
-"""The places where the values and variables of a function are made, used and touched: a plan is decided from them.
+"""The places where the values and variables of a function are made, used and touched.
 
 Stage: emit, first. A region is known by its number, counted in program order: the body is 0. A place is a statement:
 the number of its region, and its index there.
@@ -137,6 +137,38 @@ class Survey:
             return True
         return not self.may_inline(let.args[0]) or self._is_glimpse(source)
 
+    # Results
+
+    def final_stores(self, result: int) -> tuple[set[Place], bool]:
+        """Return the stores of the result that end the function, and whether no other statement touches the result."""
+        stores: set[Place] = set()
+        ended, others = self._final_stores(0, result, stores, tail=True)
+        touched = self.touched.get(result, {}).keys() - stores
+        return stores, ended and not others and all(isinstance(self.statement(at), Return) for at in touched)
+
+    def _final_stores(self, number: int, result: int, stores: set[Place], *, tail: bool) -> tuple[bool, bool]:
+        """Return whether a region is always left by such a store, and whether a Return in it follows none.
+
+        `tail`: the function ends where the region does.
+        """
+        region, ended, others = self.regions[number], False, False
+        end = len(region)
+        while end and isinstance(region[end - 1], Return):
+            end -= 1
+        for index in range(end):
+            s, last = region[index], index + 1 == end
+            if isinstance(s, Store) and s.variable == result and is_whole(s) and last and (tail or end < len(region)):
+                stores.add((number, index))
+                ended = True
+            elif isinstance(s, If | Loop):
+                last = last and isinstance(s, If)
+                inner = [self._final_stores(n, result, stores, tail=tail and last) for n in self.inner[number, index]]
+                ended = isinstance(s, If) and all(e for e, _ in inner)
+                others = others or any(o for _, o in inner)
+            if ended:
+                break
+        return ended, others or (end < len(region) and not ended)
+
     # Variables
 
     def place(self, variable: Variable, *, output: bool) -> tuple[Place, bool] | None:
@@ -192,3 +224,8 @@ class Survey:
     def _outside_loops(self, region: int) -> int:
         """Return the region that holds the outermost loop around this one; itself if there is none."""
         return next((at[0] for at in self._around[region] if isinstance(self.statement(at), Loop)), region)
+
+
+def is_whole(store: Store) -> bool:
+    """Return whether all of a variable is stored."""
+    return store.components is None and store.index is None

@@ -372,3 +372,33 @@ def expressions_of(s: Stmt) -> list[Expr]:
         case Loop():
             return [e for e in (s.test, s.again) if e is not None]
     return [] if s.value is None else [s.value]
+
+
+def measure(e: Expr) -> tuple[int, int]:
+    """Return how deep an expression nests and, nearly, how many letters it has."""
+    if isinstance(e, Name):
+        return 0, len(e.text)
+    if isinstance(e, Literal):
+        return 0, _letters_of(e)
+    inner = [measure(part) for part in e.parts]
+    depth, letters = max([d for d, _ in inner], default=-1), sum([w for _, w in inner])
+    match e:
+        case Member():
+            return depth, letters + 1 + len(e.field)
+        case Operator(_, "?", _):
+            return depth + 1, letters + 6
+        case Operator():
+            return depth + 1, letters + (1 if len(inner) == 1 else 3)
+        case Call():
+            return depth + 1, letters + len(e.function) + 2 * len(inner)
+        case Construct() if all(isinstance(part, Literal) for part in e.args):
+            return depth + 1, letters + 8 + 2 * len(inner)
+    return depth + 1, letters + 6 + 2 * len(inner)
+
+
+def _letters_of(number: Literal) -> int:
+    """Return how many letters a number has, nearly."""
+    if number.type.base is not Base.F:
+        return len(repr(number.value))
+    text = f"{number.value:.8g}"
+    return len(text) + (1 if "." in text or "e" in text or number.value != number.value else 3)

@@ -34,7 +34,8 @@ __kernel void collatz(  // snapshot_programs.py:61
             status_out_2 = live ? (int8)(status) : status_out_2;
             break;
         }
-        n = sh_floormod_i8(n, (int8)(2)) == 0 ? sh_floordiv_i8(n, (int8)(2)) : as_int8(as_uint8(as_int8((uint)3 * as_uint8(n))) + (uint)1);  // snapshot_programs.py:65
+        int8 t = sh_floormod_i8(n, (int8)(2)) == 0 ? sh_floordiv_i8(n, (int8)(2)) : as_int8(as_uint8(as_int8((uint)3 * as_uint8(n))) + (uint)1);  // snapshot_programs.py:65
+        n = t;
         steps += 1u;  // snapshot_programs.py:66
     }
     int8 result = steps_out;  // snapshot_programs.py:67

@@ -15,11 +15,10 @@ float3 normalize3(float3 v) {
     float t3 = fabs(v.z);
     float t4 = t < t2 ? t2 : t;
     float largest = t4 < t3 ? t3 : t4;
-    float3 t5 = (float3)(largest > 4.611686e+18f ? 7.888609e-31f : (largest < 8.881784e-16f ? 1.2676506e+30f : 1.0f));
-    float3 scaled = v * t5;
+    float3 scaled = v * (largest > 4.611686e+18f ? 7.888609e-31f : (largest < 8.881784e-16f ? 1.2676506e+30f : 1.0f));
     float size = sqrt(dot3(scaled, scaled));
-    bool t6 = size > 0.0f;
-    return t6 ? scaled / (t6 ? size : 1.0f) : (float3)(0.0f);
+    bool t5 = size > 0.0f;
+    return t5 ? scaled / (t5 ? size : 1.0f) : (float3)(0.0f);
 }
 
 __kernel void lit(  // snapshot_programs.py:137

@@ -34,11 +34,10 @@ vec3 normalize3(precise vec3 v) {
     precise float t3 = abs(v.z);
     precise float t4 = t < t2 ? t2 : t;
     precise float largest = t4 < t3 ? t3 : t4;
-    precise vec3 t5 = vec3(largest > 4.611686e+18 ? 7.888609e-31 : (largest < 8.881784e-16 ? 1.2676506e+30 : 1.0));
-    precise vec3 scaled = v * t5;
+    precise vec3 scaled = v * (largest > 4.611686e+18 ? 7.888609e-31 : (largest < 8.881784e-16 ? 1.2676506e+30 : 1.0));
     precise float size = sqrt(dot3(scaled, scaled));
-    precise bool t6 = size > 0.0;
-    precise vec3 result = t6 ? scaled / (t6 ? size : 1.0) : vec3(zero);
+    precise bool t5 = size > 0.0;
+    precise vec3 result = t5 ? scaled / (t5 ? size : 1.0) : vec3(zero);
     return result;
 }
 

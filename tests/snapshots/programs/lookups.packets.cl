@@ -22,12 +22,13 @@ __kernel void lookups(  // snapshot_programs.py:123
     }
     int8 i = sh_read_i(i_in, i_step, packet);
     int8 row_2 = sh_read_i(row_in, row_step, packet);
-    float8x3 t = sh_gather_f3(path, clamp(i, 0, path_size - 1));  // snapshot_programs.py:125
-    float3 t2 = path[sh_at(0, path_size)].xyz;
-    float8 result0 = sh_gather_f(heights, sh_at2_lanes((int8x2){row_2, sh_gather_i(names, clamp(i, 0, names_size - 1))}, heights_size));
-    float8 result1_x = t.x - t2.x;
-    float8 result1_y = t.y - t2.y;
-    float8 result1_z = t.z - t2.z;
+    float8 t = sh_gather_f(heights, sh_at2_lanes((int8x2){row_2, sh_gather_i(names, clamp(i, 0, names_size - 1))}, heights_size));  // snapshot_programs.py:125
+    float8x3 t2 = sh_gather_f3(path, clamp(i, 0, path_size - 1));
+    float3 t3 = path[sh_at(0, path_size)].xyz;
+    float8 result0 = t;
+    float8 result1_x = t2.x - t3.x;
+    float8 result1_y = t2.y - t3.y;
+    float8 result1_z = t2.z - t3.z;
     int result2 = path_size;
     sh_write_f(result0_out, result0, packet);
     sh_write_f3(result1_out, (float8x3){result1_x, result1_y, result1_z}, packet);

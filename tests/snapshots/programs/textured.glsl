@@ -78,12 +78,11 @@ vec3 sample_image(precise vec2 uv) {  // library.py:254
     ivec2 cell = sh_int(corner);  // library.py:234
     precise vec3 t5 = image_at(ivec2(repeat ? sh_floormod(cell.y, t) : cell.y, repeat ? sh_floormod(cell.x, extents) : cell.x));  // library.py:264
     ivec2 t6 = cell + ivec2(1, 0);  // library.py:239
-    precise vec3 t7 = image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x));  // library.py:264
+    precise vec3 t7 = mix3(t5, image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x)), vec3(t_4.x));  // library.py:241
     ivec2 t8 = cell + ivec2(0, 1);  // library.py:239
-    precise vec3 t9 = image_at(ivec2(repeat ? sh_floormod(t8.y, t) : t8.y, repeat ? sh_floormod(t8.x, extents) : t8.x));  // library.py:264
-    ivec2 t10 = cell + 1;  // library.py:239
-    precise vec3 t11 = image_at(ivec2(repeat ? sh_floormod(t10.y, t) : t10.y, repeat ? sh_floormod(t10.x, extents) : t10.x));  // library.py:264
-    precise vec3 result = mix3(mix3(t5, t7, vec3(t_4.x)), mix3(t9, t11, vec3(t_4.x)), vec3(t_4.y));
+    ivec2 t9 = cell + 1;
+    precise vec3 t10 = mix3(image_at(ivec2(repeat ? sh_floormod(t8.y, t) : t8.y, repeat ? sh_floormod(t8.x, extents) : t8.x)), image_at(ivec2(repeat ? sh_floormod(t9.y, t) : t9.y, repeat ? sh_floormod(t9.x, extents) : t9.x)), vec3(t_4.x));  // library.py:241
+    precise vec3 result = mix3(t7, t10, vec3(t_4.y));  // library.py:264
     return result;
 }
 

@@ -91,7 +91,7 @@ class NumpyBackend:
         layout = lay_out(prepared.module)
         vector = find_neighbours(layout.vector)
         dump("vector", module.name, lambda: str(vector.module))
-        printed = print_python(vector, status=prepared.status, exact=trusted)
+        printed = print_python(vector, exact=trusted)
         tile = tile or _tile_of(prepared.module, LARGE_TILE if printed.large else TILE)
         shorter = find_rejection(module)
         rejection = None if shorter is None else self.compile(shorter, options)
@@ -148,13 +148,10 @@ class NumpyExecutable:
     rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
     ports: tuple[Type, ...] = field(init=False)
-    outs: tuple[tuple[int, np.dtype[Any]], ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Derive the types of the inputs, and the number and dtype of each output that the text writes in place."""
+        """Derive the types of the inputs."""
         self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
-        outputs = self.layout.vector.module.entry.outputs
-        self.outs = tuple((at, np.dtype(DTYPES[outputs[at].type.base])) for at in self.printed.outs)
 
     @property
     def source(self) -> str:
@@ -215,8 +212,7 @@ class NumpyExecutable:
             inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
         arguments = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
         outputs = self._outputs(call, part)
-        told = {at: _whole(outputs[at], dtype, extents) for at, dtype in self.outs}
-        results = self.entry(*inputs, *arguments, *told.values())
+        results = self.entry(*inputs, *arguments)
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
@@ -225,9 +221,8 @@ class NumpyExecutable:
             written = status[part] == Status.WRITTEN
             if written.all():
                 written = None
-        for at, (out, result) in enumerate(zip(outputs, results, strict=True)):
-            if result is not told.get(at):
-                _write(out, result, written, extents)
+        for out, result in zip(outputs, results, strict=True):
+            _write(out, result, written, extents)
 
     def _outputs(self, call: Call, part: slice) -> list[Array]:
         """Return the arrays for the results: one for an output, or one for each component of it."""
@@ -279,11 +274,6 @@ def _tile(array: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> 
         np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
     )
     return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
-
-
-def _whole(out: Array, dtype: np.dtype[Any], extents: tuple[int, ...]) -> Array | None:
-    """Return an output's memory as a block to write to, or None if its numbers lie apart or are converted."""
-    return out.reshape(extents) if out.dtype == dtype and out.flags.c_contiguous else None
 
 
 def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:

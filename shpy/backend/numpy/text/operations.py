@@ -46,9 +46,6 @@ _LITERALS_WELCOME: Final = frozenset({"min", "max", "clamp", "mod", "atan2"})
 """Functions that give a literal the type of the other operand."""
 
 
-_LETTERS: Final = {"cond": 6, "min": 7, "max": 7, "clamp": 18, "convert": 17, "float_from_bits": 16}
-
-
 def own(e: Expr) -> Expr:
     """Return the expression with an explicit dtype if it is a literal, whose type numpy would choose."""
     return tree.call(dtype(e.type), e.type, e) if isinstance(e, Literal) else e
@@ -80,6 +77,18 @@ def is_shared(e: Expr) -> bool:
             return True
         case Index(_, _, at):
             return not isinstance(at, tree.Listed)
+    return False
+
+
+def is_atom(e: Expr) -> bool:
+    """Return whether an expression is a name, a number, or a part of one that costs nothing: each use writes it."""
+    match e:
+        case Name() | Literal():
+            return True
+        case Member(_, of) | Construct(_, (of,)):
+            return is_atom(of)
+        case Index(_, of, at):
+            return is_atom(of) and not isinstance(at, tree.Listed)
     return False
 
 
@@ -215,14 +224,6 @@ class NumpyOperations(Body):
             return tree.call(f"exact.{op}", type, own(args[0]))
         args = args if op in _LITERALS_WELCOME else list(map(own, args))
         return tree.call(f"np.{_NUMPY[op]}" if op in _NUMPY else _MEANING[op], type, *args)
-
-    def letters_of(self, op: str) -> int:
-        """Return how long the name of the function is that does an operation."""
-        if op in self.exact:
-            return len("exact.") + len(op)
-        if op in _NUMPY:
-            return len("np.") + len(_NUMPY[op])
-        return _LETTERS.get(op) or len(_MEANING.get(op, op))
 
     def is_operator(self, let: Let, right: Expr) -> bool:
         """Return whether Python's operator has no edge that the right operand can reach."""

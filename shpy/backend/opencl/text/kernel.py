@@ -208,7 +208,7 @@ class KernelMaker(ClUnit):
             self.add(entry, inner)
         body = self.body(self, entry, () if inner else self.direct(entry))
         body.begin(returns=False)
-        uses, take, outer = body.planned.survey.uses, body.scope.take, self.outer
+        uses, take, outer = body.survey.uses, body.scope.take, self.outer
         read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
         arrays = [Name(i.type, take(f"{i.name or 'a'}_in")) for _, i in read]
         steps = [Name(INT, take(f"{i.name or 'a'}_step")) for _, i in read]

@@ -158,7 +158,7 @@ class ClBody(Body):
     @cached_property
     def steady(self) -> Mapping[int, tuple[int, int]]:
         """The reads of tables whose index has a loop-invariant part."""
-        return steady_parts(self.planned.survey, self.ranges)
+        return steady_parts(self.survey, self.ranges)
 
     # Literals, vectors and names
 
@@ -223,10 +223,6 @@ class ClBody(Body):
         if op in FUNCTIONS and not unit.prologue.wants(op, type):
             return FUNCTIONS[op]
         return op if op in ("min", "max") and type.is_int else unit.prologue.use(op, type)
-
-    def letters(self, op: str) -> int:
-        """Return the approximate length of the name of the function that computes an operation."""
-        return 20 + len(op) if op in ELEMENTWISE and self.unit.elementwise else super().letters(op)
 
     def as_typed(self, e: Expr, type: Type) -> Expr:
         """Return `(int)(a + 1u)` for an int that was computed as a uint."""
@@ -360,7 +356,7 @@ class ClBody(Body):
         if rank == 1 and size is not None and self.ranges.within(let.args[0], 0, size[0] - 1):
             array: Expr = unit.table_names[name]
             index = self.exprs[let.args[0]]
-            if let.value.id in self.steady and self.planned.survey.uses[let.args[0]] == 1:
+            if let.value.id in self.steady and self.survey.uses[let.args[0]] == 1:
                 index, start = (self.exprs[part] for part in self.steady[let.value.id])
                 array = tree.infix("+", array, start)
             return self.read(array, index, let.value.type)
