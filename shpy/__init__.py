@@ -35,10 +35,11 @@ from shpy.errors import (
     ShpyWarning,
     VerifyError,
 )
-from shpy.lang.data.array import Array
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D
+from shpy.lang.functions.array import Array
+from shpy.lang.functions.subroutine import subroutine
 from shpy.lang.library import hash, noise
 from shpy.lang.mistakes.foreign import module_cure as _module_cure
 from shpy.lang.programs.control import (
@@ -54,7 +55,6 @@ from shpy.lang.programs.control import (
     SH_UNTIL,
     SH_WHILE,
 )
-from shpy.lang.programs.subroutine import subroutine
 from shpy.lang.recording.location import here as _here
 from shpy.lang.values.builtins import FUNCTIONS
 from shpy.lang.values.derivatives import dFdx, dFdy

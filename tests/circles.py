@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from grimp import ImportGraph
-from importlinter import Contract, ContractCheck, fields, output
+from importlinter import Contract, ContractCheck, output
 
 
 class NoCircles(Contract):
@@ -38,8 +38,6 @@ class NoFolderCircles(NoCircles):
     """
 
     type_name = "no_folder_circles"
-    unordered = fields.SetField(subfield=fields.StringField(), required=False, default=set())
-    """Packages whose folders are not in order yet."""
 
     def edges(self, graph: ImportGraph) -> dict[str, set[str]]:
         """Return what each folder imports."""
@@ -47,11 +45,8 @@ class NoFolderCircles(NoCircles):
         for module in graph.modules:
             folder = folder_of(module, graph)
             others = {folder_of(m, graph) for m in graph.find_modules_directly_imported_by(module)} - {folder}
-            edges.setdefault(folder, set()).update(() if f"{folder}.".startswith(self._unordered()) else others)
+            edges.setdefault(folder, set()).update(others)
         return edges
-
-    def _unordered(self) -> tuple[str, ...]:
-        return tuple(f"{package}." for package in self.unordered or ())
 
 
 def folder_of(module: str, graph: ImportGraph) -> str:

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from shpy.ir.traverse import is_straight, walk
 from shpy.ir.types import FLOATS, Base
-from shpy.lang.data.array import Array
 from shpy.lang.data.tables import TableType
+from shpy.lang.functions.array import Array
 from shpy.lang.programs.control import SH_ELSE, SH_FOR, SH_IF
 from shpy.lang.values.builtins import bits_from_float, cond, grid_index, isinf, isnan, max as larger
 from shpy.lang.values.structs import struct

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
-from shpy.lang.programs.subroutine import Subroutine
+from shpy.lang.functions.subroutine import Subroutine
 from shpy.lang.recording.location import here
 from shpy.lang.values import arithmetic
 from shpy.lang.values.builtins import clamp, cond, dot, floor, fract, min, mix, unit_float

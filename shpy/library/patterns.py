@@ -15,9 +15,9 @@ from typing import Any, Final
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.types import Base, vec
+from shpy.lang.functions.subroutine import Subroutine
 from shpy.lang.library import hash, noise, pcg
 from shpy.lang.programs.control import SH_BREAK, SH_FOR, SH_IF
-from shpy.lang.programs.subroutine import Subroutine
 from shpy.lang.recording.location import here
 from shpy.lang.values.builtins import abs, any, cond, floor, isnan, length, max, min, unit_float
 from shpy.lang.values.types import Attrib1f, Attrib1i, Attrib2f, Attrib3f

@@ -18,8 +18,8 @@ from shpy.errors import ShpyTypeError
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture, WrapName, checked_pixels
+from shpy.lang.functions.subroutine import Subroutine
 from shpy.lang.library import WRAPS, filtered
-from shpy.lang.programs.subroutine import Subroutine
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.values.builtins import clamp, cond, floor, length, log2, max, min, mix

@@ -1,1 +1,1 @@
-"""Data that a program reads or keeps: uniforms, tables, textures, local arrays, and what host data they take."""
+"""Data that a program reads: uniforms, tables, textures, and what host data they take."""

@@ -1,1 +1,1 @@
-"""Programs: control flow, returns, subroutines and methods, and the recording of a whole function as a module."""
+"""Programs: control flow and methods, the recording of a whole function as a module, and calls of such modules."""

@@ -18,8 +18,8 @@ from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Region, Return
 from shpy.ir.traverse import has_exit, walk
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import checked_bool
+from shpy.lang.functions.blocks import Block, Counted, LoopBlock, leave, negated
 from shpy.lang.library import trip_count
-from shpy.lang.programs.blocks import Block, Counted, LoopBlock, leave, negated
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, Scope, need_frame
 from shpy.lang.values import arithmetic
@@ -260,14 +260,7 @@ class SH_FOR(Counted):
 
     def __init__(self, start: Any, stop: Any = None, step: Any = 1) -> None:
         first, last = (0, start) if stop is None else (start, stop)
-        super().__init__(first, last, step)
-
-    def _trips(self) -> int:
-        """Record ceil((last - first) / step), 0 if that is not positive."""
-        bounds = (
-            arithmetic.make_value("Attrib", vec(Base.I), self.frame, h) for h in (self.first, self.last, self.step)
-        )
-        return int(trip_count(*bounds)._read(self.frame))
+        super().__init__(first, last, step, trip_count)
 
 
 def _exit(what: str, exit: Stmt, c: Any) -> None:

@@ -23,9 +23,9 @@ import numpy as np
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyError, ShpyTypeError
 from shpy.ir.nodes import Loc
-from shpy.lang.data.array import Array
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture
+from shpy.lang.functions.array import Array
 from shpy.lang.mistakes.explain import conversion_of
 from shpy.lang.mistakes.objects import named
 from shpy.lang.recording.location import is_users, loc_in

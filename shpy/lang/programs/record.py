@@ -26,9 +26,9 @@ from shpy.lang.data.defaults import check_default
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
+from shpy.lang.functions.returns import Returns
+from shpy.lang.functions.subroutine import _slot_value
 from shpy.lang.programs.copies import without_copies
-from shpy.lang.programs.returns import Returns
-from shpy.lang.programs.subroutine import _slot_value
 from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.scope import unwrapped

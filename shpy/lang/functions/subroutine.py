@@ -20,8 +20,8 @@ from typing import Any, ClassVar
 from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Call, Function, Loc, Store, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, walk
-from shpy.lang.data.array import Array
-from shpy.lang.programs.returns import Returns
+from shpy.lang.functions.array import Array
+from shpy.lang.functions.returns import Returns
 from shpy.lang.recording.location import at, here, in_library, is_library, on_one_line
 from shpy.lang.recording.recorder import Frame, Recording, current
 from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, return_loc

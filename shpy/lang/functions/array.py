@@ -15,8 +15,8 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
+from shpy.lang.functions.blocks import Counted
 from shpy.lang.mistakes.aliases import check_store
-from shpy.lang.programs.blocks import Counted
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.recording.symbolic import Symbolic

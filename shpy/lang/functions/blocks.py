@@ -180,7 +180,8 @@ class Counted(LoopBlock):
 
     what = "SH_FOR"
 
-    def __init__(self, start: Any, stop: Any, step: Any) -> None:
+    def __init__(self, start: Any, stop: Any, step: Any, trip_count: Callable[..., Any] | None = None) -> None:
+        """Take the range, and for bounds that only the run knows what computes the number of iterations as a u."""
         super().__init__()
         bounds = [arithmetic.operand(b, "SH_FOR") for b in (start, stop, step)]
         for b in bounds:
@@ -200,11 +201,12 @@ class Counted(LoopBlock):
         # The last iteration's i + step must not wrap: with a step of one it cannot, with known bounds it is computed.
         simple = by in (1, -1) or (self.turns is not None and abs((first or 0) + self.turns * (by or 0)) < 2**31)
         self.down = constants[2] is not None and constants[2] < 0
-        self.trips = None if simple else self._trips()
-
-    def _trips(self) -> int:
-        """Record the number of iterations as a u, where counting by `step` could wrap."""
-        raise AssertionError("a range that the language itself counts is known")
+        self.trips: int | None = None
+        if not simple:
+            assert trip_count is not None
+            handles = (self.first, self.last, self.step)
+            trips = trip_count(*(arithmetic.make_value("Attrib", _INT, self.frame, h) for h in handles))
+            self.trips = int(trips._read(self.frame))
 
     def __enter__(self) -> Any:
         frame, loc = self.frame, self.loc
