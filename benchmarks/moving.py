@@ -20,8 +20,7 @@ import numpy as np
 from benchmarks.studies import PAUSE, backend, rounds_of, spread
 from benchmarks.tables import Table
 from raytracer import Camera, Mesh, PointLight, Renderer, Scene
-from raytracer.accel.plane_kernel import plane_kernel, plane_program
-from raytracer.accel.shape import Shape
+from raytracer.accel.shape import Shape, plane_kernel, plane_program
 from raytracer.meshes.shapes import floor, torus
 
 HEAD = (

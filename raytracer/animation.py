@@ -27,7 +27,7 @@ from raytracer.appearance.materials import Material
 from raytracer.cluster import tasks
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import check_alike, probed
-from raytracer.cluster.store import kept
+from raytracer.cluster.tasks import kept
 from raytracer.errors import SceneError
 from raytracer.image import exposed
 from raytracer.integrators.integrator import Given, Integrator, Options, chosen

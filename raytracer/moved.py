@@ -21,9 +21,8 @@ from raytracer.accel.choice import MOVABLE
 from raytracer.accel.space import frame_of
 from raytracer.appearance.materials import Material
 from raytracer.errors import SceneError
-from raytracer.integrators.cubes import follow, object_cubes
 from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.motion import Motion, all_or_nothing
+from raytracer.integrators.motion import Motion, all_or_nothing, follow, object_cubes
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Walk
 from raytracer.kernels.walk import QueryWalks, SplitWalk, Structure, renew_walk, walk_with

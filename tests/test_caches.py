@@ -13,7 +13,7 @@ from shpy.backend.registry import backend as backend_named
 
 ROOT = Path(__file__).parent.parent
 FEW = {
-    "raytracer/accel/plane_kernel.py": "backends",
+    "raytracer/accel/shape.py": "backends",
     "raytracer/layered/raster.py": "one switch",
     "shpy/backend/dump.py": "the parts of SHPY_DUMP",
     "shpy/backend/device/probe.py": "constants",

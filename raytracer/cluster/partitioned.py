@@ -21,16 +21,14 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.programs import examine_sky
 from raytracer.arrays import is_whole
-from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, check_alike
 from raytracer.cluster.part import Part, PartData, Stepped
 from raytracer.cluster.records import Records, joined
-from raytracer.cluster.store import KEPT, kept
-from raytracer.cluster.tasks import await_worker, is_loss, shown
+from raytracer.cluster.tasks import KEPT, await_worker, is_loss, kept, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted, check_scene
-from raytracer.integrators.layers import take_samples, unscale, whole_size
+from raytracer.integrators.layers import canvas, take_samples, unscale, whole_size
 from raytracer.integrators.renderer import Progress
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.surfaces import is_black

@@ -1,6 +1,7 @@
 """Pictures of scenes that every worker holds: the rows of a picture are cut into tiles, and each is a task.
 
-Stage: cluster. The scene is sent to each worker once and compiled there once; finished tiles go to files (`canvas`).
+Stage: cluster. The scene is sent to each worker once and compiled there once; finished tiles go to files
+(`layers.canvas`).
 
     with connected("local:4") as client:
         image = render_tiles(client, Job(scene, Path(samples=64), "opencl"), (7680, 4320))
@@ -16,13 +17,11 @@ from itertools import zip_longest
 from typing import Any
 
 from raytracer.appearance.programs import examine_shade, examine_sky, examine_surface
-from raytracer.cluster.canvas import canvas
 from raytracer.cluster.job import Job, Prepared, check_alike
-from raytracer.cluster.store import kept
-from raytracer.cluster.tasks import finished, key_of, scattered
+from raytracer.cluster.tasks import finished, kept, key_of, scattered
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import check_scene
-from raytracer.integrators.layers import whole_size
+from raytracer.integrators.layers import canvas, whole_size
 from raytracer.integrators.progressive import Layers, check_resume, resumed
 from raytracer.integrators.renderer import Progress, Resume
 from raytracer.scene.scene import Scene

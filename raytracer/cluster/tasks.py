@@ -1,4 +1,4 @@
-"""Tasks on a cluster: their results as they come, and their errors as if they had been raised here.
+"""Tasks on a cluster: their results as they come, and their errors as if raised here, and what workers keep.
 
 Stage: cluster.
 
@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import inspect
 import os
+import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import shpy as sh
 from raytracer import errors
@@ -22,6 +24,14 @@ from raytracer.errors import ClusterError
 
 FIRST_WORKER = 60
 """Seconds within which a cluster must have a worker."""
+_FOREIGN = tuple(
+    os.path.dirname(os.path.abspath(file)) + os.sep for file in (errors.__file__, inspect.getfile(sh.Program))
+)
+T = TypeVar("T")
+KEPT = 2
+"""Things that a process keeps."""
+_things: OrderedDict[str, tuple[Any, Any]] = OrderedDict()
+_making = threading.Lock()
 
 
 def await_worker(client: Any) -> None:
@@ -125,11 +135,6 @@ def shown(error: Exception) -> Exception:
     return error.with_traceback(_of_user(error.__traceback__))
 
 
-_FOREIGN = tuple(
-    os.path.dirname(os.path.abspath(file)) + os.sep for file in (errors.__file__, inspect.getfile(sh.Program))
-)
-
-
 def _of_user(trace: TracebackType | None) -> TracebackType | None:
     """Return a traceback without the frames of Dask, the ray tracer and the language."""
     if trace is None:
@@ -143,3 +148,25 @@ def _of_user(trace: TracebackType | None) -> TracebackType | None:
 def _is_foreign(file: str) -> bool:
     parts = Path(file).parts
     return "distributed" in parts or "dask" in parts or file.startswith(_FOREIGN)
+
+
+@contextmanager
+def kept(key: str, make: Callable[[], T], room: int = KEPT) -> Iterator[T]:
+    """Yield the object of a key, to one thread at a time; `make()` makes it once for each process.
+
+    A process keeps the `room` objects that were used last.
+    """
+    with _making:
+        if key not in _things:
+            while len(_things) >= room:
+                _things.popitem(last=False)
+            _things[key] = make(), threading.Lock()
+        _things.move_to_end(key)
+        thing, lock = _things[key]
+    with lock:
+        yield thing
+
+
+def forget() -> None:
+    """Drop all objects."""
+    _things.clear()

@@ -1,4 +1,4 @@
-"""The layers of a picture: its size, the memory of each layer, and the samples that are put together in it.
+"""The layers of a picture: its size, the memory or the file of each layer, and the samples that are put together in it.
 
 Stage: render.
 
@@ -8,6 +8,8 @@ Stage: render.
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +19,7 @@ from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.image import LAYERS
 from raytracer.kernels.tracer import Pixel
-from raytracer.memory import check_fits
+from raytracer.memory import PIXEL, check_fits
 
 
 def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
@@ -82,3 +84,20 @@ def unscale(band: Pixel, scale: float) -> None:
     if scale != 1:
         depth = np.asarray(band.depth)
         depth[:] = depth.astype(np.float64) / scale
+
+
+def canvas(width: int, height: int) -> dict[str, Any]:
+    """Return the layers of a picture, to be filled; SceneError where the folder for temporary files is too full."""
+    folder = tempfile.gettempdir()
+    needed, free = width * height * PIXEL, shutil.disk_usage(folder).free
+    if needed > free:
+        raise SceneError(
+            f"a picture of {width} x {height} pixels takes {needed:,} bytes in {folder}, where {free:,} are free: "
+            "choose a smaller size, or another folder by TMPDIR"
+        )
+    return unset(width, height, _array_in_file)
+
+
+def _array_in_file(shape: tuple[int, ...], kind: Any) -> Any:
+    with tempfile.TemporaryFile() as file:
+        return np.asarray(np.memmap(file, kind, "w+", shape=shape))

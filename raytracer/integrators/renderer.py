@@ -25,10 +25,9 @@ from raytracer.accel.choice import MOVABLE
 from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
-from raytracer.integrators.cubes import follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.integrator import Given, Options, Path, Staged, Whitted, check_scene, chosen
 from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
-from raytracer.integrators.motion import Motion, all_or_nothing
+from raytracer.integrators.motion import Motion, all_or_nothing, follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed

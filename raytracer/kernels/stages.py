@@ -17,9 +17,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import shpy as sh
-from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
-from raytracer.kernels.grid_walk import GridIntersector, is_over
+from raytracer.kernels.grid_walk import GridBeside, GridIntersector, is_over
 from raytracer.kernels.surfaces import PlainInteraction
 from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
 from raytracer.kernels.triangle import RayHit, TriangleTest, Walk, is_ray

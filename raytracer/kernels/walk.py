@@ -32,9 +32,8 @@ from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
 from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import WORKING, Rows
-from raytracer.kernels.beside import GridBeside
 from raytracer.kernels.bvh_walk import BvhIntersector
-from raytracer.kernels.grid_walk import GridIntersector
+from raytracer.kernels.grid_walk import GridBeside, GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, TouchingHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector

@@ -1,6 +1,5 @@
 """Triangle meshes: what they are, the parts of their files, and making them."""
 
-from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Instance, Mesh
 
 __all__ = ["Instance", "Mesh"]

@@ -21,8 +21,7 @@ from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
 from raytracer.meshes.folder import Notices
-from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import LOADERS, Mesh
+from raytracer.meshes.mesh import LOADERS, Instance, Mesh
 from raytracer.meshes.pictures import Picture, Pictures
 
 _GREY = (102, 102, 102)

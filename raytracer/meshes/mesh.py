@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
 from raytracer.arrays import array_of, finite_number, finite_triple, numbers
-from raytracer.errors import SceneError
+from raytracer.errors import SceneError, warn
+from raytracer.memory import TRIANGLE, check_triangles
 from raytracer.meshes.smoothing import normals_at_corners
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,10 @@ _ROWS = 1 << 12
 """Rows that are multiplied by a matrix or measured at once, at most."""
 _AT_ONCE = 1 << 12
 """Triangles that are searched for an area at once: the first ones have some, as a rule."""
+LOADERS: dict[str, Callable[..., Mesh]] = {}
+"""The functions behind `Mesh.load` and `Mesh.from_trimesh`, which need Mesh: their modules enter them."""
+MANY: Final = 1 << 20
+"""Triangles of instances from which on a warning says that each instance gets its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,10 +237,6 @@ class Mesh:
         return LOADERS["trimesh"](part, material=material, name=name)
 
 
-LOADERS: dict[str, Callable[..., Mesh]] = {}
-"""The functions behind `Mesh.load` and `Mesh.from_trimesh`, which need Mesh: their modules enter them."""
-
-
 def joined(meshes: Sequence[Mesh], name: str = "mesh") -> Mesh:
     """Join meshes to one of the first one's material; make up normals, colours or uv that one of them lacks."""
     normals: Floats | None = None
@@ -328,3 +329,48 @@ def product(vectors: Floats, matrix: Floats) -> Floats:
     for part, place in zip(*sides, strict=True):
         np.matmul(part, matrix, out=place)
     return products
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A mesh that stands in a scene where `transform` moves it.
+
+    `transform` (4, 4) multiplies columns (x, y, z, 1); it may scale, shear and mirror. `name` is the mesh's own if none
+    is given. A `Scene` keeps a moved copy of the mesh's triangles for each of its instances, which take as much memory
+    as so many meshes. Raises SceneError for what is no mesh or no such matrix.
+    """
+
+    mesh: Mesh
+    transform: Any
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, Mesh):
+            raise SceneError(f"an Instance is one of a Mesh, not of a {type(self.mesh).__name__}")
+        object.__setattr__(self, "transform", affine(self.transform))
+
+    @property
+    def placed(self) -> Mesh:
+        """The transformed mesh, with the name of the instance if it has one."""
+        moved = self.mesh.transformed(self.transform)
+        return moved if self.name in (None, moved.name) else replace(moved, name=self.name)
+
+
+def placed_all(name: str, parts: Iterable[Mesh | Instance]) -> list[Mesh]:
+    """Return meshes as they are, and instances in their places; `name` is that of the scene or file.
+
+    An sh.ShpyWarning says beforehand what many instances take. Raises SceneError where the triangles exceed the memory.
+    """
+    parts = list(parts)
+    instances = [part for part in parts if isinstance(part, Instance)]
+    shared = {id(part.mesh): len(part.mesh) for part in instances}
+    total, different = sum(len(part.mesh) for part in instances), sum(shared.values())
+    check_triangles(total + sum(len(part) for part in parts if isinstance(part, Mesh)))
+    if total >= MANY and total >= 2 * different:
+        plural = "" if len(shared) == 1 else "es"
+        warn(
+            f"{name}: each of {len(instances):,} instances of {len(shared):,} mesh{plural} gets triangles of its own, "
+            f"{total:,} where {different:,} are different: they take {total * TRIANGLE / 2**30:.1f} GiB of memory or "
+            "more, and are prepared one by one"
+        )
+    return [part.placed if isinstance(part, Instance) else part for part in parts]

@@ -12,11 +12,11 @@ import re
 import numpy as np
 
 from raytracer.errors import SceneError
-from raytracer.meshes.face_lists import leave_out_broken, triangles_of
 from raytracer.meshes.folder import Notices, shown
 from raytracer.meshes.lines import line_begins, name_of, numbers_in, plain, word_begins
 from raytracer.meshes.mesh import Mesh
 from raytracer.meshes.ply_elements import Element, Property, of_lines
+from raytracer.meshes.polygons import leave_out_broken, triangles_of
 
 _FACE = Property("corners", "i4", "u4")
 

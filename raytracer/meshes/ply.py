@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
-from raytracer.meshes.face_lists import Mask, Triangles, leave_out, leave_out_broken, triangles_of
 from raytracer.meshes.folder import Fault, Notices
 from raytracer.meshes.lines import Floats, Ints
 from raytracer.meshes.mesh import Mesh
 from raytracer.meshes.ply_elements import File, Lists, read_elements
+from raytracer.meshes.polygons import FaceTriangles, Mask, leave_out, leave_out_broken, triangles_of
 
 Columns = dict[str, Any]
 ALL: Final = slice(None)
@@ -80,7 +80,7 @@ def _note(file: File, notices: Notices) -> None:
                 notices.ignore(f"{each.name} of each {part.name}", part.count)
 
 
-def _at_corners(file: File, faces: Triangles, vertices: Ints, broken: Mask, notices: Notices) -> Columns:
+def _at_corners(file: File, faces: FaceTriangles, vertices: Ints, broken: Mask, notices: Notices) -> Columns:
     """Return normals, colours and uv coordinates at the corners of triangles, None where the file has none."""
     vertex, face = file.columns["vertex"], file.columns.get("face", {})
     uv = [_of_vertices(vertex, names, broken, _COORDINATES, notices) for names in _UV if _has(vertex, names)]
@@ -160,7 +160,7 @@ def _corners(face: Columns) -> Lists:
     return next((face[n] for n in ("vertex_indices", "vertex_index") if isinstance(face.get(n), Lists)), none)
 
 
-def _faces(file: File, places: Floats, broken: Mask, notices: Notices) -> Triangles:
+def _faces(file: File, places: Floats, broken: Mask, notices: Notices) -> FaceTriangles:
     corners = _corners(file.columns.get("face", {}))
     short = file.short.get("face", np.zeros(0, np.int64))
     return triangles_of(places, broken, corners.values, corners.sizes, short[short < len(corners.sizes)], notices)
@@ -195,7 +195,7 @@ def _strip(order: NDArray[Any]) -> Ints:
     return np.asarray(np.stack([order[last - 2], order[last - 1 + odd], order[last - odd]], axis=1).reshape(-1, 3))
 
 
-def _texcoord(lists: Lists, corners: Lists, faces: Triangles, notices: Notices) -> Floats:
+def _texcoord(lists: Lists, corners: Lists, faces: FaceTriangles, notices: Notices) -> Floats:
     """Return uv coordinates at the corners (T, 3, 2) of triangles, zero for faces without any."""
     right: Mask = np.asarray(lists.sizes == 2 * corners.sizes)
     begins = np.cumsum(lists.sizes) - lists.sizes

@@ -3,7 +3,7 @@
 Stage: scene description. Takes the corners of all faces, those of one after those of another, and how many each has. A
 face whose fan of triangles about its first corner covers it keeps that fan: all convex ones,
 planar or not. Others are cut into ears (`mapbox_earcut`): concave ones, and those with holes that a bridge of two equal
-edges joins to the outline.
+edges joins to the outline. `triangles_of` first leaves out the faces that a file has wrong, and counts them.
 
 >>> square = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
 >>> triangles = triangulated(square, np.arange(4), np.array([4]))
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Fault, Notices
+from raytracer.meshes.lines import Floats, Ints
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 MOST_CORNERS: Final = 1 << 14
 """Corners of a face that is cut into ears: a face that crosses itself takes time in proportion to their square."""
 _TOO_LARGE: Final = Fault(
@@ -35,6 +35,12 @@ _TINY: Final = 1e-12
 """The share of a face's area below which a triangle that is turned over counts as one without area."""
 _CROSSED: Final = 1e-6
 """The share of a face's area by which the areas of its ears differ from it where it crosses itself."""
+LACKING: Final = Fault("face names a vertex that the file lacks", "faces name a vertex that the file lacks")
+BROKEN: Final = Fault("vertex is not three finite numbers", "vertices are not three finite numbers")
+AT_BROKEN: Final = Fault("face has a corner at such a vertex", "faces have a corner at such a vertex")
+SMALL: Final = Fault("face has fewer than three corners", "faces have fewer than three corners")
+ILLEGIBLE: Final = Fault("face has a word that is not an index", "faces have a word that is not an index")
+SHORT: Final = Fault("face ends before its last number", "faces end before their last number")
 
 
 class Triangles(NamedTuple):
@@ -82,7 +88,7 @@ def triangulated(vertices: NDArray[Any], corners: NDArray[Any], sizes: Ints) -> 
     return _with_ears(places, fans, faces, np.setdiff1d(wrong, quads[right]), begins, sizes)
 
 
-def _covered(places: NDArray[Any], corners: Ints, faces: Ints, chosen: Ints, counts: Ints) -> NDArray[np.bool_]:
+def _covered(places: NDArray[Any], corners: Ints, faces: Ints, chosen: Ints, counts: Ints) -> Mask:
     """Return which of the `chosen` faces their triangles cover: none is turned over.
 
     `corners` and `faces` may be those of more faces, `counts` are the numbers of triangles by face.
@@ -145,3 +151,67 @@ def _ears(outline: Floats) -> Ints | None:
     ears[over] = ears[over, ::-1]
     total = float(np.abs(areas).sum())
     return ears if len(ears) and abs(total - abs(signed_area)) <= _CROSSED * total else None
+
+
+class FaceTriangles(NamedTuple):
+    """The triangles of faces: `vertices` (T, 3), `places` (T, 3) among all corners of the file, and `faces` (T,)."""
+
+    vertices: Ints
+    places: Ints
+    faces: Ints
+
+
+def leave_out_broken(vertices: Floats, notices: Notices) -> Mask:
+    """Return which vertices (V, 3) are not finite, and count them."""
+    broken: Mask = np.asarray(~np.isfinite(vertices).all(axis=1))
+    leave_out(BROKEN, broken, "vertex", notices)
+    return broken
+
+
+def leave_out(fault: Fault, wrong: Mask, element: str, notices: Notices, cause: str = "") -> None:
+    """Count the elements that are wrong; the first one is named by its number."""
+    if wrong.any():
+        notices.leave_out(fault, int(wrong.sum()), f"{element} {int(np.argmax(wrong)):,}", cause)
+
+
+def triangles_of(
+    vertices: Floats, broken: Mask, corners: NDArray[Any], sizes: Ints, short: Ints, notices: Notices
+) -> FaceTriangles:
+    """Return the triangles of faces.
+
+    `corners` (C,) are the numbers that the file has for the vertices of faces, `sizes` (F,) the lengths of their lists,
+    `broken` (V,) says which vertices are not finite, and `short` are the faces that end early.
+    """
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    with np.errstate(invalid="ignore"):
+        index = np.where(np.isfinite(corners), corners, 0).astype(np.int64)
+        illegible = _faces_of(index != corners, face, len(sizes))
+    ends_early = np.zeros(len(sizes), bool)
+    ends_early[short] = True
+    kept = ~ends_early & ~illegible
+    leave_out(SHORT, ends_early, "face", notices)
+    leave_out(ILLEGIBLE, illegible & ~ends_early, "face", notices)
+    leave_out(SMALL, kept & (sizes < 3), "face", notices)
+    kept &= sizes >= 3
+    beyond = (index < 0) | (index >= len(vertices))
+    lacking = _faces_of(beyond, face, len(sizes)) & kept
+    if lacking.any():
+        number = index[beyond & (face == np.argmax(lacking))][0]
+        leave_out(LACKING, lacking, "face", notices, f"a face names vertex {number}, and there are {len(vertices)}")
+    kept &= ~lacking
+    if broken.any():
+        at_broken = _faces_of(broken[np.where(beyond, 0, index)] & ~beyond, face, len(sizes)) & kept
+        leave_out(AT_BROKEN, at_broken, "face", notices)
+        kept &= ~at_broken
+    places = np.flatnonzero(np.repeat(kept, sizes))
+    numbers = np.flatnonzero(kept)
+    triangulation = triangulated(vertices, index[places], sizes[kept])
+    triangulation.report(notices, lambda face: f"face {numbers[face]:,}")
+    of_file = places[triangulation.corners]
+    return FaceTriangles(index[of_file], of_file, numbers[triangulation.faces])
+
+
+def _faces_of(corner: Any, face: Ints, count: int) -> Mask:
+    mask = np.zeros(count, bool)
+    mask[face[corner]] = True
+    return mask

@@ -23,8 +23,7 @@ from raytracer.errors import SceneError
 from raytracer.meshes.folder import Folder, Notices, shown
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.gltf_animation import Clip, listed, names_of
-from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Instance, Mesh
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of, outermost
 from raytracer.scene.gltf_scene import GltfScene

@@ -30,8 +30,7 @@ from raytracer.meshes.gltf import Document
 from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
 from raytracer.meshes.gltf_entries import BROKEN, needed, number_of, numbers_of, reason_of, rows, table
 from raytracer.meshes.gltf_materials import GltfMaterials
-from raytracer.meshes.instance import Instance
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Instance, Mesh
 from raytracer.scene.camera import ALONG, Camera
 from raytracer.scene.framing import triple
 from raytracer.scene.gltf_nodes import NODE, Matrix, Node, Pose, local_matrix, nodes_of, place_of

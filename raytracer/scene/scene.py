@@ -26,8 +26,7 @@ from raytracer.arrays import finite_triple
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Notices, named
 from raytracer.meshes.from_trimesh import parts_of
-from raytracer.meshes.instance import Instance, placed_all
-from raytracer.meshes.mesh import Mesh
+from raytracer.meshes.mesh import Instance, Mesh, placed_all
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight

@@ -5,7 +5,7 @@ here.
 
 - `command` reads the words of the command line and serves.
 - `opening` opens the scene that the words name, in the worker.
-- `session` holds the state of the view, and gives its frames.
-- `renderers` makes the renderer of each backend and integrator; `refining` makes pictures with one, a coarse one first.
-- `editing` gives materials and lights other numbers; `asking` answers questions about the picture and the camera.
+- `session` holds the state of the view, gives its frames, and says what a pixel shows.
+- `refining` makes the renderer of each backend and integrator, and pictures with one, a coarse one first.
+- `editing` gives materials and lights other numbers.
 """

@@ -11,19 +11,22 @@ time, which the times of those before tell.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+import shpy as sh
 from raytracer.image import srgb_bytes
-from raytracer.integrators.integrator import Path
+from raytracer.integrators.integrator import Integrator, Path
 from raytracer.integrators.layers import unset
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
+from raytracer.scene.scene import Scene
 
 _ANSWER: Final = 0.06
 """Seconds that the first picture after a change is to take."""
@@ -214,3 +217,61 @@ def _plain(renderer: Renderer) -> Iterator[None]:
         yield
     finally:
         bounces.value = before
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A backend and an integrator, as a `Renderer` takes them."""
+
+    backend: str
+    integrator: Integrator
+
+    def __str__(self) -> str:
+        return f"{type(self.integrator).__name__} on {self.backend}"
+
+
+@dataclass(eq=False)
+class Drawer:
+    """A renderer, the scene that it shows, and how long its rays take."""
+
+    form: Form
+    renderer: Renderer
+    scene: Scene
+    pace: Pace = field(default_factory=Pace)
+
+    def show(self, scene: Scene) -> None:
+        """Switch to another scene, from the next picture on."""
+        if scene is not self.scene:
+            self.renderer.show(scene)
+            self.scene = scene
+
+
+class Renderers:
+    """Renderers by their form, each made in a thread; a form that failed keeps its error until it is asked for."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._drawers: sh.view.Background[Form, Drawer] = sh.view.Background(wake)
+        self._last: Drawer | None = None
+
+    def best(self, form: Form, scene: Scene) -> Drawer | None:
+        """Return the wanted drawer; until it is made, the last one used, or None if there is none.
+
+        Raises the error with which the wanted drawer could not be made.
+        """
+        self._drawers.begin(form, partial(_make, form, scene))
+        error = self._drawers.error(form)
+        if error is not None:
+            # Another scene, such as one without an environment light, may be possible.
+            self._drawers.forget(form)
+            raise error
+        if self._drawers.is_done(form):
+            self._last = self._drawers.result(form)
+        return self._last
+
+    def is_ready(self, form: Form) -> bool:
+        """Return whether a form has been made, or has failed."""
+        return self._drawers.has_ended(form)
+
+
+def _make(form: Form, scene: Scene) -> Drawer:
+    return Drawer(form, Renderer(scene, integrator=form.integrator, backend=form.backend), scene)

@@ -11,6 +11,7 @@ made, and when the camera has come to rest.
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,13 +24,12 @@ import shpy as sh
 from raytracer import viewing
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import INTEGRATORS
+from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
-from raytracer.view import asking
 from raytracer.view.command import chosen, options_of
 from raytracer.view.editing import Edits
 from raytracer.view.opening import open_scene
-from raytracer.view.refining import Piece, Refinement
-from raytracer.view.renderers import Drawer, Form, Renderers
+from raytracer.view.refining import Drawer, Form, Piece, Refinement, Renderers
 from raytracer.view.texts import Shown
 
 _REST: Final = 0.15
@@ -46,6 +46,7 @@ _EXPOSURE: Final = {
     "whole": False,
     "bounded": False,
 }
+Vector = NDArray[np.float64]
 
 
 class Session(sh.view.Live):
@@ -266,8 +267,8 @@ class Session(sh.view.Live):
         """Return what is known of the surface of a pixel."""
         if self._drawer is None or self._refinement is None:
             return {"at": at, "number": None}
-        surface = asking.surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
-        return surface if surface["number"] is None else {**surface, **self._names(surface["number"])}
+        seen = surface(self._drawer.renderer, self._refinement.camera, self.size, self._inside(at))
+        return seen if seen["number"] is None else {**seen, **self._names(seen["number"])}
 
     def _camera_texts(self) -> dict[str, Any]:
         meshes, lights = self.edits.changed(self._scene)
@@ -307,6 +308,43 @@ class Session(sh.view.Live):
     def explain(self, error: BaseException) -> dict[str, Any]:
         """Return an error for the page."""
         return explained(error, self.request)
+
+
+def eye_ray(camera: Camera, size: tuple[int, int], at: tuple[int, int]) -> tuple[Vector, Vector]:
+    """Return the origin and the unit direction of the eye ray through the middle of a pixel (row, column)."""
+    width, height = size
+    row, column = at[0] + 0.5, at[1] + 0.5
+    uniforms = camera.uniforms(width, height, np.zeros(3), 1.0)
+    eye = np.asarray(uniforms["eye"], np.float64)
+    if camera.projection == "panorama":
+        azimuth, altitude = 2 * math.pi * (column / width - 0.5), math.pi * (0.5 - row / height)
+        level = math.sin(azimuth) * uniforms["right"] + math.cos(azimuth) * uniforms["forward"]
+        return eye, math.cos(altitude) * level + math.sin(altitude) * uniforms["above"]
+    aside = column * uniforms["across"] + row * uniforms["down"]
+    if camera.projection == "orthographic":
+        return eye + aside, uniforms["corner"]
+    ray = uniforms["corner"] + aside
+    return eye, ray / np.linalg.norm(ray)
+
+
+def surface(renderer: Renderer, camera: Camera, size: tuple[int, int], at: tuple[int, int]) -> dict[str, Any]:
+    """Return the object, position, normal and distance of what a pixel (row, column) shows; object None for nothing.
+
+    With path tracing the distance is that of the first sample, which lies elsewhere in the pixel.
+    """
+    layers = renderer.rows(size, at[0], 1, camera=camera, samples=1)
+    number, distance = int(layers["object_id"][0, at[1]]), float(layers["depth"][0, at[1]])
+    if number < 0:
+        return {"at": list(at), "number": None}
+    origin, ray = eye_ray(camera, size, at)
+    return {
+        "at": list(at),
+        "number": number,
+        "object": renderer.scene.meshes[number].name,
+        "position": origin + distance * ray,
+        "normal": layers["normal"][0, at[1]],
+        "distance": distance,
+    }
 
 
 def explained(error: BaseException, request: dict[str, Any]) -> dict[str, Any]:

@@ -11,9 +11,8 @@ import shpy as sh
 from raytracer import Camera, DirectionalLight, Instance, Material, Mesh, PointLight, Renderer, Scene, SceneError
 from raytracer.accel import forest
 from raytracer.accel.forest import Forest
-from raytracer.accel.plane_kernel import plane_kernel, plane_program
 from raytracer.accel.ploc import build_bvh
-from raytracer.accel.shape import Shape
+from raytracer.accel.shape import Shape, plane_kernel, plane_program
 from raytracer.integrators.motion import Motion
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 
@@ -362,7 +361,7 @@ def test_the_kernel_computes_the_tables_that_numpy_does(backend):
 def test_only_a_device_without_f64_leaves_the_tables_to_numpy(monkeypatch):
     assert plane_kernel.__wrapped__("glsl") is None
     broken = Mock(**{"compile.side_effect": sh.CompileError("the driver refused the kernel")})
-    monkeypatch.setattr("raytracer.accel.plane_kernel.plane_program", lambda: broken)
+    monkeypatch.setattr("raytracer.accel.shape.plane_program", lambda: broken)
     with pytest.raises(sh.CompileError, match="refused the kernel"):
         plane_kernel.__wrapped__("opencl")
 

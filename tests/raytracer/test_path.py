@@ -26,7 +26,7 @@ from raytracer import (
 )
 from raytracer.integrators import progressive
 from raytracer.kernels import walk
-from raytracer.kernels.chances import Chances, alias_table, probabilities_of
+from raytracer.kernels.emitters import Chances, alias_table, probabilities_of
 from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.path import PathTracer, power
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere

@@ -19,10 +19,10 @@ import raytracer as rt
 from raytracer import viewing
 from raytracer.cli import _parser
 from raytracer.integrators.renderer import Renderer
-from raytracer.view import asking, renderers
+from raytracer.view import refining
 from raytracer.view.command import file_of, options_of, request_of
 from raytracer.view.refining import Pace, Refinement
-from raytracer.view.session import Session, explain_opening
+from raytracer.view.session import Session, explain_opening, eye_ray, surface
 
 SIZE = (24, 16)
 MOVING = """
@@ -153,8 +153,8 @@ def test_a_surface_is_where_the_intersector_finds_it(projection):
     camera = rt.Camera((4, 4, 8), (0, 0.7, 0), fov=50, projection=projection, span=6)
     renderer = rt.Renderer(scene, backend="numpy", bounces=0)
     at = (8, 12)
-    found = asking.surface(renderer, camera, SIZE, at)
-    origin, ray = asking.eye_ray(camera, SIZE, at)
+    found = surface(renderer, camera, SIZE, at)
+    origin, ray = eye_ray(camera, SIZE, at)
     hits = rt.Intersector(scene, backend="numpy").intersect([origin], [ray])
     assert found["distance"] == pytest.approx(float(hits.t[0]), rel=1e-5)
     assert found["position"] == pytest.approx(origin + float(hits.t[0]) * ray, abs=1e-4)
@@ -287,7 +287,7 @@ def test_another_integrator_takes_the_place_of_the_one_before(session, monkeypat
         assert made.wait(HANGING)
         return Renderer(*given, **options)
 
-    monkeypatch.setattr(renderers, "Renderer", make)
+    monkeypatch.setattr(refining, "Renderer", make)
     session.set({"scene": {"integrator": "path"}})
     before = [header for header, _ in pictures(session)]
     assert {(header["form"], header["waiting"]) for header in before} == {("Whitted on numpy", "Path on numpy")}
