@@ -49,9 +49,6 @@ from shpy.passes.continuing import without_continuing
 DEVICE_TURNS = 65_535
 """The total of iterations after which Mesa's llvmpipe silently stops the loops of an invocation."""
 
-LOOPED = {"payne_hanek": 10}
-"""Iterations of operations that a printer may write as loops, including the last one, in which the loop ends."""
-
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
 
@@ -95,8 +92,8 @@ def few_turns(module: Module) -> bool:
 def may_be_stopped(module: Module) -> bool:
     """Return whether a device that stops loops after DEVICE_TURNS iterations in all may stop one of these.
 
-    The count includes the loops that the GLSL printer may add: one of one iteration around the body of a function, one
-    over the elements of an array at its declaration and at each store, and those of the operations in LOOPED.
+    The count includes the loops that the GLSL printer may add: one of one iteration around the body of a function, and
+    one over the elements of an array at its declaration and at each store.
     """
     return _most_iterations(module, printed=True) >= DEVICE_TURNS
 
@@ -119,8 +116,6 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
                 iterations += float("inf") if s.turns is None else (s.turns + printed) * inside
             elif isinstance(s, Store):
                 iterations += lengths.get(s.variable, 0)
-            elif isinstance(s, Let) and s.op in LOOPED:
-                iterations += LOOPED[s.op]
             else:
                 callee = callee_of(s)
                 iterations += 0 if callee is None else totals[callee]

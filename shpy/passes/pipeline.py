@@ -21,7 +21,7 @@ from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.decided import remove_decided_selects
-from shpy.passes.exits import make_exits_explicit, may_be_stopped
+from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
 from shpy.passes.independent import inline_independent
@@ -45,8 +45,7 @@ class Target:
     binary32 that it rounds wrong, and that are to be corrected. `bounded`: those of binary64 that keep the bounds for
     small angles only. `loop_flags`: the device may stop long loops on its own. `nesting`: the depth of blocks that its
     driver takes. `vector`: the prepared module goes to `vectorize`, whose functions take values only.
-    `looped`: parts of strict functions that it prints as loops, if an
-    element takes few iterations in total. `doubles`: it has binary64. `fuses`: it has fma of binary64 in hardware.
+    `doubles`: it has binary64. `fuses`: it has fma of binary64 in hardware.
     `exact`: the transcendentals of binary32 that it rounds correctly itself.
     """
 
@@ -58,7 +57,6 @@ class Target:
     loop_flags: bool = False
     nesting: int | None = None
     vector: bool = False
-    looped: frozenset[str] = frozenset()
     doubles: bool = True
     fuses: bool = False
     exact: frozenset[str] = frozenset()
@@ -109,10 +107,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     formulas = formulas_of(options.math, target.doubles, target.fuses)
     plain = lower_half(set_precision(module, options.precision), formulas, target.exact)
-    does = target.does(options.math)
-    lowered = lower(plain, does | target.looped, corrected, bounded, formulas, target.exact)
-    if target.looped and may_be_stopped(lowered):
-        lowered = lower(plain, does, corrected, bounded, formulas, target.exact)
+    lowered = lower(plain, target.does(options.math), corrected, bounded, formulas, target.exact)
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     if target.nesting is not None:

@@ -130,51 +130,6 @@ def test_what_is_no_angle_gives_nan_beside_near_and_far_ones(name: str, backend:
     assert np.isnan(half).tolist() == [True, False, True]
 
 
-def often(turns: int) -> sh.Program:
-    """A program that takes so many sines one after the other; the last bits tell how many they were."""
-
-    @sh.program
-    def summed(x: sh.Attrib1f) -> sh.Attrib1f:
-        total = sh.Attrib1f(0)
-        with sh.SH_FOR(0, turns):
-            total += sh.sin(x + 0 * total)
-        return total
-
-    return summed
-
-
-def unbounded(x: sh.Attrib1f) -> sh.Attrib1f:
-    found = sh.Attrib1f(0)
-    with sh.SH_WHILE(lambda: found == 0):
-        found[:] = sh.sin(x)
-    return found
-
-
-def test_glsl_reduces_by_a_loop_whose_first_iteration_is_all_that_near_angles_take() -> None:
-    """Branches of llvmpipe skip nothing: what runs for all angles is the function's text, and a loop's is short."""
-    text = program("sin").compile("glsl", math="portable").source
-    reduction = text[text.index("vec3 sh_payne_hanek(") : text.index("float sin_portable(")]
-    assert reduction.count(";") < 60
-    assert reduction.count("for (") == 1
-    assert " payne_hanek(" not in text
-
-
-@pytest.mark.parametrize("turns", [5950, 6000])
-def test_the_loops_of_reductions_count_among_those_that_llvmpipe_stops(turns: int) -> None:
-    """Past 65,535 iterations in all every loop is stopped: a program that may take as many reduces without one."""
-    x = np.concatenate([angles("f32")[-200:], np.float32([0.5, 1e4])])
-    kernel = often(turns).compile("glsl", math="portable")
-    assert ("sh_payne_hanek(" in kernel.source) == (turns == 5950)
-    assert kernel(x).tobytes() == often(turns).compile("opencl", math="portable")(x).tobytes()
-
-
-def test_a_loop_without_a_bound_reduces_without_one() -> None:
-    x = angles("f32")
-    kernel = sh.program(unbounded).compile("glsl", math="portable")
-    assert "sh_payne_hanek(" not in kernel.source
-    assert kernel(x).tobytes() == program("sin").compile("glsl", math="portable")(x).tobytes()
-
-
 def in_a_program(v: sh.Attrib3f, turn: sh.Attrib1f) -> sh.Attrib3f:
     with sh.SH_IF(v.x > 0):
         v.yz = sh.sin(v.yz) + sh.tan(turn)

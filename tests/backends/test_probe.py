@@ -222,12 +222,16 @@ def test_fma_is_corrected(backend: str, lanes: Any, wrong: Any) -> None:
 
 
 def test_an_fma_of_the_device_is_used_where_it_rounds_once(wrong: Any) -> None:
-    wrong(fuses=False)
-    assert "= sh_fma(a, b, c);" in compiled(fused, "glsl").source
-    wrong(fuses=True)
-    source = compiled(fused, "glsl").source
-    assert "= fma(a, b, c);" in source
-    assert "sh_fma" not in source
+    wrong()
+    assert "= fma(a, b, c);" in compiled(fused, "glsl").source
+
+
+def test_fast_mode_has_an_fma_on_a_device_that_lacks_one(wrong: Any) -> None:
+    """GLSL 3.30 has no `fma`: such a device compiles fast mode alone, where the product may be rounded."""
+    wrong(keeps_order=False)
+    kernel = compiled(fused, "glsl", math="fast")
+    assert "fma(" not in kernel.source
+    assert kernel(np.float32(3), np.float32(0.5), np.float32(0.25)) == 1.75
 
 
 @pytest.mark.parametrize(("backend", "lanes"), [("opencl", 1), ("opencl", 8), ("glsl", "auto")])

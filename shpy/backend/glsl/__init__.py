@@ -38,7 +38,7 @@ from shpy.ir.nodes import Loc, Module, Port, Value, Variable
 from shpy.ir.traverse import bases_of, defined, variables_of
 from shpy.ir.types import Base, vec
 from shpy.passes.bool_arrays import hold_bools_as_ints
-from shpy.passes.exits import LOOPED, few_turns
+from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
@@ -199,7 +199,7 @@ def _target(limits: Limits, module: Module, options: Options) -> Target:
     Only shpy's own functions use the device's binary64. A program that uses f64 itself is refused.
     """
     doubles = limits.doubles and options.precision != "f64" and Base.D not in bases_of(module)
-    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, looped=frozenset(LOOPED), doubles=doubles)
+    return replace(TARGET, wrong=limits.wrong & CORRECTABLE, doubles=doubles)
 
 
 def _printable(module: Module, exact: bool) -> Module:

@@ -275,15 +275,12 @@ class Context:
         faults = store.known_names(key, FAULTS.keys() | _OF_GLSL, lambda: self.call(self._faults))
         doubles = ordered and "GL_ARB_gpu_shader_fp64" in extensions
         binary64 = self._binary64(about, flushed="denormals" in faults) if doubles else frozenset()
-        # Without a fused one of the device, fma is ours, whose sums of floats lose denormals.
-        ours = {"fma"} if "denormals" in faults else set()
         return Limits(
             width=min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"]),
             outputs=min(info["GL_MAX_DRAW_BUFFERS"], info["GL_MAX_COLOR_ATTACHMENTS"]),
             textures=info["GL_MAX_TEXTURE_IMAGE_UNITS"],
-            wrong=faults - ours - _OF_GLSL,
+            wrong=faults - _OF_GLSL,
             chooses="choices" not in faults,
-            fuses="fma" not in faults,
             keeps_order=ordered,
             negates="negations" not in faults,
             signs="signs" not in faults,

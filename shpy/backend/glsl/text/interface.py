@@ -48,8 +48,6 @@ class Limits:
     """True if it has `precise`: without it only fast mode compiles."""
     chooses: bool = True
     """True if `a < b ? b : a` gives a where a is NaN."""
-    fuses: bool = False
-    """True if the device's own `fma` rounds once."""
     negates: bool = True
     """True if `!(a < b)` holds where a is NaN."""
     signs: bool = True

@@ -203,7 +203,7 @@ class GlslBody(Body):
         """Name GLSL's function, or one of the prologue."""
         if op in _OWN and (op != "sqrt" or self.unit.limits.roots or types[0].base is not Base.D):
             return _OWN[op]
-        if (op == "fma" and self.unit.limits.fuses) or (op in _OWN_OF_INTS and not types[0].is_float):
+        if op == "fma" or (op in _OWN_OF_INTS and not types[0].is_float):
             return op
         return self.unit.prologue.use(_PROLOGUE.get(op, f"sh_{op}"), types)
 
@@ -235,6 +235,13 @@ class GlslBody(Body):
         if type.base is Base.I and self.ranges.span(arg)[0] == _LEAST:
             return tree.call(self.unit.prologue.use("sh_abs", (type,)), type, self.arg(arg))
         return self.arg(arg) if type.base is Base.U else self.plain_call(let)
+
+    def op_fma(self, let: Let) -> Expr:
+        """Return `fma(a, b, c)`; `a * b + c` where GLSL has none, which is a device that compiles fast mode alone."""
+        if self.unit.limits.keeps_order:
+            return self.plain_call(let)
+        a, b, c = self.args(let)
+        return tree.infix("+", tree.infix("*", a, b), c)
 
     def op_clamp(self, let: Let) -> Expr:
         """Return `clamp(i, 0, 7)`; `min(max(i, low), high)` of ints whose bounds may cross, where it is undefined."""
