@@ -28,7 +28,7 @@ from shpy.backend.glsl.text.interface import Limits
 from shpy.backend.numpy.device.run import TARGET as NUMPY
 from shpy.backend.numpy.text.apart import lay_out
 from shpy.backend.numpy.text.module import print_python
-from shpy.backend.opencl.device.targets import TARGET as OPENCL
+from shpy.backend.opencl.device.driver import TARGET as OPENCL
 from shpy.backend.opencl.text.kernel import print_kernel
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Module

@@ -22,7 +22,7 @@ from benchmarks.tables import Table
 from raytracer import Mesh
 from shpy import SH_ELSE, SH_IF
 from shpy.backend.base import Options
-from shpy.backend.opencl.device.targets import TARGET as OPENCL
+from shpy.backend.opencl.device.driver import TARGET as OPENCL
 from shpy.passes.pipeline import prepare
 from shpy.passes.size import count_ops
 

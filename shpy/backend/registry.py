@@ -17,7 +17,7 @@ from shpy.errors import BackendUnavailable
 
 _MODULES = {
     "numpy": "shpy.backend.numpy.device.run",
-    "opencl": "shpy.backend.opencl.device.run",
+    "opencl": "shpy.backend.opencl.device.building",
     "glsl": "shpy.backend.glsl",
 }
 """The module that defines each backend."""

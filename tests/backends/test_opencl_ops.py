@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from shpy.backend.base import Call, Options
-from shpy.backend.opencl.device.run import backend
+from shpy.backend.opencl.device.building import backend
 from shpy.ir import meaning
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES

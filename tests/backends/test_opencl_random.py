@@ -7,7 +7,7 @@ import pytest
 from passes.random_ir import LOOP_LIMIT, Sizes, random_inputs, random_module
 
 from shpy.backend.base import Call, Options
-from shpy.backend.opencl.device.run import backend
+from shpy.backend.opencl.device.building import backend
 from shpy.ir.constants import DTYPES, to_array
 from shpy.ir.interpreter import Interpreter
 from shpy.ir.nodes import Status

@@ -17,9 +17,9 @@ import pytest
 import shpy as sh
 from shpy import SH_DISCARD, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 from shpy.backend.base import Call, Options
-from shpy.backend.opencl.device import driver as device, run as runtime
+from shpy.backend.opencl.device import building as runtime, driver as device
+from shpy.backend.opencl.device.building import backend
 from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.run import backend
 from shpy.backend.opencl.device.tables import tables_of
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table

@@ -11,7 +11,7 @@ import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DO, SH_FOR, SH_IF, SH_UNTIL, SH_WHILE
 from shpy.backend.base import Options
 from shpy.backend.emit.structure import MAX_DEPTH
-from shpy.backend.opencl.device.run import backend
+from shpy.backend.opencl.device.building import backend
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Continue, Module, Port, Value
 from shpy.ir.types import Type, vec

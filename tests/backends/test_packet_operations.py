@@ -12,8 +12,8 @@ from backends.test_packets import same
 import shpy as sh
 from shpy import SH_WHILE
 from shpy.backend.base import Array, Call, Options
+from shpy.backend.opencl.device.building import backend
 from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.run import backend
 from shpy.backend.opencl.packets.prologue import Abilities
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Module, Port

@@ -10,9 +10,9 @@ from passes.random_ir import LOOP_LIMIT, random_module
 import shpy as sh
 from shpy import SH_BREAK, SH_CONTINUE, SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
 from shpy.backend.base import Array, Call, Options
-from shpy.backend.opencl.device import run as runtime
+from shpy.backend.opencl.device import building as runtime
+from shpy.backend.opencl.device.building import backend
 from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.run import backend
 from shpy.backend.opencl.packets.widen import WIDTHS
 from shpy.ir.builder import Builder
 from shpy.ir.constants import DTYPES

@@ -15,7 +15,7 @@ from backends.running import TARGETS
 import shpy as sh
 from benchmarks.record import glsl_text, numpy_text, opencl_text
 from shpy.backend.base import Options
-from shpy.backend.opencl.device.targets import PACKET_TARGET
+from shpy.backend.opencl.device.driver import PACKET_TARGET
 from shpy.backend.opencl.packets.kernel import print_packets
 from shpy.backend.opencl.packets.prologue import Abilities
 from shpy.passes.pipeline import optimise, prepare

@@ -11,9 +11,8 @@ import pytest
 import shpy as sh
 from shpy import SH_FOR
 from shpy.backend.base import Options
-from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.groups import widths_of
-from shpy.backend.opencl.device.targets import PACKET_TARGET
+from shpy.backend.opencl.device.building import widths_of
+from shpy.backend.opencl.device.driver import PACKET_TARGET, machine_of
 from shpy.passes.pipeline import prepare
 
 ALL = (4, 8, 16, 32, 64)

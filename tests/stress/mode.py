@@ -38,7 +38,6 @@ from shpy.backend.opencl.device import (
     driver as opencl_device,
     memory as opencl_memory,
     run as opencl_runtime,
-    staging as opencl_staging,
 )
 from shpy.backend.opencl.device.driver import _driver_devices, machine_of
 from shpy.chains.chain import Chain
@@ -116,7 +115,7 @@ class Stress:
         stack.enter_context(patch.object(glsl_memory, "_AHEAD", self.random.choice((1, 2, 64))))
         stack.enter_context(patch.object(opencl_memory, "_AHEAD", self.random.choice((1, 2, 256))))
         stack.enter_context(patch.object(listed.Listed, "_pays", lambda _, live, count: not live or self.chance()))
-        is_small = opencl_staging.is_small
+        is_small = opencl_runtime.is_small
         staged = lambda call: is_small(call) and self.chance(0.8)  # noqa: E731
         stack.enter_context(patch.object(opencl_runtime, "is_small", staged))
         lend = opencl_device.Machine.lend
@@ -192,15 +191,15 @@ class Stress:
 
     def poison_stages(self, stack: ExitStack) -> None:
         """Patch the arrays that small runs on OpenCL pass through."""
-        get = opencl_staging.Stages.get
+        run = opencl_runtime.OpenCLExecutable._run_staged
 
-        def staged(stages: Any, call: Any, make: Any) -> Any:
-            found = get(stages, call, make)
-            for array in found.outputs:
-                poison(array)
-            return found
+        def poisoned(executable: Any, call: Any) -> Any:
+            for stage in executable.stages._kept.values():
+                for array in stage.outputs:
+                    poison(array)
+            return run(executable, call)
 
-        stack.enter_context(patch.object(opencl_staging.Stages, "get", staged))
+        stack.enter_context(patch.object(opencl_runtime.OpenCLExecutable, "_run_staged", poisoned))
 
     def poison_numpy(self, stack: ExitStack) -> None:
         """Patch numpy's own functions for memory that holds anything."""

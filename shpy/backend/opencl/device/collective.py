@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.base import Collectives, NodeTypes
-from shpy.backend.opencl.device.dispatch import LOCAL_SIZE
+from shpy.backend.opencl.device.driver import LOCAL_SIZE
 from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, buffer_dtype
 from shpy.backend.opencl.device.trees import OpenCLTree, tree_of
 from shpy.ir.nodes import Module, Status

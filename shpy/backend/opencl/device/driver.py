@@ -42,10 +42,15 @@ from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, Abilities
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
 from shpy.errors import BackendUnavailable, ShpyTypeError, warn
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic, was_flushing
+from shpy.ir.ops import TRANSCENDENTALS
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import Math
 from shpy.passes.pipeline import Target
 
+TARGET: Final = Target("opencl", native=TRANSCENDENTALS)
+PACKET_TARGET: Final = replace(TARGET, vector=True)
+LOCAL_SIZE: Final = 64
+"""Work items of a group."""
 _CPU_SECONDS = 0.5
 """The intended seconds of a dispatch on a CPU. Only Ctrl-C has to wait for its end, and long ones keep cores busy."""
 ANY_SIZE = 1 << 16
@@ -319,12 +324,13 @@ class Machine:
             return self._asked()
         return store.known_names(self._key(EXACTNESS, self._options), FAULTS, self._asked)
 
-    def target(self, target: Target, math: Math) -> Target:
-        """Return a target with the abilities of this device.
+    def target(self, lanes: int, math: Math) -> Target:
+        """Return the target of packets, or of single elements, with the abilities of this device.
 
         Only strict mode uses those in binary64, so other modes do not wait for their probe.
         """
         doubles = self.binary64 if math == "strict" else frozenset()
+        target = PACKET_TARGET if lanes > 1 else TARGET
         return replace(target, wrong=self.wrong & CORRECTABLE, doubles="exact" in doubles, fuses="fused" in doubles)
 
     @property

@@ -23,8 +23,7 @@ import numpy as np
 from shpy.backend.base import Array, Collectives, Counts, too_large
 from shpy.backend.device.pool import Kind
 from shpy.backend.device.recent import Recent
-from shpy.backend.opencl.device.dispatch import LOCAL_SIZE
-from shpy.backend.opencl.device.driver import ANY_SIZE, Machine
+from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status

@@ -1,160 +1,51 @@
-"""The OpenCL backend: builds a printed kernel and runs it over arrays.
+"""Kernels on an OpenCL device: runs over arrays and over memory of the device, as one or several dispatches.
 
-Stage: compile and run. `compile` prepares and prints a module, builds it and lets the driver generate its code; `run`
-brings inputs, tables and params to the device, launches one work item an element, and brings the outputs back. A
-processor's kernels work on the arrays themselves. Arrays of another width than the kernel's (float16 for f at f16,
-bools) are converted on the host.
+Stage: run. A run brings inputs, tables and params to the device, launches one work item for each element or packet, and
+brings the outputs back. A processor's kernels work on the arrays themselves. Arrays of another width than the kernel's
+(float16 for f at f16, bools) are converted on the host. Of a run over a few elements, most time goes into making
+buffers and setting arguments: such a run is staged, through arrays that the device knows already, with a kernel object
+of its own.
 
-    executable = OpenCLBackend().compile(module, Options())
+PoCL generates code anew for each local size, for a global offset that is not 0, and for the first launch of 65,535 or
+more work items along an axis. So a kernel has one local size, its second argument is where a dispatch begins, and its
+first launch has `driver.ANY_SIZE` work items, most of them idle: that code serves smaller launches too. `Pace` decides
+how many dispatches a run has.
+
     status = executable.run(call)
+    start = executable.ready(device_call)        # for `Space.start`
 """
 
 from __future__ import annotations
 
 import math
-import re
 import weakref
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, TableMemory
-from shpy.backend.device.once import once
+from shpy.backend.base import Array, Call, DeviceCall, TableMemory
 from shpy.backend.device.pace import Pace
-from shpy.backend.device.probe import refuse_wrong
-from shpy.backend.opencl.device.collective import collectives
-from shpy.backend.opencl.device.dispatch import LOCAL_SIZE, Items, starter
-from shpy.backend.opencl.device.driver import ANY_SIZE, Machine, devices, machine_of
-from shpy.backend.opencl.device.groups import group_of, whole_group, widths_of
-from shpy.backend.opencl.device.memory import MEMORY, OpenCLSpace, own
-from shpy.backend.opencl.device.staging import Staged, Stages, is_small, staged_array
+from shpy.backend.device.recent import Recent
+from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
+from shpy.backend.opencl.device.memory import MEMORY, own
 from shpy.backend.opencl.device.tables import tables_of
-from shpy.backend.opencl.device.targets import PACKET_TARGET, TARGET
-from shpy.backend.opencl.packets.kernel import print_packets
-from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
-from shpy.backend.opencl.text.kernel import Kernel, print_kernel
-from shpy.backend.opencl.text.operations import ELEMENTWISE
-from shpy.errors import CompileError, ShpyTypeError, warn
+from shpy.backend.opencl.text.kernel import Kernel
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let, Loc, Module, Status, Table
+from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
-from shpy.ir.traverse import walk
 from shpy.ir.types import Type, vec
-from shpy.passes.exits import few_turns
-from shpy.passes.modes import REPRODUCIBLE
-from shpy.passes.pipeline import Prepared, prepare
-from shpy.passes.size import check_growth, check_size
+from shpy.passes.pipeline import Prepared
 
-_MOST_STATEMENTS: Final = 1 << 26
-"""The most statements with all calls expanded. PoCL visits every path of calls, so its time doubles with each level."""
-_FLUSHED: Final = "in {} mode this device flushes denormals to zero"
-"""The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
-_GROUPED: Final = "local arrays of {:,} bytes: groups of {}, not {}"
 _WIDE: Final = 32
 """Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
-
-
-class OpenCLBackend:
-    """OpenCL devices as a backend; see `base.Backend`."""
-
-    name = "opencl"
-
-    def devices(self) -> list[Device]:
-        """Return every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
-        return devices()
-
-    def compile(self, module: Module, options: Options) -> Executable:
-        """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
-
-        `lanes="auto"` follows from the form of the program on a CPU (see `groups`), and is 1 on a GPU or for a program
-        that no packet can run, which is a ShpyWarning with the cause.
-        """
-        machine = machine_of(options.device)
-        lanes = machine.lanes if options.lanes == "auto" else options.lanes
-        if lanes not in (1, *WIDTHS, *WIDER):
-            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, (*WIDTHS, *WIDER)))}')
-        if lanes > 1 and lanes not in machine.widths:
-            name = machine.device.name.strip()
-            cure = f'lanes="auto", or {max((1, *machine.widths))}'
-            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure=cure)
-        try:
-            return _built(machine, module, options, lanes)
-        except CompileError as e:
-            if options.lanes != "auto" or lanes == 1:
-                raise
-            single = _built(machine, module, options, 1)
-            remark = f"one element at a time, not {lanes}: {e.message}"
-            warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}")
-            return replace(single, remarks=(*single.remarks, remark))
-
-    def space(self, device: int | None) -> OpenCLSpace:
-        """Return the memory of a device."""
-        return _space_of(machine_of(device))
-
-
-@once
-def _space_of(machine: Machine) -> OpenCLSpace:
-    return OpenCLSpace(machine, collectives)
-
-
-def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
-    target = TARGET if lanes == 1 else PACKET_TARGET
-    prepared = prepare(module, options, machine.target(target, options.math))
-    check_size(prepared.module, "OpenCL's compiler")
-    check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
-    if options.math in REPRODUCIBLE:
-        refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
-    near = lanes
-    if options.lanes == "auto" and lanes > 1:
-        lanes, near = widths_of(machine, prepared.module, options.precision)
-    return _compiled(machine, prepared, options, _printed(machine, prepared, options, lanes, near))
-
-
-def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int, near: int) -> Kernel:
-    if lanes > 1:
-        return print_packets(prepared.module, lanes, machine.abilities, options.math, faults=machine.wrong, near=near)
-    statements = (s for f in prepared.module.functions for s in walk(f.body))
-    rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for s in statements)
-    elementwise = rounds and machine.abilities.elementwise
-    return print_kernel(prepared.module, options.math, elementwise=elementwise, faults=machine.wrong)
-
-
-def _compiled(machine: Machine, prepared: Prepared, options: Options, kernel: Kernel) -> OpenCLExecutable:
-    if kernel.doubles and not machine.doubles:
-        raise CompileError(
-            f"{machine.device.name.strip()} has no f64",
-            loc=prepared.module.entry.loc,
-            cure='precision="f32", or backend="numpy"',
-            lacks="f64",
-        )
-    group = group_of(machine, kernel)
-    with machine.lock:
-        try:
-            program = machine.build(kernel.text, options.math)
-            compiled = machine.cl.Kernel(program, kernel.name)
-            pace = machine.pace(bounded=few_turns(prepared.module))
-            remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
-            if group < whole_group(kernel.lanes):
-                remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole_group(kernel.lanes)))
-            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, group, remarks)
-            executable.warm_up()
-        except machine.cl.Error as e:
-            raise _refusal(str(e), kernel) from e
-    return executable
-
-
-def _refusal(log: str, kernel: Kernel) -> CompileError:
-    """Return the driver's complaints, each at the user's line that the text's line comes from."""
-    complaints: list[tuple[Loc | None, str]] = []
-    for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
-        upto = kernel.lines[: int(line)]
-        complaints.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
-    if not complaints:
-        return CompileError(f"the OpenCL driver refused the kernel:\n{log.strip()}")
-    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in complaints)
-    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=complaints[0][0])
+_SMALL: Final = 1 << 15
+"""The most bytes of all inputs and outputs together. To copy more takes longer than to lend the arrays."""
+_SHAPES: Final = 8
+"""The most shapes of small runs for which a kernel keeps arrays."""
+_ALIGNMENT: Final = 128
+"""Bytes: the size of the longest vector of OpenCL, to which the memory of a buffer has to be aligned."""
 
 
 @dataclass(slots=True)
@@ -169,7 +60,8 @@ class OpenCLExecutable:
     pace: Pace
     group: int
     remarks: tuple[str, ...] = ()
-    stages: Stages = field(default_factory=Stages)
+    stages: Recent[tuple[Any, ...], Staged] = field(default_factory=lambda: Recent(_SHAPES))
+    """Arrays for small runs, by the shape of the run and the lengths of its inputs."""
     spare: list[Any] = field(default_factory=list)
     """Kernel objects that no run uses, for the next runs."""
 
@@ -247,7 +139,7 @@ class OpenCLExecutable:
         return self._collect(call, outputs)
 
     def _run_staged(self, call: Call) -> Array | None:
-        staged = self.stages.get(call, self._stage)
+        staged = self.stages.get((call.shape, *map(len, call.inputs)), lambda: self._stage(call))
         for i, array in staged.inputs:
             np.copyto(array, call.inputs[i], casting="unsafe")
         if self.kernel.params:
@@ -259,8 +151,8 @@ class OpenCLExecutable:
     def _stage(self, call: Call) -> Staged:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
-        inputs = [staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
-        outputs = [staged_array(machine, slot.type, call.count) for slot in entry.outputs]
+        inputs = [_staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
+        outputs = [_staged_array(machine, slot.type, call.count) for slot in entry.outputs]
         buffers = [buffer for _, buffer in outputs]
         args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
         first = len(args) - len(buffers) - len(kernel.params)
@@ -438,4 +330,84 @@ def _argument(values: Array, type: Type | None = None) -> Any:
     return np.append(flat, flat.dtype.type(0)) if flat.size == 3 else flat
 
 
-backend = OpenCLBackend()
+def is_small(call: Call) -> bool:
+    """Return whether it is faster to copy the arrays of a run than to lend them."""
+    return sum(a.nbytes for a in call.inputs) + sum(a.nbytes for a in call.outputs) <= _SMALL
+
+
+@dataclass(slots=True)
+class Staged:
+    """Arrays for one shape of run: `start` starts the kernel on them, with the params that were set last."""
+
+    inputs: list[tuple[int, Array]]
+    outputs: list[Array]
+    buffers: list[Any]
+    set_params: Callable[[list[Any]], None]
+    start: Callable[[], None]
+
+
+def _staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]:
+    """Return an array for `count` elements of a type, and the buffer whose memory it is."""
+    dtype = np.dtype(MEMORY[type.base])
+    shape = (count, type.size) if type.size > 1 else (count,)
+    size = count * type.size * dtype.itemsize
+    room = np.empty(size + 2 * _ALIGNMENT, np.uint8)
+    first = -room.__array_interface__["data"][0] % _ALIGNMENT
+    array = room[first : first + size].view(dtype).reshape(shape)
+    flags = machine.cl.mem_flags
+    return array, machine.cl.Buffer(machine.context, flags.READ_WRITE | flags.USE_HOST_PTR, hostbuf=array)
+
+
+class Items(NamedTuple):
+    """The work items of a run: those of a list (`lines` None), or `columns` in each of so many lines."""
+
+    columns: int
+    lines: int | None = None
+
+
+def starter(
+    machine: Machine,
+    kernel: Any,
+    args: list[Any],
+    items: Items,
+    group: int,
+    pace: Pace,
+    each: int,
+    *,
+    reads: bool,
+    shared: bool = False,
+) -> Callable[[], None]:
+    """Return a function that runs a kernel over work items, each of which stands for `each` elements.
+
+    As many idle ones fill each line's last group. A dispatch begins with a line, or with a group of a list; see `Pace`
+    for how many there are and what `reads` means. With `shared` others set the kernel's arguments, too.
+    """
+    groups = max(1, -(-items.columns // group))
+    listed = items.lines is None
+    rows, width, step = (groups, group, group) if items.lines is None else (items.lines, items.columns, 1)
+    least = -(-machine.device.max_compute_units * group // width)  # each core should have a group
+    elements = rows * width * each
+    enqueue, queue, start = machine.cl.enqueue_nd_range_kernel, machine.queue, type(args[1])
+    moved = False  # whether the kernel may hold another beginning than 0, also after Ctrl-C at any line
+
+    def dispatch(first: int, count: int) -> Any:
+        nonlocal moved
+        size = (count * group, 1) if listed else (groups * group, count)
+        if not reads:
+            machine.may_take_long |= not pace.was_brief(elements)
+        if first or moved:
+            moved = True
+            kernel.set_arg(1, start(first * step))
+            moved = first > 0
+        return enqueue(queue, kernel, size, (group, 1))
+
+    run = pace.driver(rows, dispatch, machine.waiter.wait, width * each, least, reads=reads)
+    if not shared:
+        kernel.set_args(*args)
+        return run
+
+    def set_and_run() -> None:
+        kernel.set_args(*args)
+        run()
+
+    return set_and_run

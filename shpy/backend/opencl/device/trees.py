@@ -18,7 +18,6 @@ from shpy.backend.base import Array, NodeTypes, Options
 from shpy.backend.device.probe import refuse_wrong
 from shpy.backend.opencl.device.driver import Machine
 from shpy.backend.opencl.device.memory import OpenCLMemory, OpenCLSpace
-from shpy.backend.opencl.device.targets import PACKET_TARGET
 from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
 from shpy.backend.opencl.packets.trees import print_trees
 from shpy.errors import warn
@@ -124,7 +123,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
         element, part = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.part))
         types = replace(types, element=element, part=part)
-    prepared = prepare(module, options, machine.target(PACKET_TARGET, options.math))
+    prepared = prepare(module, options, machine.target(lanes, options.math))
     statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
     if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
         return None

@@ -1,0 +1,202 @@
+"""The OpenCL backend: prepares, prints and builds a module, and chooses the packets and the work group of its kernel.
+
+Stage: compile. A value of a packet lies in one or several vector registers of the processor. In several, operations do
+not wait for each other; in too many, values leave the registers. A processor's driver puts the local arrays of a group
+on a thread's stack: over the bound packets become narrower first, then groups smaller. A kernel of which not even one
+work item fits is refused before the driver sees it, since the driver would build it, and end the process in a later
+run. `run` runs the kernel.
+
+    executable = backend.compile(module, Options())
+    status = executable.run(call)
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Final
+
+from shpy.backend.base import Device, Executable, Options
+from shpy.backend.device.once import once
+from shpy.backend.device.probe import refuse_wrong
+from shpy.backend.opencl.device.collective import collectives
+from shpy.backend.opencl.device.driver import LOCAL_SIZE, Machine, devices, machine_of
+from shpy.backend.opencl.device.memory import OpenCLSpace
+from shpy.backend.opencl.device.run import OpenCLExecutable
+from shpy.backend.opencl.packets.kernel import print_packets
+from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.backend.opencl.text.kernel import Kernel, print_kernel
+from shpy.backend.opencl.text.operations import ELEMENTWISE
+from shpy.errors import CompileError, ShpyTypeError, warn
+from shpy.ir.nodes import Function, Let, Loc, Loop, Module, Store
+from shpy.ir.traverse import variables_of, walk
+from shpy.passes.exits import few_turns
+from shpy.passes.modes import REPRODUCIBLE, Precision
+from shpy.passes.pipeline import Prepared, prepare
+from shpy.passes.private import check_private, private_memory
+from shpy.passes.size import check_growth, check_size
+
+_PACKETS: Final = 16
+"""Packets of a group; fewer than LOCAL_SIZE, since a packet computes several elements."""
+_MOST_STATEMENTS: Final = 1 << 26
+"""The most statements with all calls expanded. PoCL visits every path of calls, so its time doubles with each level."""
+_FLUSHED: Final = "in {} mode this device flushes denormals to zero"
+"""The note for a driver that does not promise denormals: its functions flush them, even if its products do not."""
+_GROUPED: Final = "local arrays of {:,} bytes: groups of {}, not {}"
+_REGISTERS: Final = 32
+"""The vector registers that the numbers which a loop carries may fill.
+
+CPU milliseconds at 16, 32 and 64 lanes on AVX-512, whose registers hold 16 (PoCL 3.1, least of 8 rounds in
+alternation): a polynomial, which has no loop, 7.4, 5.7, 4.2, and a shader 18.9, 14.6, 11.6; mandelbrot, whose loop
+carries 5 numbers, 20.7, 16.3, 15.8; spheres, with 14 numbers, 11.7, 11.9, 13.3. At 16 and 32 lanes, pictures whose
+loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornell`, path traced, 97 and 104.
+"""
+_MOST_EACH: Final = 4
+"""The most registers of a value."""
+_MOST_OF_LARGE: Final = 2
+"""The most registers of a value in a program of more than `_LARGE` statements, and where neighbours in a grid are read.
+
+Wider packets take 1.6 times as long to compile. As above: primary rays 22.4, 21.5, 23.9; blur 6.3, 5.0, 5.2; Gray-Scott
+of 256 columns, of whose packets of 64 half stand at a border, 44.9, 41.2, 44.2.
+"""
+_LARGE: Final = 400
+
+
+class OpenCLBackend:
+    """OpenCL devices as a backend; see `base.Backend`."""
+
+    name = "opencl"
+
+    def devices(self) -> list[Device]:
+        """Return every OpenCL device; BackendUnavailable, with the command that mends it, when there is none."""
+        return devices()
+
+    def compile(self, module: Module, options: Options) -> Executable:
+        """Prepare, print, build, and have the driver generate its code; CompileError naming the user's line.
+
+        `lanes="auto"` follows from the form of the program on a CPU (see `widths_of`), and is 1 on a GPU or for a
+        program that no packet can run, which is a ShpyWarning with the cause.
+        """
+        machine = machine_of(options.device)
+        lanes = machine.lanes if options.lanes == "auto" else options.lanes
+        if lanes not in (1, *WIDTHS, *WIDER):
+            raise ShpyTypeError(f"lanes={lanes!r}", cure=f'lanes="auto", 1, {", ".join(map(str, (*WIDTHS, *WIDER)))}')
+        if lanes > 1 and lanes not in machine.widths:
+            name = machine.device.name.strip()
+            cure = f'lanes="auto", or {max((1, *machine.widths))}'
+            raise CompileError(f"{name} has no vectors of {lanes}", loc=module.entry.loc, cure=cure)
+        try:
+            return _built(machine, module, options, lanes)
+        except CompileError as e:
+            if options.lanes != "auto" or lanes == 1:
+                raise
+            single = _built(machine, module, options, 1)
+            remark = f"one element at a time, not {lanes}: {e.message}"
+            warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}")
+            return replace(single, remarks=(*single.remarks, remark))
+
+    def space(self, device: int | None) -> OpenCLSpace:
+        """Return the memory of a device."""
+        return _space_of(machine_of(device))
+
+
+@once
+def _space_of(machine: Machine) -> OpenCLSpace:
+    return OpenCLSpace(machine, collectives)
+
+
+def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:
+    prepared = prepare(module, options, machine.target(lanes, options.math))
+    check_size(prepared.module, "OpenCL's compiler")
+    check_growth(prepared.module, _MOST_STATEMENTS, "OpenCL's compiler follows every call of every call")
+    if options.math in REPRODUCIBLE:
+        refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    kernel = _printed(machine, prepared, options, lanes)
+    if kernel.doubles and not machine.doubles:
+        raise CompileError(
+            f"{machine.device.name.strip()} has no f64",
+            loc=prepared.module.entry.loc,
+            cure='precision="f32", or backend="numpy"',
+            lacks="f64",
+        )
+    group, whole = group_of(machine, kernel), whole_group(kernel.lanes)
+    remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
+    if group < whole:
+        remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
+    with machine.lock:
+        try:
+            program = machine.build(kernel.text, options.math)
+            compiled = machine.cl.Kernel(program, kernel.name)
+            pace = machine.pace(bounded=few_turns(prepared.module))
+            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, group, remarks)
+            executable.warm_up()
+        except machine.cl.Error as e:
+            raise _refusal(str(e), kernel) from e
+    return executable
+
+
+def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
+    module, near = prepared.module, lanes
+    if lanes > 1:
+        if options.lanes == "auto":
+            lanes, near = widths_of(machine, module, options.precision)
+        return print_packets(module, lanes, machine.abilities, options.math, faults=machine.wrong, near=near)
+    rounds = any(isinstance(s, Let) and s.op in ELEMENTWISE for f in module.functions for s in walk(f.body))
+    return print_kernel(
+        module, options.math, elementwise=rounds and machine.abilities.elementwise, faults=machine.wrong
+    )
+
+
+def _refusal(log: str, kernel: Kernel) -> CompileError:
+    """Return the driver's complaints, each at the user's line that the text's line comes from."""
+    complaints: list[tuple[Loc | None, str]] = []
+    for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
+        upto = kernel.lines[: int(line)]
+        complaints.append((next((loc for loc in reversed(upto) if loc), None), text.strip()))
+    if not complaints:
+        return CompileError(f"the OpenCL driver refused the kernel:\n{log.strip()}")
+    listed = "\n".join(f"  {loc or 'prologue'}: {text}" for loc, text in complaints)
+    return CompileError(f"the OpenCL driver refused the kernel:\n{listed}", loc=complaints[0][0])
+
+
+def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[int, int]:
+    """Return the lanes of a prepared module's packets, and those where it reads neighbours in a grid."""
+    each = private_memory(module).size
+    fitting = [n for n in machine.widths if n * _PACKETS * each <= machine.most_private] or [min(machine.widths)]
+    register = machine.lanes // (2 if precision == "f64" else 1)
+    loops = [_carried(f, s) for f in module.functions for s in walk(f.body) if isinstance(s, Loop)]
+    most = min(_MOST_EACH, _REGISTERS // max(loops, default=1) or 1) * register
+    most_of_large = min(most, _MOST_OF_LARGE * register)
+    if sum(1 for f in module.functions for _ in walk(f.body)) > _LARGE:
+        most = most_of_large
+    return _widest(fitting, most), _widest(fitting, most_of_large)
+
+
+def _widest(widths: list[int], most: int) -> int:
+    return max((n for n in widths if n <= most), default=min(widths))
+
+
+def _carried(function: Function, loop: Loop) -> int:
+    """Return how many numbers a loop stores, so that the next iteration may read them; at least 1."""
+    stored = {s.variable for s in walk(loop.body) if isinstance(s, Store)}
+    return sum(v.type.size for v in variables_of(function) if v.id in stored) or 1
+
+
+def group_of(machine: Machine, kernel: Kernel) -> int:
+    """Return the work items of a group; CompileError if the local arrays of a single one do not fit."""
+    group, size = whole_group(kernel.lanes), kernel.private.size
+    most = machine.most_private if size else 0
+    work = "an element" if kernel.lanes == 1 else f"a packet of {kernel.lanes} elements"
+    cure = 'smaller arrays, or compile("numpy")' if kernel.lanes == 1 else 'lanes="auto", or smaller arrays'
+    check_private(kernel.private, most, work, machine.device.name.strip(), cure)
+    while machine.shares_stack and group * size > most:
+        group //= 2
+    return group
+
+
+def whole_group(lanes: int) -> int:
+    """Return the work items of a group of a kernel without large local arrays."""
+    return LOCAL_SIZE if lanes == 1 else _PACKETS
+
+
+backend = OpenCLBackend()
