@@ -15,6 +15,7 @@ A set of components is an int with four bits for each variable.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from shpy.ir.nodes import (
@@ -34,6 +35,7 @@ from shpy.ir.nodes import (
     Variable as Slot,
 )
 from shpy.ir.traverse import variables_of
+from shpy.passes.dead import remove_dead
 from shpy.passes.rewriter import Functions, each_function
 
 
@@ -133,3 +135,19 @@ class _Liveness:
         if not removing:
             self._read_first[id(loop)] = at_head
         return (replace(loop, body=body, continuing=continuing) if removing else loop), at_head
+
+
+def select_outputs(module: Module, indices: Sequence[int]) -> Module:
+    """Return the module with the outputs `indices` of its entry, in this order, without code for the others.
+
+        select_outputs(module, [0, 2])         outputs a, b, c        ->   outputs a, c; what only b needed is gone
+
+    The entry's last output may be the status, which has no port: its index, if given, must be the last.
+    """
+    entry = module.entry
+    outputs = tuple(entry.outputs[i] for i in indices)
+    others = tuple(o for i, o in enumerate(entry.outputs) if i not in set(indices))
+    ports = tuple(module.outputs[i] for i in indices if i < len(module.outputs))
+    fewer = replace(entry, outputs=outputs, variables=(*entry.variables, *others))
+    selected = replace(module, outputs=ports, functions=(*module.functions[:-1], fewer))
+    return remove_dead(remove_dead_stores(remove_dead(selected)))

@@ -1,8 +1,8 @@
-"""Hide derivable floats from a driver's compiler, so that it cannot replace `0 * x` by 0 or `x + 0` by x.
+"""Hide from a driver's compiler what it gets wrong: derivable floats, and arrays of bools.
 
-Stage: improve, last; for targets whose compilers fold arithmetic with zero although x may be infinite, NaN or -0.0.
-The printer of such a target writes a float zero as a value that the compiler does not know. The pass adds that zero to
-each float whose value the driver could find by unrolling loops and merging branches:
+Stage: improve, last. `hide_derivable` keeps a compiler from replacing `0 * x` by 0 or `x + 0` by x, which is wrong where
+x is infinite, NaN or -0.0. The printer of such a target writes a float zero as a value that the compiler does not know.
+The pass adds that zero to each float whose value the driver could find by unrolling loops and merging branches:
 
     %f = convert %i : f                  ->  %t = convert %i : f;  %f = add %t, 0.0       (each int that becomes one)
     store $x = 1.0                       ->  %t = add 1.0, 0.0;    store $x = %t          (if $x is read)
@@ -15,8 +15,11 @@ has operands that are all derivable.
 
 from __future__ import annotations
 
-from shpy.ir.nodes import Call, Function, Let, Module, Store, Value
-from shpy.ir.traverse import walk
+from dataclasses import replace
+
+from shpy.ir.nodes import Call, Function, Let, Module, Store, Value, Variable
+from shpy.ir.traverse import variables_of, walk
+from shpy.ir.types import Base
 from shpy.passes.rewriter import Functions, Rewriter, each_function
 
 _CHOOSING = frozenset({"cond", "construct", "splat", "swizzle", "component", "neg", "abs", "min", "max"})
@@ -110,3 +113,50 @@ class _Hide(Rewriter):
             for a, i in zip(call.args, inputs, strict=True)
         )
         self.emit(Call(call.function, args, call.results, call.loc))
+
+
+def hold_bools_as_ints(module: Module) -> Module:
+    """Return the module without local arrays of bools, after `prepare`; the same object if it has none.
+
+    Mesa's zink aborts the process if a varying index reads a local array of bools.
+
+        $seen: b[4]                   ->  $seen: i[4]
+        %x = load $seen[%i] : b       ->  %t = load $seen[%i] : i;  %x = convert %t : b
+        store $seen[%i] = %c          ->  %t = convert %c : i;      store $seen[%i] = %t
+    """
+    if not any(_is_concerned(v) for function in module.functions for v in variables_of(function)):
+        return module
+    return each_function(module, lambda function, functions: _Ints(function, functions).run())
+
+
+def _is_concerned(variable: Variable) -> bool:
+    return variable.length is not None and variable.type.is_bool
+
+
+def _slot(variable: Variable) -> Variable:
+    return replace(variable, type=variable.type.based(Base.I)) if _is_concerned(variable) else variable
+
+
+class _Ints(Rewriter):
+    def __init__(self, function: Function, functions: Functions) -> None:
+        super().__init__(function, functions)
+        self.arrays = {v.id for v in variables_of(function) if _is_concerned(v)}
+
+    def run(self) -> Function:
+        f = super().run()
+        inputs = tuple(i if isinstance(i, Value) else _slot(i) for i in f.inputs)
+        return replace(f, inputs=inputs, variables=tuple(map(_slot, f.variables)))
+
+    def let(self, let: Let) -> None:
+        if let.op != "load" or let.attr not in self.arrays:
+            self.emit(let)
+            return
+        integer = self.value(let.value.type.based(Base.I))
+        self.emit(Let(integer, "load", let.args, let.attr))
+        self.emit(Let(let.value, "convert", (integer.id,)))
+
+    def store(self, store: Store) -> None:
+        if store.variable in self.arrays:
+            number = self.make("convert", store.value, type=self.types[store.value].based(Base.I))
+            store = replace(store, value=number)
+        self.emit(store)

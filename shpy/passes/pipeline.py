@@ -14,23 +14,22 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from shpy.ir.exact import FUNCTIONS
-from shpy.ir.nodes import If, Let, Loc, Loop, Module
+from shpy.ir.nodes import Function, If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
-from shpy.passes.decided import remove_decided_selects
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
 from shpy.passes.half import lower_half
-from shpy.passes.independent import inline_independent
-from shpy.passes.inline import inline_calls
+from shpy.passes.inline import inline_calls, inline_independent
 from shpy.passes.lower import lower
 from shpy.passes.modes import Math, Precision, formulas_of
 from shpy.passes.nesting import shelter_loops
 from shpy.passes.precision import set_precision
 from shpy.passes.promote import promote
+from shpy.passes.rewriter import Functions, Rewriter, each_function
 
 _ROUNDS = 3
 """The most rounds of optimisation: folded constants remove branches, and that makes more values constant."""
@@ -144,3 +143,36 @@ def optimise(module: Module, *, fixed: bool = True) -> Module:
 def _control(module: Module) -> int:
     """Count Ifs and Loops. A lower count than before may let `promote` turn more variables into values."""
     return sum(isinstance(s, (If, Loop)) for f in module.functions for s in walk(f.body))
+
+
+def remove_decided_selects(module: Module) -> Module:
+    """Remove selects whose condition an enclosing branch implies, where no element runs together with another.
+
+    There `any_lane` of a condition is the condition itself. So inside a branch on `any_lane`, a select by the same
+    condition takes its first value:
+
+        %3 = any_lane %2                        ->   %3 = any_lane %2
+        if %3 { $y = cond %2, %5, %4 }          ->   if %3 { $y = %5 }
+    """
+    return each_function(module, lambda f, functions: _Decided(f, functions).run())
+
+
+class _Decided(Rewriter):
+    """Rewrites one function; `holding` are the conditions that are true at the current statement."""
+
+    def __init__(self, function: Function, functions: Functions) -> None:
+        super().__init__(function, functions)
+        self.holding: list[int] = []
+
+    def let(self, let: Let) -> None:
+        if let.op == "cond" and let.args[0] in self.holding:
+            self.replace(let.value, let.args[1])
+        else:
+            self.emit(let)
+
+    def branch(self, branch: If) -> None:
+        let = self.lets.get(branch.condition)
+        self.holding.append(let.args[0] if let is not None and let.op == "any_lane" else branch.condition)
+        then = self.region(branch.then)
+        self.holding.pop()
+        self.emit(If(branch.condition, then, self.region(branch.orelse), branch.loc))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -23,9 +24,10 @@ from shpy.backend.slow import announced
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
-from shpy.ir.nodes import Module, Status
+from shpy.ir.metadata import NOTHING
+from shpy.ir.nodes import Let, Module, Status
 from shpy.ir.text import print_module
-from shpy.ir.traverse import grid_rank
+from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.guarded import guarded
@@ -33,7 +35,7 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.values.structure import build_arrays
-from shpy.passes.forget import forget_data
+from shpy.passes.known import Known
 from shpy.run import host
 from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
 from shpy.run.expanding import axes, expanding
@@ -46,6 +48,40 @@ _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
 _known_texts: WeakKeyDictionary[Recorded, tuple[Module, str]] = WeakKeyDictionary()
 """The results of `_without_data`: a program is compiled for several backends, and again with other options."""
+
+
+def forget_data(module: Module) -> Module:
+    """Return the module without values of params and without shapes of tables that a kernel's text does not depend on.
+
+    So programs that differ only in these share a kernel; a run passes the values and shapes:
+
+        param sky: Color f3 = (0.2, 0.4, 1.0)   ->   param sky: Color f3 = (0.0, 0.0, 0.0)
+        table heights: f[64, 64]                ->   table heights: f[?, ?]
+        table steps: f[40]                      ->   table steps: f[8]              (read at `%i & 7`: at least 8)
+
+    A shape that the program reads by `table_size` stays, since `fold` makes it a constant. If an index of a table with
+    one axis is known to be in range, the least size for which it is in range stays, so that printers omit the clamp.
+    """
+    sizes = {table.name: table.size for table in module.tables}
+    kept: dict[str, tuple[int, ...]] = {}
+    for function in module.functions:
+        ranges = Known(function)
+        for let in walk(function.body):
+            if not isinstance(let, Let) or let.op not in ("table", "table_size"):
+                continue
+            name = str(let.attr)
+            size = sizes[name]
+            if size is None:
+                continue
+            if let.op == "table_size":
+                kept[name] = size
+            elif len(size) == 1:
+                low, high = ranges.span(let.args[0])
+                if 0 <= low and high < size[0]:
+                    kept[name] = (max(high + 1, *kept.get(name, (0,))),)
+    params = tuple(replace(p, value=(0,) * len(p.value), about=NOTHING) for p in module.params)
+    tables = tuple(replace(t, size=kept.get(t.name)) for t in module.tables)
+    return replace(module, params=params, tables=tables)
 
 
 def _without_data(recorded: Recorded) -> tuple[Module, str]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.passes.forget import forget_data
+from shpy.run.kernel import forget_data
 from shpy.testing.arrays import differing
 
 KERNELS = {

@@ -2,7 +2,7 @@
 
 from before_after import check
 
-from shpy.passes.decided import remove_decided_selects
+from shpy.passes.pipeline import remove_decided_selects
 
 
 def test_under_any_lane_of_a_condition_a_select_by_it_takes_its_first_value():

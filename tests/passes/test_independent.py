@@ -8,7 +8,7 @@ from passes.before_after import module, text
 import shpy as sh
 from shpy import SH_BREAK, SH_WHILE
 from shpy.ir.verifier import verify
-from shpy.passes.independent import inline_independent
+from shpy.passes.inline import inline_independent
 
 FUNCTIONS = """\
 pure function half(%a.0: f) -> ($r.0: f) {

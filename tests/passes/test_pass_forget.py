@@ -6,8 +6,8 @@ from before_after import module
 
 import shpy as sh
 from shpy.ir.verifier import verify
-from shpy.passes.forget import forget_data
 from shpy.run import kernel
+from shpy.run.kernel import forget_data
 
 
 def test_values_and_shapes_go():

@@ -9,12 +9,12 @@ from shpy.ir.parser import parse
 from shpy.ir.traverse import variables_of
 from shpy.ir.types import vec
 from shpy.ir.verifier import verify
-from shpy.passes.bool_arrays import hold_bools_as_ints
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
+from shpy.passes.dead_stores import select_outputs
 from shpy.passes.half import lower_half
+from shpy.passes.hide import hold_bools_as_ints
 from shpy.passes.lower import lower
-from shpy.passes.outputs import select_outputs
 from shpy.passes.precision import set_precision
 from shpy.passes.size import count_ops
 

@@ -14,7 +14,7 @@ from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
 from raytracer.scene.layout import Layout
-from shpy.passes.forget import forget_data
+from shpy.run.kernel import forget_data
 
 KERNELS = [
     ("boxes", "bvh", "numpy"),

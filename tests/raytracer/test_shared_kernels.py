@@ -14,8 +14,8 @@ from raytracer.kernels.picture import eye_rays
 from raytracer.kernels.tracer import Tracer
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere, torus
 from raytracer.scene.layout import Layout
-from shpy.passes.forget import forget_data
 from shpy.run import kernel
+from shpy.run.kernel import forget_data
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SLOW = [pytest.param(backend, marks=pytest.mark.slow) for backend in BACKENDS[1:]]

@@ -37,12 +37,11 @@ from shpy.ir.exact import hard_cases
 from shpy.ir.nodes import Loc, Module, Port, Value, Variable
 from shpy.ir.traverse import bases_of, defined, variables_of
 from shpy.ir.types import Base, vec
-from shpy.passes.bool_arrays import hold_bools_as_ints
+from shpy.passes.dead_stores import select_outputs
 from shpy.passes.exits import few_turns
-from shpy.passes.hide import hide_derivable
+from shpy.passes.hide import hide_derivable, hold_bools_as_ints
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
-from shpy.passes.outputs import select_outputs
 from shpy.passes.pipeline import Prepared, Target, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
