@@ -53,6 +53,7 @@ def same(hits, others):
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_every_triangle(name, backend):

@@ -95,7 +95,7 @@ def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):
 
 
 @pytest.mark.parametrize("sizes", [(16, 32, 128), pytest.param((16, 64, 256), marks=pytest.mark.slow)])
-@pytest.mark.parametrize("hit", ["plane", "triangle"])
+@pytest.mark.parametrize("hit", [pytest.param("plane", marks=pytest.mark.slow), "triangle"])
 def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit, sizes):
     """The floor is two triangles with a texture: each texel has its own colour, by the exact test as well."""
     made, errors = scene(), []
@@ -107,7 +107,7 @@ def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit, sizes):
     assert difference(exact, named) == errors[0]
 
 
-@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow)])
 def test_programs_that_make_colours_and_shades_are_kept(backend):
     made = scene(ball=Material(surface=striped, shade=toon), ground=(0.5, 0.5, 0.6))
     exact, found = (

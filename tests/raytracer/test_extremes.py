@@ -425,7 +425,7 @@ def in_255ths(pixels):
     return 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-@pytest.mark.parametrize("name", ["boxes", "mirror-box", "mixed"])
+@pytest.mark.parametrize("name", ["boxes", pytest.param("mirror-box", marks=pytest.mark.slow), "mixed"])
 def test_a_scene_looks_the_same_wherever_it_stands(name):
     """At least 99.5 % of pixels within 2/255 of the picture in f64 of the scene where it was made."""
     scene = Scene.builtin(name)

@@ -185,7 +185,9 @@ def shadow(light, meshes, integrator, **options):
     return render(scene, (8, 8), backend="numpy", integrator=integrator, **options).pixels.mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("name", LIGHTS)
+@pytest.mark.parametrize(
+    "name", ["point", "area", *(pytest.param(name, marks=pytest.mark.slow) for name in ("directional", "environment"))]
+)
 def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
     """Panes of files have a transmission of 0.9 and an ior of 1, and no inside; those of the middle are closed."""
     pane = Material((0, 0, 0), diffuse=0, specular=0, transmission=0.9, ior=1.0)
@@ -199,7 +201,7 @@ def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
             np.testing.assert_allclose(pixel / bare, share, rtol=2e-2 if sampled else 1e-5)
 
 
-@pytest.mark.parametrize("name", ["point", "directional", "area"])
+@pytest.mark.parametrize("name", ["directional", "area", pytest.param("point", marks=pytest.mark.slow)])
 def test_shadows_take_the_medium_from_the_shading_point_on(name):
     """The floor lies in a body, another one is in that, and the light is outside of both."""
     outer, inner = box((9, 4, 9), tinted(A)), box((8, 1, 8), tinted(2 * A)).moved((0, 1, 0))

@@ -237,9 +237,9 @@ def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
 @pytest.mark.parametrize(
     ("backend", "first"),
     [
-        ("numpy", 2),
         ("opencl", 2),
         ("glsl", 0),
+        pytest.param("numpy", 2, marks=pytest.mark.slow),
         pytest.param("numpy", 0, marks=pytest.mark.slow),
         pytest.param("opencl", 0, marks=pytest.mark.slow),
     ],

@@ -96,7 +96,7 @@ def test_objects_take_the_options_of_a_cube_that_is_handed_over(made):
     assert len(made) == 2
 
 
-@pytest.mark.parametrize(("hit", "most"), [("plane", 5), ("sample", 10)])
+@pytest.mark.parametrize(("hit", "most"), [("plane", 5), pytest.param("sample", 10, marks=pytest.mark.slow)])
 def test_the_errors_of_moved_cubes_are_small(hit, most, exact):
     """Root mean squares, in 255ths, against the exact picture."""
     renderer, errors = Renderer(scene(), accel=f"ldc:256:{hit}", backend="numpy", bounces=2), []

@@ -52,8 +52,17 @@ def built(monkeypatch):
     return counts
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("tracer", ["unified", "staged"])
+@pytest.mark.parametrize(
+    ("tracer", "backend"),
+    [
+        ("unified", "numpy"),
+        ("unified", "opencl"),
+        ("staged", "glsl"),
+        pytest.param("unified", "glsl", marks=pytest.mark.slow),
+        pytest.param("staged", "numpy", marks=pytest.mark.slow),
+        pytest.param("staged", "opencl", marks=pytest.mark.slow),
+    ],
+)
 def test_pictures_are_those_of_the_hierarchy_and_the_grid_stays(backend, tracer, built):
     grid = {"accel": "grid", "tracer": tracer, "bounces": 2, "backend": backend}
     renderer = Renderer(scene(), **grid)
@@ -123,10 +132,10 @@ def rays(count=900, seed=3):
     [
         ("bvh", "numpy"),
         ("bvh", "opencl"),
-        ("bvh", "glsl"),
-        ("grid", "numpy"),
         ("grid", "glsl"),
         ("ldc:32:triangle", "opencl"),
+        pytest.param("bvh", "glsl", marks=pytest.mark.slow),
+        pytest.param("grid", "numpy", marks=pytest.mark.slow),
     ],
 )
 def test_hits_after_a_move_are_those_of_a_new_scene(accel, backend):
@@ -181,9 +190,7 @@ def test_one_object_moves_among_all_that_are_moved_and_leaves_the_kernels():
     np.testing.assert_array_equal(shoot.intersect(origins, directions).t, first.t)
 
 
-@pytest.mark.parametrize(
-    ("accel", "backend"), [("bvh", "opencl"), ("grid", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "numpy")]
-)
+@pytest.mark.parametrize(("accel", "backend"), [("bvh", "opencl"), ("grid", "glsl"), ("ldc:32:triangle", "numpy")])
 def test_programs_that_trace_a_scene_see_moves(accel, backend):
     """Also of normals; recorded before the first move of an object, they are refused when they run."""
     shoot, (origins, directions) = Intersector(scene(), accel, backend), rays(300)
@@ -252,7 +259,7 @@ def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():
 
 @pytest.mark.parametrize(
     ("accel", "backend"),
-    [("bvh", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "numpy"), ("ldc:32:triangle", "opencl")],
+    [("bvh", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "opencl")],
 )
 def test_streams_of_rays_meet_objects_where_they_have_moved(accel, backend):
     """Queries that were compiled before a move see it; those through cubes of moved objects have one lane on OpenCL."""

@@ -32,6 +32,7 @@ def same(found, expected):
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_all_hits_are_those_of_brute_force_in_order(name, backend):
@@ -54,11 +55,21 @@ def test_all_hits_are_those_of_brute_force_in_order(name, backend):
     np.testing.assert_array_equal(hits.triangle >= 0, count > 0)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_all_accelerators_and_backends_find_the_same(backend):
+@pytest.mark.parametrize(
+    ("backend", "accelerators"),
+    [
+        ("numpy", ("bvh", "brute")),
+        ("opencl", ("grid",)),
+        ("glsl", ("bvh", "grid")),
+        pytest.param("opencl", ("bvh", "brute"), marks=pytest.mark.slow),
+        pytest.param("glsl", ("brute",), marks=pytest.mark.slow),
+    ],
+)
+def test_all_accelerators_and_backends_find_the_same(backend, accelerators):
+    """A list of hits by the hierarchy on OpenCL is that of brute force in the test before."""
     origins, directions = rays(300)
     expected = Intersector(SOUP, accel="brute", backend="numpy").all_hits(origins, directions)
-    for accel in ("bvh", "grid", "brute"):
+    for accel in accelerators:
         shoot = Intersector(SOUP, accel=accel, backend=backend)
         same(shoot.all_hits(origins, directions), expected)
         np.testing.assert_array_equal(shoot.count(origins, directions), np.diff(expected.offsets))
@@ -113,6 +124,7 @@ def test_distances_too_small_for_f32_do_not_repeat_a_hit():
         assert every.triangle.tolist() == list(range(7))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_results_have_the_rays_shape(backend, dtype):
@@ -234,7 +246,10 @@ def test_nothing_to_meet_and_nobody_who_asks():
         empty.intersect([[np.nan, 0, 0]], one)
 
 
-@pytest.mark.parametrize(("alone", "backend"), [(False, backend) for backend in BACKENDS] + [(True, "opencl")])
+@pytest.mark.parametrize(
+    ("alone", "backend"),
+    [(False, "numpy"), (True, "opencl"), (False, "glsl"), pytest.param(False, "opencl", marks=pytest.mark.slow)],
+)
 def test_rays_that_leave_a_surface_do_not_meet_it(backend, alone, monkeypatch):
     """From points of a ball, and of a floor far larger than it, computed in f32 by a user."""
     mesh = joined([sphere(rings=30, segments=60), floor(1e4).moved((0, -1.5, 0), tilt=20)]).moved((3, 2, 1))
@@ -327,10 +342,11 @@ def test_closest_points_are_those_of_brute_force(backend):
     same(found, Intersector(SOUP, backend="numpy").closest_point(POINTS))
 
 
-def test_closest_points_have_the_same_bits_at_every_width():
+@pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
+def test_closest_points_have_the_same_bits_at_every_width(widths):
     program = nearby.closest_point(WideIntersector(build_bvh(SOUP.corners), triangle_rows(SOUP.corners)))
     expected = program.compile("numpy", loop_limit=None)(POINTS)
-    for lanes in (1, 4, 8, 16):
+    for lanes in widths:
         same(program.compile("opencl", lanes=lanes, loop_limit=None)(POINTS), expected)
 
 

@@ -88,6 +88,7 @@ def run_scenes(group, backend, count=300, phases=(Phase.generate, Phase.shrink))
     scenes()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("group", range(2))
 def test_all_ways_through_a_random_scene_hit_the_same(group):
     run_scenes(group, "numpy", phases=[Phase.generate])
