@@ -20,7 +20,7 @@ from shpy.backend.base import Call, Options
 from shpy.backend.opencl.device import building as runtime, driver as device
 from shpy.backend.opencl.device.building import backend
 from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.tables import tables_of
+from shpy.backend.opencl.device.memory import tables_of
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
 from shpy.ir.tabledata import TableData

@@ -38,7 +38,7 @@ def counting(path):
 
 
 for path in {
-    "opencl": ("opencl.device.driver.Machine", "opencl.device.memory.OpenCLSpace", "opencl.device.tables.Tables",
+    "opencl": ("opencl.device.driver.Machine", "opencl.device.memory.OpenCLSpace", "opencl.device.memory.Tables",
                "opencl.device.waiting.Waiter"),
     "glsl": ("glsl.device.context.Context", "glsl.device.run.Runtime", "glsl.device.memory.GlslSpace",
              "glsl.device.textures.Store"),

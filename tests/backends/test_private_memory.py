@@ -12,8 +12,8 @@ import pytest
 from patience import HANGING
 from test_processes import ROOT
 
+from shpy.backend.opencl.device.compiler_trials import SIZES, most_private, thread_stack, trial_of
 from shpy.backend.opencl.device.driver import machine_of
-from shpy.backend.opencl.device.stack import SIZES, most_private, thread_stack, trial_of
 
 SCRIPT = """
 import json, sys

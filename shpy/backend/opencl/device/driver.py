@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import cached_property
 from platform import machine as architecture
@@ -29,13 +29,10 @@ from shpy.backend.device.pace import Pace
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
-from shpy.backend.opencl.device.absence import explain_absence, explain_cache, reads_header
-from shpy.backend.opencl.device.binary64 import ABILITIES, PROBE, abilities_in_binary64
-from shpy.backend.opencl.device.compiler_trials import TRIALS
+from shpy.backend.opencl.device.compiler_trials import SIZES, TRIALS, most_private, name_of, thread_stack
 from shpy.backend.opencl.device.declarations import GUARD, declarations
-from shpy.backend.opencl.device.exactness import EXACTNESS
-from shpy.backend.opencl.device.importing import pyopencl
-from shpy.backend.opencl.device.stack import SIZES, most_private, name_of, thread_stack
+from shpy.backend.opencl.device.loading import explain_absence, explain_cache, pyopencl, reads_header
+from shpy.backend.opencl.device.probes import ABILITIES, BINARY64, EXACTNESS, abilities_in_binary64
 from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
 from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, Abilities
@@ -75,26 +72,20 @@ def _driver_devices() -> tuple[Any, ...]:
 @once
 def _listed() -> tuple[Any, ...]:
     _DRIVER.use()
+    platforms: list[Any] = []
     try:
-        return _devices()
+        cl = pyopencl()
+        with (
+            suppress(cl.Error),
+            ieee_arithmetic(),
+        ):  # a processor's driver starts threads, which compute as this one does
+            platforms = cl.get_platforms()
+            if all_devices := [d for platform in platforms for d in platform.get_devices()]:
+                return tuple(sorted(all_devices, key=lambda d: not d.type & cl.device_type.GPU))
+        raise explain_absence([platform.name.strip() for platform in platforms])
     except BackendUnavailable:
         _DRIVER.release()
         raise
-
-
-def _devices() -> tuple[Any, ...]:
-    cl = pyopencl()
-    platforms = []
-    try:
-        with ieee_arithmetic():  # a processor's driver starts threads, which compute as this one does
-            platforms = cl.get_platforms()
-            all_devices = [d for platform in platforms for d in platform.get_devices()]
-        all_devices.sort(key=lambda d: not d.type & cl.device_type.GPU)
-    except cl.Error:
-        all_devices = []
-    if not all_devices:
-        raise explain_absence([platform.name.strip() for platform in platforms])
-    return tuple(all_devices)
 
 
 def devices() -> list[Device]:
@@ -118,10 +109,6 @@ def _built_silently(program: Any, options: list[str]) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return program.build(options=options, cache_dir=False)
-
-
-def _rounds_correctly(device: Any) -> bool:
-    return bool(device.single_fp_config & pyopencl().device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT)
 
 
 def machine_of(index: int | None) -> Machine:
@@ -160,7 +147,7 @@ class Machine:
         self.denormals = bool(device.single_fp_config & self.cl.device_fp_config.DENORM)
         """True if the driver promises that its own functions keep denormals."""
         self._options = ["-cl-std=CL1.2", "-w"]
-        if _rounds_correctly(device):
+        if device.single_fp_config & self.cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
             self._options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         # Whoever runs a program keeps it: once its last executable is gone, so is the program.
         self._programs: WeakValueDictionary[tuple[str, Math], Any] = WeakValueDictionary()
@@ -385,7 +372,7 @@ class Machine:
 
         if was_flushing():
             return asked()
-        return store.known_names(self._key(PROBE, self.options("strict")), ABILITIES, asked)
+        return store.known_names(self._key(BINARY64, self.options("strict")), ABILITIES, asked)
 
     @once_of_each
     def _succeeded(self) -> frozenset[str]:

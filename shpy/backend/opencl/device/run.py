@@ -29,8 +29,7 @@ from shpy.backend.base import Array, Call, DeviceCall, TableMemory
 from shpy.backend.device.pace import Pace
 from shpy.backend.device.recent import Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
-from shpy.backend.opencl.device.memory import MEMORY, own
-from shpy.backend.opencl.device.tables import tables_of
+from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
 from shpy.backend.opencl.text.kernel import Kernel
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table

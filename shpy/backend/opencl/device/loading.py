@@ -1,22 +1,74 @@
-"""The error where OpenCL cannot be used: no driver, drivers without a device, or PoCL without a folder for its cache.
+"""The import of pyopencl, its environment and PoCL's, and the error where OpenCL cannot be used.
 
-Stage: run. Takes the names of platforms, gives the error that names the cause.
+Stage: run. pyopencl is imported when a device is asked for. The error names the cause: no driver, drivers without a
+device, or PoCL without a folder for its cache.
 
+    cl = pyopencl()
     raise explain_absence(["Portable Computing Language"])
 """
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
+from shpy.backend.device.answer import Answer
 from shpy.errors import BackendUnavailable
+from shpy.packages import install
 
 _POCL = "Portable Computing Language"
 _FILE = 1 << 18
 """Bytes of a file that a folder must have room for: those of a compiled kernel."""
+
+
+def pyopencl() -> Any:
+    """Return the module; BackendUnavailable where it is not installed."""
+    _set_environment()
+    try:
+        return _imported("pyopencl")
+    except ImportError as e:
+        raise BackendUnavailable(f"opencl needs pyopencl: {e}", cure=install("pyopencl")) from e
+
+
+def _imported(name: str) -> Any:
+    """Import a module on another thread: Ctrl-C while an extension in C starts would end the process by SIGABRT."""
+    if name in sys.modules or sys.is_finalizing():
+        return importlib.import_module(name)
+    answer: Answer[Any] = Answer()
+
+    def work() -> None:
+        try:
+            answer.give(importlib.import_module(name))
+        except BaseException as error:
+            answer.refuse(error)
+
+    threading.Thread(target=work, name="shpy-import", daemon=True).start()
+    return answer.result()
+
+
+def _set_environment() -> None:
+    """Set what pyopencl and PoCL read as they start, unless the user has set it."""
+    os.environ.setdefault("PYOPENCL_COMPILER_OUTPUT", "0")
+    if not can_keep_callers():
+        os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
+    _keep_threads_apart()
+
+
+def _keep_threads_apart() -> None:
+    """Make PoCL bind each of its threads to a core, unless the environment configures its threads.
+
+    Otherwise Linux may run two threads that wake at once on one core for a whole call, which takes twice as long then.
+    PoCL numbers the cores from 0 without regard to the affinity of the process, so this needs all cores to be allowed.
+    """
+    told = {"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"} & os.environ.keys()
+    if sys.platform == "linux" and not told and os.sched_getaffinity(0) >= set(range(os.cpu_count() or 1)):
+        os.environ.setdefault("POCL_AFFINITY", "1")
 
 
 def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
