@@ -35,7 +35,6 @@ from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.loading import FORMATS
 from raytracer.scene.scene import Scene
 from raytracer.scenes import SCENES
-from raytracer.studies.report import new_figure
 from raytracer.studies.tradeoff import tradeoff
 from raytracer.view import command as view
 from raytracer.view.opening import scene_at
@@ -327,7 +326,7 @@ def _render_passes(
 def _tradeoff(options: argparse.Namespace) -> int:
     scene = viewing.find_scene(options.scene)
     if options.output is not None:
-        new_figure(options.output)  # complains now about a path that cannot be written later
+        sh.outputs.check_output(options.output)
     with progress_bar(f"{scene.name}: variants") as progress:
         comparison = tradeoff(
             scene, max_error=options.error, backend=options.backend, bounces=options.bounces, progress=progress
@@ -341,7 +340,7 @@ def _tradeoff(options: argparse.Namespace) -> int:
 
 def _study(options: argparse.Namespace) -> int:
     if options.output is not None:
-        new_figure(options.output)  # complains now about a path that cannot be written later
+        sh.outputs.check_output(options.output)
     arguments: dict[str, Any] = {"minutes": options.minutes, "cpu": options.cpu}
     layered = {"files": options.mesh, "size": options.size, "quick": options.quick}
     with progress_bar(f"{options.paper}: measurements") as progress:

@@ -74,6 +74,7 @@ globals().update(TYPES | FUNCTIONS)
 # The modules and the names that `__getattr__` loads on first use, each name with its module.
 _MODULES = {
     **{name: name for name in ("accuracy", "command", "files", "library", "packages", "testing", "view")},
+    "outputs": "pictures.outputs",
     "screen": "pictures.screen",
     "videos": "pictures.videos",
 }

@@ -19,6 +19,7 @@ from shpy import packages as packages
 from shpy import library as library
 from shpy import testing as testing
 from shpy import view as view
+from shpy.pictures import outputs as outputs
 from shpy.pictures import screen as screen
 from shpy.pictures import videos as videos
 from shpy.pictures.animation import animate as animate

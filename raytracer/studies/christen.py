@@ -11,30 +11,17 @@ and what early-z culling does: calls, passes and time where each call goes over 
 
 from __future__ import annotations
 
-import dataclasses
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from operator import attrgetter
 from typing import Any
 
 from raytracer.integrators.integrator import THRESHOLD, chosen
 from raytracer.integrators.renderer import Renderer
 from raytracer.kernels import stages
 from raytracer.scene.scene import Scene
-from raytracer.studies.report import (
-    Told,
-    about,
-    counted_on,
-    csv_of,
-    devices_of,
-    finish,
-    in_time,
-    machine,
-    new_figure,
-    save_figure,
-    table,
-)  # fmt: skip
+from raytracer.studies import report
+from raytracer.studies.report import Clock, Told, counted_on, curves, devices_of, measure
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
@@ -56,8 +43,6 @@ _SOON = 0.5
 _LATE = 5.0
 """Seconds: a picture that takes more is rendered once, and so is one whose calls alone are of interest."""
 _MARKS = "os^"
-
-Clock = Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +76,16 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Study:
-    """The measurements, the machine on which they were made, and the cases `skipped` for lack of time."""
+class Study(report.Study):
+    """The measurements, in pictures of this size."""
 
-    machine: str
-    backends: dict[str, str]
-    measured: tuple[Measured, ...]
-    skipped: tuple[Case, ...]
     size: tuple[int, int] = SIZE
-    cpu: bool = False
 
     def find(self, **values: Any) -> list[Measured]:
-        """Return the measurements whose case has these values, and the default ones for those that are not named."""
+        """Return the measurements whose case has these values, and the default ones for those that are not named.
+
+        Those of one scene are together, and among them those of one backend.
+        """
         full = {
             "grid": GRID,
             "iterations": 1,
@@ -110,140 +93,96 @@ class Study:
             "at_once": AT_ONCE[-1],
             "way": WAYS[0],
         } | values
-        return [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
+        found = [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
+        backends = list(self.backends)
+        return sorted(found, key=lambda m: (m.case.scene, backends.index(m.case.backend), WAYS.index(m.case.way)))
 
-    def markdown(self) -> str:
-        """Return all numbers as tables of Markdown."""
-        return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
+    def pictures(self) -> str:
+        """Return what was rendered."""
+        return f"{self.size[0]} x {self.size[1]} pixels"
 
-    def _about(self) -> str:
-        pictures = f"{self.size[0]} x {self.size[1]} pixels"
-        return about(self.machine, self.backends, pictures, self.cpu, len(self.skipped))
-
-    def _tables(self) -> Iterable[str]:
-        for title, key, values in (("Grid", "grid", GRIDS), ("Iterations", "iterations", ITERATIONS)):
-            rows = [
-                [scene, backend, tracer, *self._milliseconds(key, values, scene, backend, tracer)]
+    def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
+        """Return time by grid and iterations, calls by threshold, rays alive, and what early-z culling does."""
+        for key, values in (("grid", GRIDS), ("iterations", ITERATIONS)):
+            milliseconds: dict[tuple[str, str, str], dict[int, str]] = {
+                (scene, backend, tracer): dict.fromkeys(values, "")
                 for scene in SCENES
                 for backend in self.backends
                 for tracer in TRACERS
-            ]
-            head = ["scene", "backend", "tracer", *(f"{title.lower()} {v}" for v in values)]
-            yield table(f"{title}: milliseconds a picture", head, rows)
-        rows = [
-            [
-                str(e)
-                for e in (m.case.scene, m.case.at_once, m.case.threshold, m.calls["traverse"], m.calls["intersect"])
-            ]
-            for m in self.find(threshold=..., at_once=..., tracer="staged", backend=self._counted)
-        ]
+            }
+            for m in self.find(**{key: ...}):
+                milliseconds[m.case.scene, m.case.backend, m.case.tracer][getattr(m.case, key)] = _milliseconds(m)
+            rows = [[*names, *cells.values()] for names, cells in milliseconds.items()]
+            head = ["scene", "backend", "tracer", *(f"{key} {v}" for v in values)]
+            yield f"{key.capitalize()}: milliseconds a picture", head, rows
+        counted = sorted(
+            (m.case.scene, m.case.at_once, m.case.threshold, m.calls["traverse"], m.calls["intersect"])
+            for m in self._counted(at_once=...)
+        )
         head = ["scene", "cells or triangles a call", "threshold", "calls of the traverser", "of the intersector"]
-        yield table("Threshold: calls of the kernels, 1 iteration", head, sorted(rows))
-        yield self._alive_table()
-        yield self._ways_table()
-
-    def _ways_table(self) -> str:
-        rows = []
+        yield "Threshold: calls of the kernels, 1 iteration", head, counted
+        alive, culled = [], []
         for m in self._compared():
-            other = {name: m.calls.get(name, 0) for name in ("mask", "compact")}
-            calls = sum(m.calls.values()) - sum(other.values())
-            rows.append([m.case.scene, m.case.backend, m.case.way, calls, *other.values(), f"{1e3 * m.seconds:.0f}"])
-        head = ["scene", "backend", "a call goes over", "calls", "early-z passes", "copies", "milliseconds"]
-        return table(f"Early-z culling, {ITERATIONS[-1]} iterations", head, rows)
+            names = [m.case.scene, m.case.backend, m.case.way]
+            shown = [f"{n:,} / {1e6 * s / n:.2f}" for n, s in zip(*eye_rounds(m), strict=True)]
+            alive.append([*names, *shown, *[""] * (ITERATIONS[-1] - len(shown))])
+            other = [m.calls.get(name, 0) for name in ("mask", "compact")]
+            culled.append([*names, sum(m.calls.values()) - sum(other), *other, _milliseconds(m)])
+        head = ["scene", "backend", "a call goes over"]
+        numbers = [str(k + 1) for k in range(ITERATIONS[-1])]
+        yield "Rays alive in each iteration / microseconds for each of them", head + numbers, alive
+        head += ["calls", "early-z passes", "copies", "milliseconds"]
+        yield f"Early-z culling, {ITERATIONS[-1]} iterations", head, culled
 
     def _compared(self) -> list[Measured]:
-        """Return the measurements in all ways, those of one scene and backend together."""
-        measurements = self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
-        places = [
-            (m.case.scene, list(self.backends).index(m.case.backend), WAYS.index(m.case.way)) for m in measurements
-        ]
-        return [measurements[k] for k in sorted(range(len(measurements)), key=places.__getitem__)]
+        """Return the measurements in all ways."""
+        return self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
 
-    def _alive_table(self) -> str:
-        rows = []
-        for m in self._compared():
-            alive, seconds = eye_rounds(m)
-            shown = [f"{n:,} / {1e6 * s / n:.2f}" for n, s in zip(alive, seconds, strict=True)]
-            left = [""] * (ITERATIONS[-1] - len(shown))
-            rows.append([m.case.scene, m.case.backend, m.case.way, *shown, *left])
-        head = ["scene", "backend", "a call goes over", *(str(k + 1) for k in range(ITERATIONS[-1]))]
-        return table("Rays alive in each iteration / microseconds for each of them", head, rows)
+    def _counted(self, **values: Any) -> list[Measured]:
+        """Return the measurements of calls against the threshold."""
+        return self.find(threshold=..., tracer="staged", backend=counted_on(self.backends), **values)
 
-    @property
-    def _counted(self) -> str:
-        return counted_on(list(self.backends))
-
-    def _milliseconds(self, key: str, values: Sequence[int], scene: str, backend: str, tracer: str) -> list[str]:
-        seconds_by_value = {
-            getattr(m.case, key): m.seconds
-            for m in self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
-        }
-        return [f"{1e3 * seconds_by_value[v]:.0f}" if v in seconds_by_value else "" for v in values]
-
-    def json(self) -> dict[str, Any]:
-        """Return everything, for `json.dump`."""
-        return dataclasses.asdict(self)
-
-    def csv(self) -> str:
-        """Return a line of CSV for each measurement."""
-        rows = [
-            dataclasses.asdict(m.case) | {"seconds": m.seconds, "rays": m.rays, "calls": sum(m.calls.values())}
-            for m in self.measured
-        ]
-        return csv_of(rows, "scene")
-
-    def plot(self, path: str | Path) -> None:
-        """Draw time, calls and rays; JSON and CSV of the same name go beside the picture. Raises as `new_figure`."""
-        figure = new_figure(path, (15, 12))
-        axes = figure.subplots(3, 3)
+    def draw(self, axes: Any) -> None:
+        """Draw time, calls and rays."""
         for column, backend in enumerate(list(self.backends)[:3]):
-            self._draw_times(axes[0, column], backend, "grid", f"{backend}: time against the size of the grid")
-            self._draw_times(axes[1, column], backend, "iterations", f"{backend}: time against iterations")
-        self._draw_calls(axes[2, 0])
-        self._draw_alive(axes[2, 1], axes[2, 2])
-        finish(axes.flat, fontsize=6)
-        save_figure(figure, path, self.json(), self.csv(), dpi=100)
-
-    def _draw_times(self, axis: Any, backend: str, key: str, title: str) -> None:
-        for k, scene in enumerate(SCENES):
-            for tracer, style in zip(TRACERS, ("-", "--"), strict=True):
-                measurements = self.find(scene=scene, backend=backend, tracer=tracer, **{key: ...})
-                points = sorted((getattr(m.case, key), m.seconds) for m in measurements)
-                if points:
-                    x, y = zip(*points, strict=True)
-                    axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {tracer}")
-        axis.set(yscale="log", xlabel=key, ylabel="seconds a picture")
-        axis.set_title(title, fontsize=9)
-
-    def _draw_calls(self, axis: Any) -> None:
-        for k, scene in enumerate(SCENES):
-            for at_once, style in zip(AT_ONCE, ("-", "--"), strict=True):
-                measurements = self.find(
-                    scene=scene, backend=self._counted, tracer="staged", threshold=..., at_once=at_once
-                )
-                points = sorted((m.case.threshold, m.calls["traverse"] + m.calls["intersect"]) for m in measurements)
-                if len(points) > 1:
-                    x, y = zip(*points, strict=True)
-                    axis.plot(x, y, style, marker=_MARKS[k], color=f"C{k}", label=f"{scene}, {at_once} a call")
-        axis.set(yscale="log", xlabel="threshold", ylabel="calls of traverser and intersector")
-        axis.set_title("calls of kernels against the threshold", fontsize=9)
-
-    def _draw_alive(self, alive_axis: Any, cost_axis: Any) -> None:
+            for axis, key in zip(axes[:, column], ("grid", "iterations"), strict=False):
+                found = self.find(backend=backend, **{key: ...})
+                curves(axis, found, attrgetter(f"case.{key}"), attrgetter("seconds"), _style_of_tracer)
+                axis.set(yscale="log", xlabel=key, ylabel="seconds a picture", title=f"{backend}: time against {key}")
+        calls, alive, cost = axes[2]
+        for at_once, dashes in zip(AT_ONCE, ("-", "--"), strict=True):
+            curves(
+                calls,
+                self._counted(at_once=at_once),
+                lambda m: m.case.threshold,
+                lambda m: m.calls["traverse"] + m.calls["intersect"],
+                lambda m: _style(m, f"{m.case.at_once} a call", dashes),  # noqa: B023  # which is called here
+            )
+        calls.set(yscale="log", xlabel="threshold", ylabel="calls of traverser and intersector")
         for m in self._compared():
-            k, b = list(SCENES).index(m.case.scene), list(self.backends).index(m.case.backend)
-            alive, _ = eye_rounds(m)
-            few = m.case.way == WAYS[0]
-            if m.case.backend == self._counted and few:
-                label = f"{m.case.scene}, {m.case.backend}"
-                alive_axis.plot(range(1, len(alive) + 1), alive, "-", marker=_MARKS[k], color=f"C{k}", label=label)
-            cost = [1e6 * s / n for n, s in zip(m.alive, m.round_seconds, strict=True)]
-            label = f"{m.case.scene}, {m.case.backend}{'' if few else f', {m.case.way}'}"
-            full = {"few": "full", "all": "none", "masked": "top"}[m.case.way]
-            cost_axis.plot(m.alive, cost, _MARKS[k], color=f"C{b}", fillstyle=full, label=label)
-        alive_axis.set(yscale="log", xlabel="iteration", ylabel="eye rays and mirrored rays")
-        alive_axis.set_title("rays alive", fontsize=9)
-        cost_axis.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
-        cost_axis.set_title("what a round costs for each of its rays", fontsize=9)
+            rays, way = eye_rounds(m)[0], m.case.way
+            if m.case.backend == counted_on(self.backends) and way == WAYS[0]:
+                alive.plot(range(1, len(rays) + 1), rays, **_style(m, m.case.backend))
+            each = [1e6 * s / n for n, s in zip(m.alive, m.round_seconds, strict=True)]
+            full = {"few": "full", "all": "none", "masked": "top"}[way]
+            cost.plot(m.alive, each, **_style(m, f"{m.case.backend}, {way}", "", list(self.backends)), fillstyle=full)
+        alive.set(yscale="log", xlabel="iteration", ylabel="eye rays and mirrored rays", title="rays alive")
+        cost.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
+
+
+def _milliseconds(m: Measured) -> str:
+    return f"{1e3 * m.seconds:.0f}"
+
+
+def _style(m: Measured, name: str, dashes: str = "-", colored: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the label and looks of a line; `colored` are the backends, where the color tells these."""
+    scene = list(SCENES).index(m.case.scene)
+    color = colored.index(m.case.backend) if colored else scene
+    return {"label": f"{m.case.scene}, {name}", "linestyle": dashes, "marker": _MARKS[scene], "color": f"C{color}"}
+
+
+def _style_of_tracer(m: Measured) -> dict[str, Any]:
+    return _style(m, m.case.tracer, "-" if m.case.tracer == TRACERS[0] else "--")
 
 
 def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
@@ -304,37 +243,30 @@ def study(
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
     devices = devices_of(backends)
-    all_cases, measured = cases(list(devices)), []
-    clock = time.process_time if cpu else time.perf_counter
-    last: tuple[Case, Renderer] | None = None
-    for case in in_time(all_cases, minutes, progress):
-        renderer = _renderer(case, last, clock)
-        last = case, renderer
-        measured.append(_measure(case, renderer, size, clock))
-    return Study(machine(), devices, tuple(measured), tuple(all_cases[len(measured) :]), size, cpu)
+    last: dict[tuple[Any, ...], Renderer] = {}
+
+    def bench(case: Case, clock: Clock) -> Measured:
+        kernels = case.scene, case.backend, case.tracer, case.grid, case.iterations, case.way == "masked"
+        renderer = last.pop(kernels, None) or _renderer(case)  # the last one does where its kernels are the same
+        last.clear()
+        last[kernels] = renderer
+        if renderer.staged is not None:
+            renderer.staged.clock = clock
+            renderer.staged.compacts = case.way == WAYS[0]
+            renderer.staged.threshold = case.threshold
+            renderer.staged.at_once.value = case.at_once
+        return _measure(case, renderer, size, clock)
+
+    return Study(**measure(devices, cases(list(devices)), bench, minutes, cpu, progress), size=size)
 
 
-def _renderer(case: Case, last: tuple[Case, Renderer] | None, clock: Clock) -> Renderer:
-    """Return a renderer for a case: the last one where it differs in what can be set between pictures."""
-    if last is not None and _kernels(last[0]) == _kernels(case):
-        renderer = last[1]
-    else:
-        scene = Scene.builtin(SCENES[case.scene])
-        options = {"tracer": case.tracer, "bounces": case.iterations - 1, "accel": "grid", "grid": case.grid}
-        options |= {"early_z": case.way == "masked"} if case.tracer == "staged" else {}
-        renderer = Renderer(scene, integrator=chosen("whitted", options), backend=case.backend)
-        renderer.render((8, 8))  # drivers compile once more when a kernel runs for the first time
-    if renderer.staged is not None:
-        renderer.staged.clock = clock
-        renderer.staged.compacts = case.way == WAYS[0]
-        renderer.staged.threshold = case.threshold
-        renderer.staged.at_once.value = case.at_once
+def _renderer(case: Case) -> Renderer:
+    options = {"tracer": case.tracer, "bounces": case.iterations - 1, "accel": "grid", "grid": case.grid}
+    options |= {"early_z": case.way == "masked"} if case.tracer == "staged" else {}
+    scene = Scene.builtin(SCENES[case.scene])
+    renderer = Renderer(scene, integrator=chosen("whitted", options), backend=case.backend)
+    renderer.render((8, 8))  # drivers compile once more when a kernel runs for the first time
     return renderer
-
-
-def _kernels(case: Case) -> tuple[Any, ...]:
-    """Return the fields of a case that its compiled kernels depend on."""
-    return case.scene, case.backend, case.tracer, case.grid, case.iterations, case.way == "masked"
 
 
 def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measured:

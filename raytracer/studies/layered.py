@@ -12,30 +12,18 @@ errors over resolution, hit test and tolerance. Everything is beside the BVH and
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import shpy as sh
 from raytracer.errors import SceneError
 from raytracer.layered.cube import HITS
 from raytracer.meshes import Mesh
+from raytracer.studies import report
 from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measured, Model, models, unit
-from raytracer.studies.report import (
-    Told,
-    about,
-    counted_on,
-    csv_of,
-    devices_of,
-    finish,
-    in_time,
-    machine,
-    new_figure,
-    save_figure,
-    table,
-)  # fmt: skip
+from raytracer.studies.report import Clock, Told, counted_on, curves, devices_of, measure
 
 _TESTS = ("plane", "triangle", "sample")
 """The hit tests, those first without which the others mean little."""
@@ -67,128 +55,95 @@ QUICK = Plan((64, 48), (32,), (32,), (1e-2,), (4, 32))
 
 
 @dataclass(frozen=True)
-class Study:
-    """Everything that was measured, the machine, and the cases that the time did not suffice for."""
+class Study(report.Study):
+    """The measurements of a plan."""
 
-    machine: str
-    backends: dict[str, str]
-    plan: Plan
-    measured: tuple[Measured, ...]
-    skipped: tuple[Case, ...]
-    cpu: bool = False
+    plan: Plan = FULL
+    grid: ClassVar[tuple[int, int]] = (2, 3)
+    legend: ClassVar[dict[str, Any]] = {
+        "fontsize": 7,
+        "ncol": 3,
+        "loc": "upper center",
+        "bbox_to_anchor": (0.5, -0.13),
+    }  # below the plots, not over the data
 
-    def markdown(self) -> str:
-        """Return all numbers as tables of Markdown."""
-        return "\n\n".join([self._about(), *(part for part in self._tables() if part)])
-
-    def _about(self) -> str:
+    def pictures(self) -> str:
+        """Return what was rendered."""
         (width, height), small = self.plan.size, [n // SMALLER for n in self.plan.size]
-        pictures = f"pictures of {width} x {height} pixels, errors and rays of {small[0]} x {small[1]}"
-        return about(self.machine, self.backends, pictures, self.cpu, len(self.skipped))
+        return f"pictures of {width} x {height} pixels, errors and rays of {small[0]} x {small[1]}"
 
-    def _tables(self) -> Iterable[str]:
+    def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
+        """Return Table 1 of the paper, the errors, and the blocks of the coarse level, for each backend."""
+        name = self.plan.studied
         for backend in self.backends:
-            rows = [_table_row(m) for m in self._of(backend) if m.frame_seconds is not None]
+            rows = [_table_row(m) for m in sorted(self._framed(backend), key=lambda m: m.triangles)]
             head = ["model", "triangles", "secondary rays by", "build ms", "picture ms", "with BVH", "secondary rays"]
-            head += ["layers", "samples", "MiB", "RMSE/255", "FLIP"]
-            yield table(
-                f"Build and picture, {backend}", head, sorted(rows, key=lambda row: int(row[1].replace(",", "")))
-            )
+            yield f"Build and picture, {backend}", [*head, "layers", "samples", "MiB", "RMSE/255", "FLIP"], rows
         for backend in self.backends:
-            rows = [_error_row(m) for m in self.studied(backend)]
             head = ["hit test", "texels", "build ms", "MiB", "secondary rays", "RMSE/255", "FLIP"]
             head += [f"{kind}: missed / false / misplaced" for kind in KINDS]
-            yield table(f"Errors, {self.plan.studied}, {backend}", head, rows)
+            yield f"Errors, {name}, {backend}", head, [_error_row(m) for m in self.studied(backend)]
         for backend in self.backends:
             rows = [_block_row(m) for m in self._of(backend) if m.case.block is not None]
-            title = f"Blocks of the coarse level, {self.plan.studied}, {self.plan.framed[0]}² plane, {backend}"
             head = ["block", "build ms", "MiB", "secondary rays", *(f"{kind} ms" for kind in KINDS)]
-            yield table(title, head, rows)
+            yield f"Blocks of the coarse level, {name}, {self.plan.framed[0]}² plane, {backend}", head, rows
 
     def _of(self, backend: str) -> list[Measured]:
         return [m for m in self.measured if m.case.backend == backend]
 
+    def _framed(self, backend: str) -> list[Measured]:
+        return [m for m in self._of(backend) if m.frame_seconds is not None]
+
     def studied(self, backend: str) -> list[Measured]:
         """Return the cubes of the model whose errors are studied, by test and resolution."""
-        cubes = [m for m in self._of(backend) if m.case.model == self.plan.studied and m.case.accel == "ldc"]
-        of_default_block = [m for m in cubes if m.case.block is None]
-        order = {test: k for k, test in enumerate(_TESTS)}
+        cubes = [m for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "ldc")]
         return sorted(
-            of_default_block,
-            key=lambda m: (order[m.case.hit], m.case.depths == "half", m.case.tolerance or 0, m.case.resolution),
+            (m for m in cubes if m.case.block is None),
+            key=lambda m: (
+                _TESTS.index(m.case.hit),
+                m.case.depths == "half",
+                m.case.tolerance or 0,
+                m.case.resolution,
+            ),
         )
-
-    def json(self) -> dict[str, Any]:
-        """Return everything but pictures, for `json.dump`."""
-        measured = [{k: v for k, v in dataclasses.asdict(m).items() if k != "pixels"} for m in self.measured]
-        return dataclasses.asdict(dataclasses.replace(self, measured=())) | {"measured": measured}
-
-    def csv(self) -> str:
-        """Return a line of CSV for each measurement."""
-        rows = []
-        for m in self.measured:
-            row = dataclasses.asdict(m.case) | {k: v for k, v in dataclasses.asdict(m).items() if not _nested(v)}
-            for kind, wrong in m.wrong.items():
-                row |= {f"{kind} {k}": v for k, v in dataclasses.asdict(wrong).items()}
-            rows.append(row | m.errors)
-        return csv_of(rows, "model")
 
     def plot(self, path: str | Path) -> None:
         """Draw times and errors, and pictures beside the exact one; JSON and CSV go beside them.
 
-        The pictures have the path's name with "-pictures" at its end. Raises as `new_figure`.
+        The pictures have the path's name with "-pictures" at its end. Raises as `sh.outputs`.
         """
-        path = Path(path)
-        figure = new_figure(path, (15, 11))
-        axes = figure.subplots(2, 3)
+        super().plot(path)
+        self.compare(Path(path).with_stem(f"{Path(path).stem}-pictures"))
+
+    def draw(self, axes: Any) -> None:
+        """Draw times over triangles, and errors over resolution, time and memory."""
         backend = next(iter(self.backends))
-        self._draw_table(axes[0, 0], axes[0, 1], backend)
-        self._draw_errors(axes.flat[2:], self.studied(backend))
-        finish(axes.flat, fontsize=7, ncol=3, loc="upper center", bbox_to_anchor=(0.5, -0.13))  # not over the data
-        save_figure(figure, path, self.json(), self.csv(), dpi=100)
-        self.compare(path.with_stem(f"{path.stem}-pictures"))
-
-    def _draw_table(self, build: Any, trace: Any, backend: str) -> None:
-        framed = [m for m in self._of(backend) if m.frame_seconds is not None]
-        for k, name in enumerate(dict.fromkeys(str(m.case) for m in framed)):
-            measurements = sorted((m for m in framed if str(m.case) == name), key=lambda m: m.triangles)
-            style = {"marker": _MARKS.get(measurements[0].case.hit, "x"), "color": f"C{k}", "label": name}
-            build.plot([m.triangles for m in measurements], [m.build_seconds for m in measurements], **style)
-            trace.plot(
-                [m.triangles for m in measurements],
-                [(m.frame_seconds or 0) / (m.bvh_seconds or 1) for m in measurements],
-                **style,
+        framed, found = self._framed(backend), self.studied(backend)
+        (build, trace, shares), (times, memory, pictures) = axes
+        style = _colored(framed, lambda m: str(m.case))
+        curves(build, framed, lambda m: m.triangles, lambda m: m.build_seconds, style)
+        build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds", title="build")
+        curves(trace, framed, lambda m: m.triangles, lambda m: m.frame_seconds / m.bvh_seconds, style)
+        trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH", title="picture")
+        name, style = self.plan.studied, _colored(found, lambda m: m.case.test)
+        for kind, dashes in zip(KINDS[::2], ("-", "--"), strict=True):
+            look = {"linestyle": dashes}
+            curves(
+                shares,
+                found,
+                lambda m: m.case.resolution,
+                lambda m: max(m.wrong[kind].all, _TINY),  # noqa: B023  # which is called here
+                lambda m: style(m) | look | {"label": f"{m.case.test}, {kind}"},  # noqa: B023
             )
-        build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds")
-        build.set_title("build", fontsize=10)
-        trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH")
-        trace.set_title("picture", fontsize=10)
-
-    def _draw_errors(self, axes: Any, measurements: Sequence[Measured]) -> None:
-        shares, times, memory, pictures = axes
-        for k, test in enumerate(dict.fromkeys(m.case.test for m in measurements)):
-            line = [m for m in measurements if m.case.test == test]
-            style = {"marker": _MARKS[line[0].case.hit], "color": f"C{k}", "label": test}
-            for kind, dashes in zip(KINDS[::2], ("-", "--"), strict=True):
-                wrong = [max(m.wrong[kind].all, _TINY) for m in line]
-                label = {"label": f"{test}, {kind}"}
-                shares.plot([m.case.resolution for m in line], wrong, dashes, **style | label)
-            rmse = [max(m.errors["rmse"], _TINY) for m in line]
-            times.plot([m.cost for m in line], rmse, **style)
-            memory.plot([m.nbytes / 2**20 for m in line], rmse, **style)
-            if all("flip" in m.errors for m in line):
-                pictures.plot([m.cost for m in line], [max(m.errors["flip"], _TINY) for m in line], **style)
-        name, cost = self.plan.studied, "secondary rays: times that of the BVH"
-        shares.set(yscale="log", xlabel="texels along a side", ylabel="share of rays")
+        shares.set(yscale="log", xlabel="texels along a side", ylabel="share of rays", title=f"{name}: wrong hits")
         shares.set_xscale("log", base=2)
-        shares.set_title(f"{name}: wrong hits", fontsize=10)
-        for axis, x, y in (
-            (times, cost, "RMSE, 255ths"),
-            (memory, "MiB", "RMSE, 255ths"),
-            (pictures, cost, "mean FLIP"),
-        ):
-            axis.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
-            axis.set_title(f"{name}: error", fontsize=10)
+        cost, rmse = "secondary rays: times that of the BVH", "RMSE, 255ths"
+        seen = [m for m in found if "flip" in m.errors]
+        curves(times, found, lambda m: m.cost, lambda m: max(m.errors["rmse"], _TINY), style)
+        curves(memory, found, lambda m: m.nbytes / 2**20, lambda m: max(m.errors["rmse"], _TINY), style)
+        curves(pictures, seen, lambda m: m.cost, lambda m: max(m.errors["flip"], _TINY), style)
+        for axis, x, y in ((times, cost, rmse), (memory, "MiB", rmse), (pictures, cost, "mean FLIP")):
+            axis.set(xscale="log", yscale="log", xlabel=x, ylabel=y, title=f"{name}: error")
 
     def compare(self, path: Path) -> None:
         """Draw the exact small picture, those through cubes of a low resolution, and how they differ."""
@@ -202,7 +157,7 @@ class Study:
         exact = [m.pixels for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "bvh")]
         if not pictures or not exact:
             return
-        figure = new_figure(path, (4 * len(pictures) + 4, 6.6))
+        figure = sh.outputs.new_figure(4 * len(pictures) + 4, 6.6)
         axes = figure.subplots(2, 1 + len(pictures), squeeze=False)
         axes[0, 0].imshow(exact[0])
         axes[0, 0].set_title("exact")
@@ -218,8 +173,14 @@ class Study:
             figure.savefig(temporary, dpi=100)
 
 
-def _nested(value: Any) -> bool:
-    return not isinstance(value, int | float | None)
+def _colored(measured: Sequence[Measured], label: Callable[[Measured], str]) -> Callable[[Measured], dict[str, Any]]:
+    """Return what gives the label and looks of a measurement's line: a color for each label, a mark for the test."""
+    labels = list(dict.fromkeys(map(label, measured)))
+    return lambda m: {
+        "label": label(m),
+        "color": f"C{labels.index(label(m))}",
+        "marker": _MARKS.get(m.case.hit, "x"),
+    }
 
 
 def _table_row(m: Measured) -> list[str]:
@@ -298,15 +259,18 @@ def study(
     plan = QUICK if quick else FULL
     plan = plan if size is None else dataclasses.replace(plan, size=size)
     all_models = [*models(quick), *(_loaded(path) for path in files)]
-    all_cases, measured = cases(list(devices), all_models, plan), []
-    clock = time.process_time if cpu else time.perf_counter
-    benches = {(m.name, name): Bench(m, name, plan.size, clock) for m in all_models for name in devices}
-    for case in in_time(all_cases, minutes, progress):
+    benches = {(m.name, name): Bench(m, name, plan.size) for m in all_models for name in devices}
+
+    def bench(case: Case, clock: Clock) -> Measured:
         framed = case.accel != "ldc" or (
             case.resolution in plan.framed and case.tolerance is None and case.block is None
         )
-        measured.append(benches[case.model, case.backend].measure(case, framed=framed))
-    return Study(machine(), devices, plan, tuple(measured), tuple(all_cases[len(measured) :]), cpu)
+        chosen = benches[case.model, case.backend]
+        chosen.clock = clock
+        return chosen.measure(case, framed=framed)
+
+    all_cases = cases(list(devices), all_models, plan)
+    return Study(**measure(devices, all_cases, bench, minutes, cpu, progress), plan=plan)
 
 
 def _loaded(path: str | Path) -> Model:

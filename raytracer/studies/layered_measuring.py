@@ -30,9 +30,10 @@ from raytracer.meshes.shapes import floor, knot, sphere, torus
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import PointLight
 from raytracer.scene.scene import Scene
+from raytracer.studies.report import Clock
 from raytracer.studies.tradeoff import errors
 
-Clock = Callable[[], float]
+Work = Callable[[int], Any]
 Vectors = NDArray[np.float64]
 
 ROUNDS = 3
@@ -172,8 +173,9 @@ def scene_of(mesh: Mesh) -> Scene:
 class Bench:
     """Measures accelerators for a model on a backend, against its pictures and rays through the exact BVH."""
 
-    def __init__(self, model: Model, backend: str, size: tuple[int, int], clock: Clock = time.perf_counter) -> None:
-        self.backend, self.size, self.clock = backend, size, clock
+    def __init__(self, model: Model, backend: str, size: tuple[int, int]) -> None:
+        self.backend, self.size = backend, size
+        self.clock: Clock = time.perf_counter
         self.small = max(size[0] // SMALLER, 1), max(size[1] // SMALLER, 1)
         self.scenes = [scene_of(mesh) for mesh in model.meshes]
 
@@ -247,16 +249,12 @@ class Bench:
 
     def _build(self, case: Case, scene: Scene) -> tuple[float, Any]:
         """Build the accelerator of a case; return the seconds and the accelerator."""
-        options: dict[str, Any] = {"hit": case.hit, "tolerance": case.tolerance, "depths": case.depths}
-        options |= {} if case.block is None else {"block": case.block}
         if case.accel != "ldc":
             corners = np.concatenate([mesh.corners for mesh in scene.meshes])
-            started = self.clock()
-            structure: Any = build(case.accel, corners, backend=self.backend)
-        else:
-            started = self.clock()
-            structure = LayeredCube.of(scene, case.resolution, backend=self.backend, **options)
-        return self.clock() - started, structure
+            return self._timed(lambda: build(case.accel, corners, backend=self.backend))
+        options: dict[str, Any] = {"hit": case.hit, "tolerance": case.tolerance, "depths": case.depths}
+        options |= {} if case.block is None else {"block": case.block}
+        return self._timed(lambda: LayeredCube.of(scene, case.resolution, backend=self.backend, **options))
 
     def _renderer(self, case: Case, frame: int, structure: Any) -> Renderer:
         if case.accel == "bvh":
@@ -269,19 +267,26 @@ class Bench:
         for renderer, exact in zip(renderers, self.exact, strict=False):
             renderer.render(self.small)  # drivers compile once more when a kernel runs for the first time
             exact.render(self.size)
-        durations: list[tuple[float, float]] = []
-        for k in range(max(ROUNDS, len(renderers))):
-            frame = k % len(renderers)
-            durations.append((self._time(renderers[frame]), self._time(self.exact[frame])))
-            if k and durations[-1][0] > _SLOW:
-                break
-        times, exact_times = zip(*durations, strict=True)
-        return min(times), min(exact_times)
+        count = len(renderers)
+        return self._in_turns(
+            lambda k: renderers[k % count].render(self.size),
+            lambda k: self.exact[k % count].render(self.size),
+            max(ROUNDS, count),
+        )
 
-    def _time(self, renderer: Renderer) -> float:
+    def _in_turns(self, work: Work, exact: Work, rounds: int) -> tuple[float, float]:
+        """Return the least seconds of both, which run alternately; two rounds do where they take long."""
+        times: list[tuple[float, float]] = []
+        while len(times) < rounds and not (len(times) > 1 and times[-1][0] > _SLOW):
+            k = len(times)
+            times.append((self._timed(lambda: work(k))[0], self._timed(lambda: exact(k))[0]))  # noqa: B023
+        least, exact_least = map(min, zip(*times, strict=True))
+        return least, exact_least
+
+    def _timed(self, work: Callable[[], Any]) -> tuple[float, Any]:
         started = self.clock()
-        renderer.render(self.size)
-        return self.clock() - started
+        result = work()
+        return self.clock() - started, result
 
     def _ask(self, shoot: Intersector, kind: str) -> Any:
         """Return the hits of rays of a kind; for "shadow", True for those that hit."""
@@ -298,13 +303,6 @@ class Bench:
         both = hit & exact_hit
         apart = np.abs(answers[both] - exact[both]) > MISPLACED if not is_shadow else np.zeros(1, bool)
         count = max(len(exact), 1)
-        times: list[list[float]] = [[], []]
-        for k in range(ROUNDS):
-            for seconds, one in zip(times, (shoot, self.exact_rays), strict=True):
-                started = self.clock()
-                self._ask(one, kind)
-                seconds.append(self.clock() - started)
-            if k and times[0][-1] > _SLOW:
-                break
+        times = self._in_turns(lambda k: self._ask(shoot, kind), lambda k: self._ask(self.exact_rays, kind), ROUNDS)
         missed, false, misplaced = (int(wrong.sum()) / count for wrong in (exact_hit & ~hit, hit & ~exact_hit, apart))
-        return Wrong(len(exact), missed, false, misplaced, min(times[0]), min(times[1]))
+        return Wrong(len(exact), missed, false, misplaced, *times)

@@ -1,31 +1,137 @@
-"""Parts that studies share: devices, time limits, tables of Markdown, lines of CSV, and figures with their numbers.
+"""What studies of papers share: devices, the end in time, tables of Markdown, lines of CSV, and figures.
 
-Stage: measure. Paths are checked before anything is measured, and files are written whole or not at all.
+Stage: measure. A study derives from `Study`: its tables, and how its measurements are drawn.
 
-    for case in in_time(cases, minutes=9.0):
-        measured.append(measure(case))
-    figure = new_figure("found.png")
-    save_figure(figure, "found.png", {"x": 1})     # and found.json
+    measured = measure(devices_of(["numpy"]), cases, bench, minutes=9, cpu=False)
+    found = MyStudy(**measured)
+    found.plot("found.png")                 # found.json and found.csv go beside it
 """
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
-import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar
+
+import numpy as np
 
 import shpy as sh
 from raytracer.errors import SceneError
 
 Told = Callable[[int, int], None]
 """Called with the measurements that are done and all measurements."""
-Case = TypeVar("Case")
+Clock = Callable[[], float]
+
+
+@dataclass(frozen=True)
+class Study:
+    """The measurements, the machine on which they were made, and the cases `skipped` for lack of time.
+
+    With `cpu` all seconds are those of the processor's cores together.
+    """
+
+    machine: str
+    backends: dict[str, str]
+    measured: tuple[Any, ...]
+    skipped: tuple[Any, ...]
+    cpu: bool
+
+    grid: ClassVar[tuple[int, int]] = (3, 3)
+    """Rows and columns of plots, each 5 inches wide and a little less high."""
+    legend: ClassVar[dict[str, Any]] = {"fontsize": 6}
+
+    def pictures(self) -> str:
+        """Return what was rendered, as a part of a sentence."""
+        raise NotImplementedError
+
+    def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
+        """Return the title, head and rows of each table."""
+        raise NotImplementedError
+
+    def draw(self, axes: Any) -> None:
+        """Draw the measurements into `grid` axes."""
+        raise NotImplementedError
+
+    def markdown(self) -> str:
+        """Return all numbers as tables of Markdown."""
+        devices = "; ".join(f"{name}: {device}" for name, device in self.backends.items())
+        left = f" {len(self.skipped)} measurements were left out for want of time." if self.skipped else ""
+        clock = "CPU time of all cores" if self.cpu else "wall time"
+        tables = [f"**{title}**\n\n{sh.command.markdown([head, *rows])}" for title, head, rows in self.tables() if rows]
+        return "\n\n".join([f"Measured on {self.machine} ({devices}), {self.pictures()}, {clock}.{left}", *tables])
+
+    def json(self) -> dict[str, Any]:
+        """Return everything but pictures, for `json.dump`."""
+        measured = [_without_pictures(dataclasses.asdict(m)) for m in self.measured]
+        return dataclasses.asdict(dataclasses.replace(self, measured=())) | {"measured": measured}
+
+    def csv(self) -> str:
+        """Return a line of CSV for each measurement: its case, and its numbers by their names."""
+        rows = [_flat(dataclasses.asdict(m)) for m in self.measured]
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)) or ["case"])
+        writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+    def plot(self, path: str | Path) -> None:
+        """Draw the measurements; JSON and CSV of the same name go beside the picture. Raises as `sh.outputs`."""
+        path, (rows, columns) = Path(path), self.grid
+        sh.outputs.check_output(path)
+        figure = sh.outputs.new_figure(5 * columns, 1 + 11 * rows / 3)
+        axes = figure.subplots(rows, columns)
+        self.draw(axes)
+        for axis in axes.flat:
+            if axis.has_data():
+                axis.legend(**self.legend)
+            else:
+                axis.set_axis_off()
+        sh.outputs.save_figure(figure, path, self.json())
+        with sh.files.replacing(path.with_suffix(".csv")) as temporary:
+            temporary.write_text(self.csv())
+
+
+def measure(
+    backends: dict[str, str],
+    cases: Sequence[Any],
+    bench: Callable[[Any, Clock], Any],
+    minutes: float,
+    cpu: bool,
+    progress: Told | None,
+) -> dict[str, Any]:
+    """Measure cases until `minutes` are over, the last one to its end; return the fields of a `Study`."""
+    told: Told = progress or (lambda done, total: None)
+    end, measured = time.monotonic() + 60 * minutes, []
+    for done, case in enumerate(cases):
+        told(done, len(cases))
+        if time.monotonic() > end:
+            break
+        measured.append(bench(case, time.process_time if cpu else time.perf_counter))
+    told(len(cases), len(cases))
+    left = tuple(cases[len(measured) :])
+    return {"machine": machine(), "backends": backends, "measured": tuple(measured), "skipped": left, "cpu": cpu}
+
+
+def curves(
+    axis: Any,
+    measured: Iterable[Any],
+    x: Callable[[Any], Any],
+    y: Callable[[Any], Any],
+    style: Callable[[Any], dict[str, Any]],
+) -> None:
+    """Draw a line for each label that `style` gives, through the points of its measurements."""
+    lines: dict[str, tuple[dict[str, Any], list[tuple[Any, Any]]]] = {}
+    for m in measured:
+        lines.setdefault(style(m)["label"], (style(m), []))[1].append((x(m), y(m)))
+    for of_line, points in lines.values():
+        axis.plot(*zip(*sorted(points), strict=True), **of_line)
 
 
 def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
@@ -43,93 +149,27 @@ def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
     return {name: devices[name] for name in names}
 
 
+def counted_on(backends: Iterable[str]) -> str:
+    """Return the backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
+    return "opencl" if "opencl" in backends else next(iter(backends))
+
+
 def machine() -> str:
     """Return the processor, as the system names it, and how many cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    name = platform.processor() or platform.machine()
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
-        if line.startswith("model name"):
-            name = line.partition(":")[2].strip()
-            break
-    return f"{name}, {cores} cores"
+    told = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    return f"{[*names, platform.processor() or platform.machine()][0]}, {cores} cores"
 
 
-def counted_on(backends: Sequence[str]) -> str:
-    """Return the backend that calls of kernels are counted on: they are the same on all, and OpenCL is fast."""
-    return "opencl" if "opencl" in backends else backends[0]
+def _without_pictures(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if not isinstance(value, np.ndarray)}
 
 
-def in_time(cases: Sequence[Case], minutes: float, progress: Told | None = None) -> Iterator[Case]:
-    """Yield cases until `minutes` are over; the case that runs then is the last."""
-    told: Told = progress or (lambda done, total: None)
-    end = time.monotonic() + 60 * minutes
-    for done, case in enumerate(cases):
-        told(done, len(cases))
-        if time.monotonic() > end:
-            break
-        yield case
-    told(len(cases), len(cases))
-
-
-def about(machine: str, backends: Mapping[str, str], pictures: str, cpu: bool, skipped: int) -> str:
-    """Return the sentence above the tables of a study; `skipped` counts the cases that the time did not suffice for."""
-    devices = "; ".join(f"{name}: {device}" for name, device in backends.items())
-    left = f" {skipped} measurements were left out for want of time." if skipped else ""
-    return f"Measured on {machine} ({devices}), {pictures}, {'CPU time of all cores' if cpu else 'wall time'}.{left}"
-
-
-def table(title: str, head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a Markdown table under its title; an empty text if it has no rows."""
-    if not rows:
-        return ""
-    return f"**{title}**\n\n{sh.command.markdown([head, *rows])}"
-
-
-def csv_of(rows: Sequence[Mapping[str, Any]], first: str) -> str:
-    """Return lines of CSV under the names of the first row, `first` where there is none."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]) if rows else [first])
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def finish(axes: Iterable[Any], **legend: Any) -> None:
-    """Give each of the axes that has data a legend, and hide the others."""
-    for axis in axes:
-        if axis.has_data():
-            axis.legend(**legend)
-        else:
-            axis.set_axis_off()
-
-
-def new_figure(path: str | Path, size: tuple[float, float] = (10, 6)) -> Any:
-    """Return a matplotlib Figure of `size` in inches that can be written to `path`.
-
-    Raises SceneError for an ending that is no picture format, or if matplotlib is missing; OSError if the picture, or
-    the JSON beside it, cannot be written: FileNotFoundError if the folder does not exist.
-    """
-    path = Path(path)
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise SceneError(f"plots need matplotlib: {sh.packages.install('matplotlib')}") from error
-    figure = Figure(figsize=size, layout="constrained")
-    formats = sorted(figure.canvas.get_supported_filetypes())
-    if path.suffix[1:].lower() not in formats:
-        raise SceneError(f"{path}: plots are written as .{', .'.join(formats)}, not as {path.suffix or 'this'}")
-    for written in (path, path.with_suffix(".json")):
-        sh.files.check_writable(written)
-    return figure
-
-
-def save_figure(figure: Any, path: str | Path, content: Any, csv: str | None = None, dpi: int = 120) -> None:
-    """Write the picture to `path`; `content` as JSON and `csv`, if given, go to files of the same name beside it."""
-    path = Path(path)
-    with sh.files.replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi)
-    with sh.files.replacing(path.with_suffix(".json")) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n")
-    if csv is not None:
-        with sh.files.replacing(path.with_suffix(".csv")) as temporary:
-            temporary.write_text(csv)
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the single values, and those of dictionaries by their own names; a part of one adds its name."""
+    row: dict[str, Any] = {}
+    for name, value in values.items():
+        for key, part in value.items() if isinstance(value, dict) else [(name, value)]:
+            row |= {f"{key} {k}": v for k, v in part.items()} if isinstance(part, dict) else {key: part}
+    return {name: value for name, value in row.items() if not isinstance(value, tuple | np.ndarray)}

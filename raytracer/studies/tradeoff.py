@@ -30,7 +30,7 @@ from raytracer.integrators.integrator import Whitted, check_scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
-from raytracer.studies.report import Told, new_figure, save_figure
+from raytracer.studies.report import Told
 
 Pixels = NDArray[np.float64]
 """(H, W, 3), as sRGB in [0, 1]."""
@@ -148,11 +148,11 @@ class Tradeoff:
     def plot(self, path: str | Path) -> None:
         """Draw time against error, the frontier and the budget; JSON of the same name goes beside it.
 
-        Raises as `new_figure`.
+        Raises as `sh.outputs`.
         """
-        figure = new_figure(path)
+        figure = sh.outputs.new_figure(10, 6)
         sh.accuracy.pareto_plot.draw(self._comparison, figure)
-        save_figure(figure, path, self.json())
+        sh.outputs.save_figure(figure, Path(path), self.json())
 
     @cached_property
     def _comparison(self) -> Any:
