@@ -30,7 +30,7 @@ FAULTS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("add", "sub", "mul", "floor", "convert"), "none that was run; programs with it are refused"),
     "div": "NVIDIA's OpenGL 580.159; OpenCL 1.2 allows it",
     "sqrt": "NVIDIA's OpenGL 580.159; OpenCL 1.2 allows it",
-    "fma": "rusticl of Mesa 22.3 to 26.1; GLSL 4.00 allows it",
+    "fma": "llvmpipe and rusticl of Mesa 22.3 to 26.1; GLSL 4.00 allows it",
     "convert_nan": "Intel's CPU runtime, PoCL of PyPI, NVIDIA's OpenCL 580.159, rusticl of 22.3; OpenCL 1.2 allows it",
     "denormals": "llvmpipe of Mesa 22.3 to 26.1, NVIDIA's OpenGL 580.159; GLSL 3.30 allows it",
     "zeros": "NVIDIA's OpenCL 580.159, rusticl of Mesa 22.3 and 25.0; goes when NVIDIA's and Debian 13's are right",

@@ -106,18 +106,16 @@ class GlslBackend:
         """Compile for a device that has these limits."""
         _check_order(module, options, limits)
         runtime = self._runtime(options.device or 0)
-        target, exact = _target(limits, module, options), options.math != "fast"
+        target = _target(limits, module, options)
+
+        def build(prepared: Prepared, *, rejects: bool = False) -> tuple[Program, ...]:
+            steady = few_turns(prepared.module)
+            shaders = _shaders(prepared, options, limits, rejects=rejects)
+            return tuple(runtime.build(shader, module.entry.loc, steady=steady) for shader in shaders)
 
         def rejection() -> Program | None:
             shorter = find_rejection(module)
-            if shorter is None:
-                return None
-            ready = prepare(shorter, options, target)
-            return build(_printable(ready.module, exact), flagged=ready.flagged, rejects=True)
-
-        def build(part: Module, *, flagged: bool, rejects: bool = False) -> Program:
-            shader = _printed(part, options, limits, flagged=flagged, rejects=rejects)
-            return runtime.build(shader, module.entry.loc, steady=few_turns(part))
+            return None if shorter is None else build(prepare(shorter, options, target), rejects=True)[0]
 
         prepared = prepare(module, options, target)
         _refuse(prepared.module, target)
@@ -128,11 +126,10 @@ class GlslBackend:
         if options.math in REPRODUCIBLE:
             refuse_wrong(prepared.module, limits.wrong, "this device")
         groups = _groups(len(prepared.module.entry.outputs), limits.outputs)
-        programs = [build(part, flagged=prepared.flagged) for part in _parts(prepared, groups, exact)]
-        sources = [p.shader.source for p in programs]
-        text, notes = "\n".join(sources), _notes(limits)
+        programs = build(prepared)
+        text, notes = "\n".join(p.shader.source for p in programs), _notes(limits)
         return GlslExecutable(
-            text, notes, prepared.loops, not prepared.status, runtime, tuple(programs), groups, cache(rejection)
+            text, notes, prepared.loops, not prepared.status, runtime, programs, groups, cache(rejection)
         )
 
     def _limits(self, device: int) -> Limits:
@@ -201,12 +198,6 @@ def _target(limits: Limits, module: Module, options: Options) -> Target:
     return replace(TARGET, wrong=limits.wrong & CORRECTABLE, doubles=doubles)
 
 
-def _printable(module: Module, exact: bool) -> Module:
-    """Return the module in forms that Mesa's compilers get right; `exact`: they may fold no floats either."""
-    without_bools = hold_bools_as_ints(module)
-    return hide_derivable(without_bools) if exact else without_bools
-
-
 def _module_of(name: str) -> Module:
     """Return a module that computes a function of one float."""
     b = Builder(name)
@@ -217,21 +208,19 @@ def _module_of(name: str) -> Module:
 def text_for(module: Module, options: Options, limits: Limits) -> str:
     """Return the text of a module for a device with these limits, which need not be here."""
     prepared = prepare(module, options, _target(limits, module, options))
-    groups = _groups(len(prepared.module.entry.outputs), limits.outputs)
-    parts = _parts(prepared, groups, options.math != "fast")
-    return "\n".join(_printed(part, options, limits, flagged=prepared.flagged).source for part in parts)
+    return "\n".join(shader.source for shader in _shaders(prepared, options, limits))
 
 
-def _parts(prepared: Prepared, groups: tuple[tuple[int, ...], ...], exact: bool) -> Iterator[Module]:
-    """Yield the module for each group of outputs, ready to print."""
-    whole = _printable(prepared.module, exact)
-    for group in groups:
-        yield select_outputs(whole, group) if len(groups) > 1 else whole
-
-
-def _printed(part: Module, options: Options, limits: Limits, *, flagged: bool, rejects: bool = False) -> Shader:
+def _shaders(prepared: Prepared, options: Options, limits: Limits, *, rejects: bool = False) -> Iterator[Shader]:
+    """Yield the shader of each group of outputs, in forms that Mesa's compilers get right."""
     exact, limited = options.math != "fast", options.loop_limit is not None
-    return print_shader(part, limits, exact=exact, flagged=flagged, limited=limited, rejects=rejects)
+    whole = hold_bools_as_ints(prepared.module)
+    if exact:  # they may fold no floats either
+        whole = hide_derivable(whole)
+    groups = _groups(len(whole.entry.outputs), limits.outputs)
+    for group in groups:
+        part = select_outputs(whole, group) if len(groups) > 1 else whole
+        yield print_shader(part, limits, exact=exact, flagged=prepared.flagged, limited=limited, rejects=rejects)
 
 
 def _rounds(name: str, executable: GlslExecutable, limits: Limits) -> bool:

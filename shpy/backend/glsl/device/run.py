@@ -70,16 +70,12 @@ class Runtime:
         """
         # Two texts may be the same where the names behind them, by which data come, are not.
         key = (shader.source, shader.inputs, shader.tables, *shader.params.items())
-        program = self._programs.get(key)
-        return program or self.context.call(lambda: self._linked(key, shader, loc, steady))
+        return self._programs.get(key) or self.context.call(lambda: self._linked(key, shader, loc, steady))
 
     def _linked(self, key: tuple[Any, ...], shader: Shader, loc: Loc | None, steady: bool) -> Program:
-        program = self._programs.get(key)  # another thread may have linked it since
-        if program is None:
-            program = self._programs[key] = self._link(shader, loc, steady)
-        return program
-
-    def _link(self, shader: Shader, loc: Loc | None, steady: bool) -> Program:
+        result = self._programs.get(key)
+        if result is not None:  # another thread has linked it since
+            return result
         samplers = [i.sampler for i in shader.inputs] + [t.sampler for t in shader.tables]
         limit = self.context.limits.textures
         try:
@@ -97,7 +93,7 @@ class Runtime:
         check(self.context.gl, "prepare a program")
         for sampler, unit in units.items():
             program[sampler].value = unit
-        result = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
+        result = self._programs[key] = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
         doomed = self.context.doomed
         weakref.finalize(result, lambda: doomed.extend((program, vertices))).atexit = False
         return result
