@@ -9,6 +9,7 @@ Stage: record. Used by closure. What operators make of Params outside a program 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from shpy.errors import RecordError, ShpyError, ShpyTypeError
 from shpy.ir.constants import decode, to_array
 from shpy.ir.metadata import NOTHING, About
+from shpy.ir.names import free
 from shpy.ir.types import Base
 from shpy.lang.data.hostdata import as_base
 from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, wide
@@ -172,11 +174,17 @@ def _param(type_: type[Value], value: Any, name: str | None, named: bool, about:
 
 
 def _unset(type_: type[Value], name: str | None, named: bool, about: About, const: tuple[int, ...] = ()) -> Any:
-    param: Any = object.__new__(type(type_.__name__, (_ValueParam, type_), {}))
+    param: Any = object.__new__(_class_of(type_))  # type: ignore[arg-type]
     slots = {"_frame": None, "_variable": -1, "_part": None, "_loc": here(), "_name": name, "named": named}
     for slot, start in {**slots, "_about": about, "_owner": None, "_const": const}.items():
         object.__setattr__(param, slot, start)
     return param
+
+
+@lru_cache(maxsize=128)
+def _class_of(type_: Any) -> type:
+    """Return the class of the Params of a scalar or vector type."""
+    return type(type_.__name__, (_ValueParam, type_), {})
 
 
 class _MadeParam(Param):
@@ -332,17 +340,26 @@ def _compound(layout: Layout, parts: Iterator[Any], name: str, about: About = NO
         inner = zip(layout.names, layout.parts, strict=True)
         fields = {n: _compound(part, parts, f"{name}.{n}") for n, part in inner}
         flat = [leaf for field in fields.values() for leaf in getattr(field, "_leaves", (field,))]
-    # A field called `range`, say, comes before what a Param has of that name.
-    hidden = {n: property(_reader(n)) for n in fields if hasattr(Param, n)}
-    compound: Any = object.__new__(type(layout.cls.__name__, (_CompoundParam, layout.cls), hidden))
+    cls = _compound_class(layout.cls, tuple(fields))  # type: ignore[arg-type]
+    compound: Any = object.__new__(cls)
     for attribute, value in (("_name", name), ("_about", about), ("_layout", layout), ("_leaves", tuple(flat))):
         object.__setattr__(compound, attribute, value)
     for attribute, value in fields.items():
-        if attribute in hidden:
+        if hasattr(Param, attribute):
             vars(compound)[attribute] = value
         else:
             object.__setattr__(compound, attribute, value)
     return compound
+
+
+@lru_cache(maxsize=256)
+def _compound_class(type_: Any, fields: tuple[str, ...]) -> type:
+    """Return the class of the Params of a matrix or struct type.
+
+    A field called `range`, say, comes before what a Param has of that name.
+    """
+    hidden = {n: property(_reader(n)) for n in fields if hasattr(Param, n)}
+    return type(type_.__name__, (_CompoundParam, type_), hidden)
 
 
 def _owning(layout: Layout, name: str, about: About, parts: list[Any]) -> Any:
@@ -405,10 +422,7 @@ def listed(params: Mapping[str, Any]) -> dict[str, Any]:
             name, uniform = name.removesuffix(path), owner
         if any(uniform is other for other in uniforms.values()):
             return
-        free, count = name, 2
-        while free in uniforms:
-            free, count = f"{name}_{count}", count + 1
-        uniforms[free] = uniform
+        uniforms[free(name, uniforms)] = uniform
 
     for name, uniform in params.items():
         enter(name, uniform)

@@ -14,9 +14,10 @@ from shpy.ir.types import Base, Type
 from shpy.lang.mistakes.frames import refuse_closed
 from shpy.lang.recording.emit import DEFERRED, HOST, Constant, Emitter, Handle, constant_of, embed
 from shpy.lang.recording.location import here
+from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.recording.symbolic import Symbolic
-from shpy.lang.values.dependent import become_dependent
+from shpy.lang.values.dependent import Expression
 
 CLASSES: dict[tuple[str, int, Base], type[Any]] = {}
 """The class of each kind, size and base; `types` fills it in."""
@@ -54,7 +55,7 @@ class AbstractValue(Symbolic):
         handle: Handle = None,
         const: tuple[int, ...] | None = None,
     ) -> None:
-        """Become a new slot that holds the handle or constant; outside a recording, the constant."""
+        """Become a new slot that holds the handle or constant; outside a recording, the constant or the expression."""
         set_ = object.__setattr__
         set_(self, "_frame", frame)
         set_(self, "_part", None)
@@ -62,7 +63,7 @@ class AbstractValue(Symbolic):
         if frame is None:
             set_(self, "_variable", -1)
             if emitter is DEFERRED:
-                become_dependent(self, handle)
+                set_(self, "_const", Expression(handle, assigned_name()))
             else:
                 set_(self, "_const", const if const is not None else constant_of(self.type, handle))
             return

@@ -34,6 +34,7 @@ from shpy.lang.values.coerce import (
     sequence,
     sum_kind,
 )
+from shpy.lang.values.dependent import follower
 
 Operand = Any  # a Value or a Literal
 
@@ -106,7 +107,7 @@ def base_of(operands: Sequence[Operand], what: str) -> Base:
 def make_value(kind: str, type: Type, emitter: Emitter, handle: Handle) -> Any:
     """Make a new value of this kind and type that holds the handle."""
     cls = CLASSES[kind if type.is_float else "Attrib", type.size, type.base]
-    value = object.__new__(cls)
+    value = object.__new__(follower(cls) if emitter is DEFERRED else cls)  # type: ignore[arg-type]
     value._become(current_frame() if emitter is not HOST else None, emitter, handle)
     return value
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
@@ -123,16 +124,10 @@ def set_between_runs(name: str | None) -> str:
     return f"{(name or 'p').partition('[')[0]}.value = … between runs"
 
 
-_classes: dict[str, type] = {}
-
-
-def become_dependent(value: object, root: Node) -> None:
-    """Make a value that is new the uniform that an expression describes."""
-    cls = type(value)
-    if cls.__name__ not in _classes:
-        _classes[cls.__name__] = type(cls.__name__, (Dependent, cls), {"__slots__": ()})
-    object.__setattr__(value, "__class__", _classes[cls.__name__])
-    object.__setattr__(value, "_const", Expression(root, assigned_name()))
+@lru_cache(maxsize=128)
+def follower(cls: type) -> Any:
+    """Return the class of dependent uniforms of a type."""
+    return type(cls.__name__, (Dependent, cls), {"__slots__": ()})
 
 
 def _again(cls: type, flat: list[tuple[Any, ...]], name: str | None) -> Any:
@@ -140,11 +135,10 @@ def _again(cls: type, flat: list[tuple[Any, ...]], name: str | None) -> Any:
     nodes: list[Node] = []
     for op, args, type_, attr, source in flat:
         nodes.append(Node(op, tuple(nodes[k] for k in args), type_, attr, source))
-    uniform: Any = object.__new__(cls)
-    for slot, start in (("_frame", None), ("_part", None), ("_loc", None), ("_variable", -1)):
+    uniform: Any = object.__new__(follower(cls))
+    slots = {"_frame": None, "_part": None, "_loc": None, "_variable": -1, "_const": Expression(nodes[-1], name)}
+    for slot, start in slots.items():
         object.__setattr__(uniform, slot, start)
-    become_dependent(uniform, nodes[-1])
-    uniform._const.name = name
     return uniform
 
 

@@ -11,7 +11,7 @@ stores change it for every name bound to it, as numpy arrays do. Outside a recor
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -28,13 +28,36 @@ from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue, Part
-from shpy.lang.values.coerce import Literal
-from shpy.lang.values.operators import Operators
+from shpy.lang.values.coerce import Literal, sequence
+from shpy.lang.values.dependent import follower
 
 _SETS = ("xyzw", "rgba", "stpq")
 
+_Binary = Callable[[Any, Any], Any]
 
-class Value(Operators, AbstractValue):
+
+def _operator(op: str, what: str) -> tuple[_Binary, _Binary, _Binary]:
+    """Return the method of an operator, of its reflected form and of its form in place: `x + y`, `2 + x`, `x += y`."""
+
+    def plain(self: Any, other: Any, modulus: Any = None) -> Any:  # Python's pow gives the third
+        if modulus is not None:
+            raise ShpyTypeError("pow takes a base and an exponent", loc=here(), cure="(x ** y) % modulus")
+        return self._binary(op, other, what)
+
+    def reflected(self: Any, other: Any) -> Any:
+        return self._binary(op, other, what, True)
+
+    def in_place(self: Any, other: Any) -> Any:
+        return self._inplace(op, other, what)
+
+    return plain, reflected, in_place
+
+
+def _unary(op: str, what: str) -> Callable[[Any], Any]:
+    return lambda self: self._unary(op, what)
+
+
+class Value(AbstractValue):
     """A scalar or vector. Made by the constructors `Attrib1f`, `Point3f`, …; see docs for the rules.
 
     Raises ShpyTypeError where components do not add up or types do not mix, RecordError for stores that cannot be.
@@ -42,6 +65,12 @@ class Value(Operators, AbstractValue):
 
     __slots__ = ()
     __array_ufunc__: ClassVar[None] = None
+    __hash__ = None  # type: ignore[assignment]
+
+    def __new__(cls, *components: Any) -> Any:
+        """Make an object that follows the Params among the components, outside of a program."""
+        follows = current_frame() is None and any(map(_follows, components))
+        return object.__new__(follower(CLASSES[cls.kind, cls.size, cls.base]) if follows else cls)  # type: ignore[arg-type]
 
     def __init__(self, *components: Any) -> None:
         self._compose(components)
@@ -214,6 +243,30 @@ class Value(Operators, AbstractValue):
 
     # Operators
 
+    __neg__ = _unary("neg", "-")
+    __abs__ = _unary("abs", "abs")
+    __invert__ = _unary("not", "~")
+
+    __add__, __radd__, __iadd__ = _operator("add", "+")
+    __sub__, __rsub__, __isub__ = _operator("sub", "-")
+    __mul__, __rmul__, __imul__ = _operator("mul", "*")
+    __truediv__, __rtruediv__, __itruediv__ = _operator("div", "/")
+    __floordiv__, __rfloordiv__, __ifloordiv__ = _operator("floordiv", "//")
+    __mod__, __rmod__, __imod__ = _operator("floormod", "%")
+    __pow__, __rpow__, __ipow__ = _operator("pow", "**")
+    __and__, __rand__, __iand__ = _operator("and", "&")
+    __or__, __ror__, __ior__ = _operator("or", "|")
+    __xor__, __rxor__, __ixor__ = _operator("xor", "^")
+    __lshift__, __rlshift__, __ilshift__ = _operator("shl", "<<")
+    __rshift__, __rrshift__, __irshift__ = _operator("shr", ">>")
+
+    __lt__ = _operator("lt", "<")[0]
+    __le__ = _operator("le", "<=")[0]
+    __gt__ = _operator("gt", ">")[0]
+    __ge__ = _operator("ge", ">=")[0]
+    __eq__ = _operator("eq", "==")[0]
+    __ne__ = _operator("ne", "!=")[0]
+
     def _unary(self, op: str, what: str) -> Any:
         return arithmetic.elementwise(op, (self,), what)
 
@@ -327,6 +380,14 @@ class Value(Operators, AbstractValue):
         if self._frame is None:
             return f"{type(self).__name__}({', '.join(map(str, np.atleast_1d(np.asarray(self)).tolist()))})"
         return f"<{type(self).__name__} {self._called()}>"
+
+
+def _follows(x: Any) -> bool:
+    """Return whether a component is a uniform, or a tuple, list or array with one."""
+    if isinstance(x, AbstractValue):
+        return x._uniform
+    entries = sequence(x)
+    return entries is not None and any(map(_follows, entries))
 
 
 def _constant(cls: type[Value], const: tuple[int, ...]) -> Value:
