@@ -15,6 +15,7 @@ from typing import Any
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import decode
+from shpy.ir.names import free
 from shpy.ir.nodes import Module, Port
 from shpy.lang.data.params import Param, constant_of, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
@@ -63,13 +64,6 @@ def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, A
     return {names[n]: default for n, default in defaults.items() if n in names}
 
 
-def _free(name: str, names: Mapping[str, Any]) -> str:
-    fresh, count = name, 2
-    while fresh in names:
-        fresh, count = f"{name}_{count}", count + 1
-    return fresh
-
-
 def compose(g: Recorded, f: Recorded) -> Recorded:
     """Return `g << f`: f's outputs by the names that are g's inputs; by position where no name is, or f's have none.
 
@@ -81,7 +75,7 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     extra: dict[str, str] = {}
     for name, type_ in g.inputs.items():
         if name not in fed:
-            extra[name] = _free(name, types)
+            extra[name] = free(name, types)
             types[extra[name]] = type_
     left_over = [part for part, name in zip(parts, fed, strict=True) if name is None]
     layout = g.output if not left_over else _join(_parts(g.output) + left_over)
@@ -213,7 +207,7 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
         if share and types.get(name) == type_:
             names[name] = name
         else:
-            names[name] = _free(name, types)
+            names[name] = free(name, types)
             types[names[name]] = type_
     layout = _join(_parts(f.output) + _parts(g.output))
 

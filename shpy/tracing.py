@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import is_int
+from shpy.ir.constants import dtypes_at, is_int
 from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import TableType
@@ -27,7 +27,7 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
-from shpy.streams.elements import Shape, dtypes_at
+from shpy.streams.elements import Shape
 from shpy.streams.stream import Stream
 
 

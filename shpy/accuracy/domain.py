@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import dtypes_at
 from shpy.ir.traverse import grid_rank
 from shpy.ir.types import Base, Type
 from shpy.lang.data.tables import TableType
@@ -24,7 +25,6 @@ from shpy.lang.data.textures import TextureType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import build_arrays, leaves
 from shpy.programs import Program, check_count, check_program
-from shpy.streams.elements import dtypes_at
 
 Array = NDArray[Any]
 Domain = Mapping[str, Any]

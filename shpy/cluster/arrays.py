@@ -13,12 +13,13 @@ import numpy as np
 
 from shpy import packages
 from shpy.errors import ShpyError, ShpyTypeError
+from shpy.ir.constants import dtypes_at
 from shpy.lang.data.hostdata import as_array
 from shpy.lang.data.tables import TableType
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, flatten, is_lazy, layout_of, leaves
 from shpy.run import host
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at, shape_before_data
+from shpy.streams.elements import InputLeaf, Shape, shape_before_data
 from shpy.streams.stream import streams_in
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from shpy.cluster.arrays import dask_array
 from shpy.cluster.jobs import Job, piece, run_job
+from shpy.ir.constants import dtypes_at
 from shpy.lang.values.structure import Layout, build_arrays, leaves
-from shpy.streams.elements import dtypes_at
 
 Chunks = tuple[tuple[int, ...], ...]
 Places = Sequence[Sequence[tuple[int, int, int]]]

@@ -19,6 +19,7 @@ from shpy.collectives.chunk_sorting import place_type, scalar_of
 from shpy.collectives.chunks import flattened
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import dtypes_at
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.hostdata import as_array
 from shpy.lang.data.tables import element_class
@@ -26,7 +27,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Leaf, is_lazy, is_struct
 from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
-from shpy.streams.elements import Shape, dtypes_at, given_shape, shape_before_data
+from shpy.streams.elements import Shape, given_shape, shape_before_data
 from shpy.streams.stream import Stream
 
 _BLOCKS, _LARGE = 64, 1 << 20

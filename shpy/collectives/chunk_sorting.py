@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from shpy.collectives.arguments import element_of
 from shpy.collectives.chunks import flattened
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import dtypes_at
 from shpy.lang.recording.location import here
 from shpy.lang.values.types import Attrib1b, Attrib1d, Attrib1f, Attrib1h, Attrib1i, Attrib1u
 from shpy.programs import Program
-from shpy.streams.elements import dtypes_at, shape_before_data
+from shpy.streams.elements import shape_before_data
 from shpy.streams.stream import Stream
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from shpy.collectives.arguments import element_of
 from shpy.collectives.trees import check_combination
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import is_int
+from shpy.ir.constants import dtypes_at, is_int
 from shpy.lang.recording.location import here
 from shpy.programs import Program
-from shpy.streams.elements import Shape, dtypes_at, shape_before_data
+from shpy.streams.elements import Shape, shape_before_data
 from shpy.streams.stream import Stream
 
 _FEWEST, _MOST = 1 << 12, 1 << 20

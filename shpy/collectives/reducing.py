@@ -35,7 +35,7 @@ from shpy.collectives.programs import (
 from shpy.collectives.trees import combination, fold, fold_to_host, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
-from shpy.ir.constants import is_int
+from shpy.ir.constants import dtypes_at, is_int
 from shpy.ir.types import FLOATS, Base
 from shpy.lang.data.tables import Table
 from shpy.lang.recording.location import here
@@ -43,7 +43,6 @@ from shpy.lang.values.structure import Leaf, is_lazy, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
-from shpy.streams.elements import dtypes_at
 from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Place, Stream
 

@@ -12,7 +12,8 @@ its meaning until the working precision is chosen. 0.0 and -0.0 differ; every Na
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from shpy.ir.types import Base, Type, vec
 
-__all__ = ["DTYPES", "Base", "decode", "encode", "from_array", "is_int", "to_array", "vec"]
+__all__ = ["DTYPES", "Base", "decode", "dtypes_at", "encode", "from_array", "is_int", "to_array", "vec"]
 
 DTYPES: dict[Base, Any] = {
     Base.F: np.float32,
@@ -31,7 +32,14 @@ DTYPES: dict[Base, Any] = {
     Base.B: np.bool_,
 }
 
+_WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 _NAN_BITS = 0x7FF8000000000000
+
+
+@cache
+def dtypes_at(precision: str) -> Mapping[Base, Any]:
+    """Return the dtype of each base at a working precision."""
+    return {**DTYPES, Base.F: _WORKING[precision]}
 
 
 def is_int(value: object) -> TypeGuard[int | np.integer[Any]]:

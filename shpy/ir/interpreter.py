@@ -11,19 +11,17 @@ second.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.closures import Array, Compiler, LaneOracle, Run, Trace
-from shpy.ir.constants import DTYPES, decode
+from shpy.ir.constants import decode, dtypes_at
 from shpy.ir.nodes import Module, Status
-from shpy.ir.types import Base, Type
+from shpy.ir.types import Type
 
 __all__ = ["Interpreter", "LaneOracle", "Trace"]
-
-_WORKING: Final[Mapping[str, Any]] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
 
 
 class Interpreter:
@@ -41,7 +39,7 @@ class Interpreter:
         loop_limit: int | None = 1_048_576,
     ) -> None:
         self.module = module
-        self.dtypes = {**DTYPES, Base.F: _WORKING[precision]}
+        self.dtypes = dtypes_at(precision)
         self.has_status = len(module.entry.outputs) > len(module.outputs)
         self.loop_limit = None if self.has_status else loop_limit
         self._plain = self._compile(traced=False)

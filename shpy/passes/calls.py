@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from shpy.ir.names import fresh
 from shpy.ir.nodes import Call, Function, Let, Module, Stmt, Store, Value
 from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import defined, rewrite, uses, walk
@@ -20,7 +21,6 @@ from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
 from shpy.passes.lanes import BOOL, Here
 from shpy.passes.leaving import ExitBuilder
-from shpy.passes.names import fresh
 from shpy.passes.returns import returns_outside_loops
 
 

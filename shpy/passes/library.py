@@ -15,13 +15,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
+from shpy.ir.names import fresh
 from shpy.ir.nodes import Function, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.formulas.rounding import to_odd
 from shpy.passes.formulas.terms import Term, define
 from shpy.passes.modes import Formulas
-from shpy.passes.names import fresh
 
 
 def _half_fma(a: Term, b: Term, c: Term) -> Term:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import decode
+from shpy.ir.constants import decode, dtypes_at
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
@@ -22,7 +22,7 @@ from shpy.lang.programs.record import InputType, Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, annotation_of, entries_of, flatten, leaves, spoken_type
 from shpy.lang.values.value import Value
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
+from shpy.streams.elements import InputLeaf, Shape, given_shape
 
 _MAX_RANK = 31
 """The most axes of S: numpy broadcasts 32, and the components may take one of them."""

@@ -24,6 +24,7 @@ from shpy.backend.slow import announced
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
+from shpy.ir.constants import dtypes_at
 from shpy.ir.metadata import NOTHING
 from shpy.ir.nodes import Let, Module, Status
 from shpy.ir.text import print_module
@@ -41,7 +42,7 @@ from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
 from shpy.run.expanding import axes, expanding
 from shpy.run.on_device import Prepared, check_places, has_elements_of, memory_of, prepare
 from shpy.run.result import Result
-from shpy.streams.elements import InputLeaf, dtypes_at
+from shpy.streams.elements import InputLeaf
 from shpy.streams.stream import Place, Stream, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}

@@ -16,6 +16,7 @@ import numpy as np
 
 from shpy.backend.base import Array, DeviceCall, Executable, Memory, TableMemory, overlap
 from shpy.errors import ShpyTypeError
+from shpy.ir.constants import dtypes_at
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.tables import Table
@@ -23,7 +24,7 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, build_group, leaves
 from shpy.run import host
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at
+from shpy.streams.elements import InputLeaf, Shape
 from shpy.streams.stream import Place, Stream, StreamLeaf, memory_of_table, streams_in
 
 

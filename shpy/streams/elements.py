@@ -10,29 +10,19 @@ from __future__ import annotations
 import math
 import reprlib
 import sys
-from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
-from shpy.ir.constants import DTYPES, is_int
-from shpy.ir.types import Base
+from shpy.ir.constants import is_int
 from shpy.lang.data.hostdata import as_base, working
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
 from shpy.lang.values.value import Value
 
 Shape = tuple[int, ...]
-_WORKING: dict[str, Any] = {"f16": np.float16, "f32": np.float32, "f64": np.float64}
-
-
-@cache
-def dtypes_at(precision: str) -> Mapping[Base, Any]:
-    """Return the dtype of each base at a working precision."""
-    return {**DTYPES, Base.F: _WORKING[precision]}
 
 
 class InputLeaf:

@@ -21,7 +21,7 @@ from shpy.backend.base import Memory, Space
 from shpy.backend.registry import NAMES, backend as backend_named, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
-from shpy.ir.constants import is_int
+from shpy.ir.constants import dtypes_at, is_int
 from shpy.ir.tabledata import TableData
 from shpy.lang.data.sources import Source
 from shpy.lang.data.tables import Table, fits_type
@@ -30,7 +30,7 @@ from shpy.lang.recording.location import caller, here, located
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
 from shpy.passes.modes import Precision
 from shpy.shown import Shown
-from shpy.streams.elements import InputLeaf, Shape, dtypes_at, given_shape
+from shpy.streams.elements import InputLeaf, Shape, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions
 from shpy.streams.wrapping import extents_of, owner_of

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from shpy.errors import LoopLimitExceeded
+from shpy.ir.constants import dtypes_at
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 from shpy.lang.values.structure import Group, Leaf
@@ -25,7 +26,6 @@ from shpy.passes.promote import promote
 from shpy.programs import Program
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.run.kernel import Kernel
-from shpy.streams.elements import dtypes_at
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
 from shpy.testing.watch import OPERANDS, Site, Watched, watch
 

@@ -29,7 +29,6 @@ from shpy.lang.functions.array import Array
 from shpy.lang.mistakes.explain import conversion_of
 from shpy.lang.mistakes.objects import named
 from shpy.lang.recording.location import is_users, loc_in
-from shpy.lang.recording.scope import from_shpy
 from shpy.lang.recording.text import text_of, written
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.structure import Struct
@@ -161,11 +160,19 @@ def _arguments(error: Exception, loc: Loc) -> ShpyError | None:
     assert error.__traceback__ is not None
     *_, (frame, _) = traceback.walk_tb(error.__traceback__)
     called = named(call.func, frame)
-    if called is None or not from_shpy(called):
+    if called is None or not _is_ours(called):
         return None
     spelled, parameters = ast.unparse(call.func), inspect.signature(called).parameters.values()
     takes = [str(p.replace(annotation=p.empty, default=p.empty)) for p in parameters if p.kind is not p.KEYWORD_ONLY]
     return ShpyTypeError(f"{spelled}() {match[1]}", loc=loc, cure=f"{spelled}({', '.join(takes)})")
+
+
+def _is_ours(thing: object) -> bool:
+    """Return whether a class or function belongs to the language; classes made by its decorators count."""
+    candidates: tuple[Any, ...] = (thing,)
+    if isinstance(thing, type):
+        candidates = (*thing.__mro__, type(thing))
+    return any(str(getattr(c, "__module__", "")).partition(".")[0] == "shpy" for c in candidates)
 
 
 def _running(trace: TracebackType | None, frame: FrameType | None = None) -> ast.expr | None:

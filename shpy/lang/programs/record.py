@@ -31,8 +31,7 @@ from shpy.lang.functions.subroutine import _slot_value
 from shpy.lang.programs.copies import without_copies
 from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
-from shpy.lang.recording.scope import unwrapped
-from shpy.lang.recording.signature import bodies_of, hints_of, loc_of, plain_function, return_loc
+from shpy.lang.recording.signature import bodies_of, fixed_by_partials, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
 from shpy.lang.values.structure import Layout, build_values, layout_of, leaves
 
@@ -107,7 +106,7 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
     A default without a type of the language, and what a partial fixes, is metaprogramming: known while recording.
     """
     hints = hints_of(function)
-    fixed = (unwrapped(function) or (None, {}))[1]
+    fixed = fixed_by_partials(function)
     types: dict[str, InputType] = {}
     defaults: dict[str, Any] = {}
     for name, parameter in _signature(function).parameters.items():

@@ -10,12 +10,13 @@ subroutines called from it, innermost last). A frame holds the region that is op
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from shpy.errors import RecordError
+from shpy.ir.names import free, fresh
 from shpy.ir.nodes import (
     EXITS,
     MAX_LOOP_DEPTH,
@@ -249,9 +250,9 @@ class Recording:
             if name not in declared:
                 declared[name] = thing
                 return name
-        free = _free(name or kind, declared)
-        declared[free] = thing
-        return free
+        entry = free(name or kind, declared)
+        declared[entry] = thing
+        return entry
 
     def settled(self, functions: tuple[Function, ...]) -> tuple[Function, ...]:
         """Return the recorded functions in which params and tables with a given name have that name."""
@@ -276,17 +277,7 @@ class Recording:
 
     def function_name(self, base: str) -> str:
         """Return a function's name that no other has."""
-        name = _free(base, self.function_names)
-        self.function_names.add(name)
-        return name
-
-
-def _free(base: str, declared: Collection[str]) -> str:
-    """Return the name, or the first one with a number from 2 on, that is not declared."""
-    name, count = base, 2
-    while name in declared:
-        name, count = f"{base}_{count}", count + 1
-    return name
+        return fresh(base, self.function_names)
 
 
 def _settle(declared: dict[str, Any]) -> dict[str, str]:
@@ -294,7 +285,7 @@ def _settle(declared: dict[str, Any]) -> dict[str, str]:
     names: dict[str, str] = {}
     for key in [name for name in declared if name.endswith(_GIVEN)]:
         name = key.removesuffix(_GIVEN)
-        names |= {key: name, name: _free(name, {*declared, *names.values()})}
+        names |= {key: name, name: free(name, {*declared, *names.values()})}
     entries = [(names.get(name, name), thing) for name, thing in declared.items()]
     if names:
         declared.clear()

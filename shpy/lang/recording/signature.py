@@ -9,7 +9,7 @@ import ast
 import functools
 import inspect
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import CodeType
 from typing import Any
 
@@ -19,17 +19,29 @@ from shpy.lang.recording.location import loc_in, user_frame
 from shpy.lang.recording.tree import definition_of
 
 
-def plain_function(function: Any) -> Any:
-    """Return the function inside a partial, a method or a callable object."""
+def _layers(function: Any) -> Iterator[Any]:
+    """Yield a callable, and what it calls: the function inside a partial, a method or a callable object."""
     while True:
+        yield function
         if isinstance(function, functools.partial):
             function = function.func
         elif inspect.ismethod(function):
             function = function.__func__
-        elif not inspect.isfunction(function) and inspect.isfunction(_call_method(function)):
-            function = _call_method(function)
+        elif not inspect.isfunction(function) and inspect.isfunction(vars(type(function)).get("__call__")):
+            function = vars(type(function))["__call__"]
         else:
-            return function
+            return
+
+
+def plain_function(function: Any) -> Any:
+    """Return the function inside a partial, a method or a callable object."""
+    *_, plain = _layers(function)
+    return plain
+
+
+def fixed_by_partials(function: Any) -> set[str]:
+    """Return the names of the parameters that partials give by keyword."""
+    return {name for layer in _layers(function) if isinstance(layer, functools.partial) for name in layer.keywords}
 
 
 def bodies_of(function: Any) -> frozenset[CodeType]:
@@ -45,11 +57,6 @@ def bodies_of(function: Any) -> frozenset[CodeType]:
             break
         function = wrapped
     return frozenset(codes)
-
-
-def _call_method(thing: Any) -> Any:
-    """Return the function that runs when an object is called."""
-    return vars(type(thing)).get("__call__")
 
 
 def loc_of(function: Any) -> Loc | None:

@@ -21,7 +21,7 @@ from shpy.backend.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
 from shpy.backend.opencl.packets.trees import print_trees
 from shpy.errors import warn
-from shpy.ir.constants import DTYPES
+from shpy.ir.constants import dtypes_at
 from shpy.ir.nodes import Loop, Module
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
@@ -135,7 +135,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     if not _builds(machine, kernel.text):
         warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
         return None
-    dtypes = {**DTYPES, Base.F: {"f16": np.float16, "f32": np.float32, "f64": np.float64}[precision]}
+    dtypes = dtypes_at(precision)
     cores = machine.device.max_compute_units
     parts, results = (
         tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.part) for count in (_PARTS * cores, 1)

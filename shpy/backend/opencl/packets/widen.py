@@ -17,12 +17,12 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from shpy.ir.names import fresh
 from shpy.ir.nodes import Call, Function, Let, Module, Store, Value
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type
 from shpy.passes.calls import LaneFacts
 from shpy.passes.dead import remove_unused_functions
-from shpy.passes.names import fresh
 from shpy.passes.rewriter import Functions, Rewriter
 from shpy.passes.uniformity import varies
 from shpy.passes.vectorize import VectorModule
