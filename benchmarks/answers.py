@@ -25,8 +25,6 @@ OURS: Final = "shpy, OpenCL"
 KERNELS: Final = ("mandelbrot", "nbody", "polynomial", "shader", "spheres", "blur")
 RAYS: Final = ("primary", "primary-any", "secondary", "secondary-any")
 FRAMES: Final = ("frame-256", "frame-1024")
-LEFT_OUT: Final = "shpy, numpy, relaxed"
-"""The contender that the page leaves out: it takes within a tenth of the time of strict numpy."""
 MITSUBA: Final = "Mitsuba 3 (llvm_ad_rgb)"
 
 Rows = list[list[str]]
@@ -71,11 +69,7 @@ class Results:
         names = [f"{stem}/{work}" for work in works]
         labels = dict.fromkeys(row[0] for name in names for row in self.table(name)["rows"])
         rows = [["", *works], [f"{OURS}, ms", *(self.cell(name, OURS, "ms") for name in names)]]
-        rows += [
-            [label, *(self.cell(name, label, "ratio") for name in names)]
-            for label in labels
-            if label not in (OURS, LEFT_OUT)
-        ]
+        rows += [[label, *(self.cell(name, label, "ratio") for name in names)] for label in labels if label != OURS]
         if mean:
             rows[0].append("geometric mean")
             rows[1].append("")
@@ -87,18 +81,9 @@ class Results:
         """Return the geometric means over the six kernels on several machines, of those that all of them ran."""
         means = [{row[0]: row[-1] for row in self.times(stem, KERNELS)[2:]} for stem in stems]
         labels = [label for label in means[0] if all(mean.get(label) for mean in means)]
-        head = [
-            "geometric means",
-            *(self.runs[stem]["machine"].split(";")[0].removeprefix("2 cores, ") for stem in stems),
-        ]
+        processors = (self.runs[stem]["machine"].split(";")[0].removeprefix("2 cores, ") for stem in stems)
+        head = ["geometric means", *processors]
         return [head, *([label, *(mean[label] for mean in means)] for label in labels)]
-
-    def split(self, name: str, backends: Sequence[str], least: float = 1.2) -> tuple[list[str], Rows]:
-        """Return the features of the ray tracer that cost little on all backends, and a table of the others."""
-        head = ["", "rays a pixel", *backends]
-        plain, *rows = self.part(name, "feature", *head[1:])
-        cheap = [row[0] for row in rows if max(map(float, row[2:])) < least]
-        return cheap, [head, plain, *(row for row in rows if row[0] not in cheap)]
 
 
 PREFACE: Final = """\
@@ -185,12 +170,10 @@ def features(results: Results) -> list[str | Rows]:
     plain, *rows = results.part("features/features", "feature", *head[1:])
     cheap = [row[0] for row in rows if max(map(float, row[2:])) < 1.2]
     return [
-        *section("What does a feature of the ray tracer cost?", results, "features", "equal-error"),
+        *section("What does a feature of the ray tracer cost?", results, "features"),
         "CPU time in multiples of the plain picture's, which has two matt materials and one light. Less than 1.2 on "
-        f"every backend: {', '.join(cheap)}. Rays through glass have little in common; the second table was made "
-        "when they walked alone on OpenCL.",
+        f"every backend: {', '.join(cheap)}.",
         [head, plain, *(row for row in rows if row[0] not in cheap)],
-        results.whole("equal-error/glass"),
     ]
 
 

@@ -29,7 +29,6 @@ from benchmarks import (
     features,
     frames,
     machine,
-    moving,
     paths,
     peers,
     rays,
@@ -62,9 +61,6 @@ STUDIES = studies.STUDIES | {
     "features": features.features,
     "path-z": lambda mesh, quick: paths.z_test(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
-    "glass": equal_error.glass,
-    "moving": lambda mesh, quick: moving.moving(mesh, quick),
-    "planes": lambda mesh, quick: moving.planes(quick),
 }
 """Studies of shpy, most of them without a peer."""
 

@@ -1,7 +1,6 @@
-"""Path tracing of a large mesh against Mitsuba, to equal error, and how much longer a picture with glass takes.
+"""Path tracing of a large mesh against Mitsuba, to equal error.
 
     print(equal_error(quick=False).markdown())
-    print(glass(mesh, quick=False).markdown())
 
 The error of a picture after n samples falls with n, so what a picture of a given error costs is its time times the
 variance of its pixels. The variance is measured: pictures of other seeds, of which two that follow each other differ by
@@ -24,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import features, paths, peers
+from benchmarks import paths, peers
 from benchmarks.report import spread
 from benchmarks.studies import backend
 from benchmarks.tables import Table
@@ -165,37 +164,3 @@ def _mitsuba(scene: Callable[[], Scene], size: int, samples: int) -> Any:
     peers.available(["mitsuba"])  # which finds the compiler
     peers.start("mitsuba")
     return partial(paths.mitsuba_picture, size, samples, scene=paths.mitsuba_scene(scene()), ours=scene())
-
-
-def glass(body: Mesh, quick: bool) -> Table:
-    """Return the time of a picture with glass beside that of the plain one, in turns, and how many rays it takes."""
-    cases_by_name = features.cases(body)
-    size, rounds = (32, 2) if quick else (256, 15)
-    four = cases_by_name["glass, 4 bounces"]
-    cases = {"plain": cases_by_name["plain"], "glass, 3 bounces": replace(four, bounces=3), "glass, 4 bounces": four}
-    renderers = [case.renderer(backend()) for case in cases.values()]
-    runs = [partial(renderer.render, (size, size)) for renderer in renderers]
-    for run in runs:
-        started = time.perf_counter()
-        run()
-        while not quick and time.perf_counter() - started < SETTLING:
-            run()
-    measurements: list[list[tuple[float, float]]] = [[] for _ in runs]
-    for _ in range(rounds):
-        for run, results in zip(runs, measurements, strict=True):
-            run()
-            busy, started = time.process_time(), time.perf_counter()
-            run()
-            results.append((time.perf_counter() - started, time.process_time() - busy))
-    measured = np.array(measurements)
-    shot = [run().stats.rays / size**2 for run in runs]
-    rows = [
-        [name, f"{rays:.2f}", f"{rays / shot[0]:.2f}", f"{1e3 * np.median(one[:, 0]):.1f}", *map(_ratio, ratios)]
-        for name, rays, one in zip(cases, shot, measured, strict=True)
-        for ratios in [(one / measured[0]).T]
-    ]
-    note = (
-        f"{body.name}, {len(body):,} triangles, on a floor, {size} x {size} pixels, on {backend()}. Medians of "
-        f"{rounds} rounds; ratios to the plain picture, round by round, with the first and the third quartile."
-    )
-    return Table("glass", note, ["feature", "rays a pixel", "of rays", "ms", "of times", "of CPU"], rows)

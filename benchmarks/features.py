@@ -1,25 +1,21 @@
-"""The cost of each feature of the ray tracer on every backend: nothing where it is not used.
+"""The cost of each feature of the ray tracer on every backend.
 
     print(features(mesh, quick=False).markdown())
 
 The plain scene has two matt materials, flat triangles, one light at a point and no bounces. Each feature is added to it
-alone. A feature that is there but has nothing to do, such as glass that lets no light through, gives the plain
-scene's kernel.
+alone.
 """
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from benchmarks.record import TEXTS
 from benchmarks.studies import in_turns
 from benchmarks.tables import Table
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
@@ -34,10 +30,9 @@ SIZES = {"numpy": 48, "opencl": 256, "glsl": 256}
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene with a feature, and one in which the feature has nothing to do."""
+    """A scene with a feature, and how it is rendered."""
 
     scene: Scene
-    unused: Scene | None = None
     bounces: int = 0
     options: tuple[tuple[str, Any], ...] = ()
     samples: int = 1
@@ -71,11 +66,9 @@ def cases(mesh: Mesh) -> dict[str, Case]:
     picture = Texture(np.random.default_rng(2).random((64, 64, 3)))
     span = 2 * float(np.linalg.norm(np.subtract(camera.position, camera.target)) * np.tan(np.radians(camera.fov) / 2))
 
-    def of(unused: Material | None = None, bounces: int = 0, mesh: Mesh = body, **changes: Any) -> Case:
-        """Return the mesh of another material; `unused` has numbers of a feature whose coefficient is 0."""
-        neutral = None if unused is None else replace(scene, meshes=[body.with_material(unused), ground])
-        used = replace(scene, meshes=[mesh.with_material(replace(MATT, **changes)), ground])
-        return Case(used, neutral, bounces)
+    def of(bounces: int = 0, mesh: Mesh = body, **changes: Any) -> Case:
+        """Return the mesh of another material."""
+        return Case(replace(scene, meshes=[mesh.with_material(replace(MATT, **changes)), ground]), bounces)
 
     def seen_by(**changes: Any) -> Case:
         return Case(replace(scene, camera=replace(camera, **changes)))
@@ -88,24 +81,21 @@ def cases(mesh: Mesh) -> dict[str, Case]:
 
     return {
         "plain": Case(scene),
-        "highlights": of(replace(MATT, shininess=7.0), specular=0.4),
+        "highlights": of(specular=0.4),
         "smooth normals": of(mesh=body.smoothed(60)),
         "vertex colours": of(mesh=replace(body, colors=np.ones((len(body), 3, 3)))),
         "a second light": lit_by(light, replace(light, color=(0.1, 0.1, 0.2))),
         "a light from a direction": lit_by(DirectionalLight((3, -5, -4), light.color)),
         "a light that fades": lit_by(replace(light, falloff="square")),
         "orthographic camera": seen_by(projection="orthographic", span=span),
-        "thin lens": replace(seen_by(aperture=0.05 * span), unused=replace(scene, camera=replace(camera, focus=3.0))),
+        "thin lens": seen_by(aperture=0.05 * span),
         "mirror, 1 bounce": of(bounces=1, reflectivity=0.5),
-        "glass, 4 bounces": of(replace(MATT, ior=2.0, absorption=(1, 2, 3)), 4, transmission=1.0),
-        "texture": Case(
-            replace(scene, meshes=[replace(body, uv=uv, material=replace(MATT, color=picture)), ground]),
-            replace(scene, meshes=[replace(body, uv=uv), ground]),
-        ),
+        "glass, 4 bounces": of(4, transmission=1.0),
+        "texture": of(mesh=replace(body, uv=uv), color=picture),
         "a small surface program": of(surface=by_hand),
         "marble": of(surface=shaders.marble()),
         "a shade, toon": of(shade=shaders.toon()),
-        "path, 4 samples, 1 bounce": Case(scene, None, 1, (("integrator", "path"),), 4),
+        "path, 4 samples, 1 bounce": Case(scene, 1, (("integrator", "path"),), 4),
     }
 
 
@@ -129,34 +119,10 @@ def features(mesh: Mesh, quick: bool) -> Table:
         for row, busy in zip(rows.values(), seconds, strict=True):
             row.append(f"{busy / seconds[0]:.2f}")
         rows["plain"][-1] = f"{1e3 * seconds[0]:.1f} ms"
-    for name, case in cases_by_name.items():
-        rows[name].append(
-            "" if case.unused is None else "same text" if unused_costs_nothing(case, cases_by_name) else "DIFFERS"
-        )
-    head = ["feature", "operations", "rays a pixel", *backends, "unused"]
+    head = ["feature", "operations", "rays a pixel", *backends]
     pixels = ", ".join(f"{SIZES[b]}² on {b}" for b in backends)
     note = (
         f"{mesh.name}, {len(mesh):,} triangles, on a floor. Of the kernel: the statements that are recorded. Of each "
-        f"backend: how many times the CPU time of the plain picture, the best of 5 in turns; pixels: {pixels}. "
-        "Unused: whether the kernel's text is the plain one's where the feature is there and has nothing to do."
+        f"backend: how many times the CPU time of the plain picture, the best of 5 in turns; pixels: {pixels}."
     )
     return Table("features", note, head, list(rows.values()))
-
-
-def unused_costs_nothing(
-    case: Case, cases_by_name: dict[str, Case], backends: Sequence[str] = tuple(TEXTS)
-) -> bool | None:
-    """Return whether a scene in which the feature has nothing to do has the text of the plain scene, on each backend.
-
-    None where there is no such scene but the plain one.
-    """
-    if case.unused is None:
-        return None
-    idle = replace(case, scene=case.unused, bounces=0)
-    return all(text(idle, backend) == text(cases_by_name["plain"], backend) for backend in backends)
-
-
-@cache
-def text(case: Case, backend: str) -> str:
-    """Return the kernel's text without the lines of Python that its comments name."""
-    return re.sub(r"\S+\.py:\d+", "", TEXTS[backend](case.renderer(backend).program.ir))

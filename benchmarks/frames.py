@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rays import mitsuba_eye_rays, mitsuba_mesh
+from benchmarks.rays import mitsuba_eye_rays, mitsuba_mesh, mitsuba_sensor
 from benchmarks.work import Work
 from raytracer import Camera, Material, Mesh, PointLight, Scene
 from raytracer.integrators.renderer import Renderer
@@ -118,15 +118,7 @@ def _mitsuba_path(size: int, mesh: Mesh) -> Any:
 
     scene, camera = _mitsuba_scene(mesh), scene_of(mesh).camera
     assert camera is not None
-    places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
-    sensor = mi.load_dict({
-        "type": "perspective",
-        "fov": camera.fov,
-        "fov_axis": "smaller",
-        "to_world": mi.ScalarTransform4f().look_at(*places, mi.ScalarVector3f(*camera.up)),
-        "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-        "sampler": {"type": "independent"},
-    })  # fmt: skip
+    sensor = mitsuba_sensor(camera, size)
     integrator = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 100})
     return lambda: np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))[..., :3]
 

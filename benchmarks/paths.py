@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import peers
-from benchmarks.rays import mitsuba_mesh
+from benchmarks.rays import mitsuba_mesh, mitsuba_sensor
 from benchmarks.studies import backend
 from benchmarks.tables import Table
 from raytracer import Renderer, Scene
@@ -59,17 +59,11 @@ def mitsuba_picture(size: int, samples: int, seed: int, scene: Any = None, ours:
 
     camera = (ours or Scene.builtin("cornell")).camera
     assert camera is not None
-    places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
-    sensor = mi.load_dict({
-        "type": "perspective",
-        "fov": camera.fov,
-        "to_world": mi.ScalarTransform4f().look_at(*places, mi.ScalarVector3f(*camera.up)),
-        "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-        "sampler": {"type": "independent"},
-    })  # fmt: skip
     integrator = mi.load_dict({"type": "path", "max_depth": BOUNCES + 1, "rr_depth": BOUNCES})
     scene = mitsuba_cornell() if scene is None else scene
-    return np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=samples, seed=seed))[..., :3]
+    return np.asarray(
+        mi.render(scene, sensor=mitsuba_sensor(camera, size), integrator=integrator, spp=samples, seed=seed)
+    )[..., :3]
 
 
 def z_test(quick: bool) -> Table:

@@ -45,7 +45,6 @@ class Peer:
 
 PEERS = {
     "masks": Peer("numpy, plain masks"),
-    "compacted": Peer("numpy, compacted by hand"),
     "drjit": Peer("Dr.Jit (LLVM)", ("drjit",), "drjit", llvm=True),
     "taichi": Peer("Taichi", ("taichi",), "taichi"),
     "warp": Peer("Warp", ("warp",), "warp-lang"),

@@ -134,6 +134,21 @@ def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh:
     return lambda: kernel(origins, directions)
 
 
+def mitsuba_sensor(camera: Camera, size: int) -> Any:
+    """Return a camera as Mitsuba's."""
+    import mitsuba as mi
+
+    places = [mi.ScalarPoint3f(*v) for v in (camera.position, camera.target)]
+    return mi.load_dict({
+        "type": "perspective",
+        "fov": camera.fov,
+        "fov_axis": "smaller",
+        "to_world": mi.ScalarTransform4f().look_at(*places, mi.ScalarVector3f(*camera.up)),
+        "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+        "sampler": {"type": "independent"},
+    })  # fmt: skip
+
+
 def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
     """Return the mesh as Mitsuba's, with flat faces."""
     import mitsuba as mi

@@ -23,7 +23,6 @@ OURS = {
     "opencl-1": "shpy, OpenCL, lanes=1",
     "glsl": "shpy, GLSL",
     "numpy": "shpy, numpy",
-    "numpy-relaxed": "shpy, numpy, relaxed",
 }
 
 
@@ -113,18 +112,14 @@ def heading(machine: dict[str, Any], missing: dict[str, str]) -> str:
 
 
 def as_json(measured: Measured) -> dict[str, Any]:
-    """Return a work's measurements, seconds of every round included."""
-    base = base_of(measured)
+    """Return a work's measurements, seconds of every round included; `table` has their ratios."""
     return {
         "work": measured.work.name,
-        "title": measured.work.title.format(size=measured.size),
         "size": measured.size,
         "seconds": measured.seconds,
         "best": measured.best,
         "cpu": measured.cpu,
         "first call": measured.first,
-        "ratio to": base,
-        "ratios": {name: spread(measured.ratios(name, base)) for name in measured.seconds},
         "agreement": {name: vars(a) for name, a in measured.agreement.items()},
         "failed": measured.failed,
     }

@@ -100,7 +100,6 @@ def _backends() -> list[str]:
 
 def compiling(mesh: Mesh, quick: bool) -> Table:
     """Measure recording, emission and compilation of programs, each in a new process, cold and then warm."""
-    del mesh
     rows = []
     cases = [(name, backend, "auto") for name in PROGRAMS for backend in _backends()]
     cases += [("branches", "opencl", "16"), ("branches", "opencl", "1")] if "opencl" in _backends() else []
@@ -116,7 +115,6 @@ def compiling(mesh: Mesh, quick: bool) -> Table:
 
 def starting(mesh: Mesh, quick: bool) -> Table:
     """`raytracer render boxes` in a new process, cold and then warm."""
-    del mesh
     rows = []
     for backend in ["numpy"] if quick else _backends():
         with tempfile.TemporaryDirectory() as cache:
@@ -131,7 +129,6 @@ def starting(mesh: Mesh, quick: bool) -> Table:
 
 def importing(mesh: Mesh, quick: bool) -> Table:
     """Measure imports of packages, each in a new process, without bytecode and then with it, as pip leaves it."""
-    del mesh
     rounds = 2 if quick else 9
     rows = []
     with tempfile.TemporaryDirectory() as cache:

@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 import shpy as sh
 from benchmarks import frames, peers, rays
 from benchmarks.rounds import PAUSE, once
@@ -22,12 +20,6 @@ from benchmarks.tables import Table
 from raytracer import Mesh, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
-
-
-def spread(values: Any, digits: int) -> str:
-    """Return the median of measured values as text, with the first and the third quartile."""
-    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
-    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def backend() -> str:
@@ -77,7 +69,6 @@ def rate(count: int, seconds: float) -> str:
 
 def triangles(mesh: Mesh, quick: bool) -> Table:
     """Measure rays per second over knots of 1,000 to 1,000,000 triangles."""
-    del mesh
     size = 32 if quick else 512
     compiled = partial(sh.Program.compile, backend=backend())
     with_mitsuba = not quick and not peers.available(["mitsuba"])[1]
@@ -126,7 +117,6 @@ def pixels(mesh: Mesh, quick: bool) -> Table:
 
 def bounces(mesh: Mesh, quick: bool) -> Table:
     """Measure up to 16 bounces between mirrors."""
-    del mesh
     size = 32 if quick else 512
     scene = Scene.builtin("mirror-box")
     cases = [(n, scene, size, n) for n in ((0, 1) if quick else (0, 1, 2, 4, 8, 16))]

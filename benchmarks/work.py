@@ -34,7 +34,6 @@ TARGETS: dict[str, dict[str, Any]] = {
     "opencl-1": {"backend": "opencl", "lanes": 1},
     "glsl": {"backend": "glsl"},
     "numpy": {"backend": "numpy"},
-    "numpy-relaxed": {"backend": "numpy", "math": "relaxed"},
 }
 """The options with which our programs are compiled, by the name of the contender."""
 

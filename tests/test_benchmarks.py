@@ -11,15 +11,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pages
 
-from benchmarks import answers, command, features, peers, record, report, rounds, startup
+from benchmarks import answers, command, peers, record, report, rounds, startup
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.backend.base import Options
 from shpy.backend.glsl import text_for
 from shpy.backend.glsl.device.context import open_context
 from shpy.packages import install
-
-BY_HAND = ("masks", "compacted")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def mesh():
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("work", [*command.KERNELS.values(), *command.CHAINS.values()], ids=lambda work: work.name)
 def test_every_backend_gives_the_answer_of_numpy(work):
-    contenders = [*TARGETS, *BY_HAND]
+    contenders = [*TARGETS, "masks"]
     measured = rounds.run(work, work.quick, contenders, rounds=0)
     assert measured.failed == {}
     assert list(measured.agreement) == [c for c in contenders if c in work.versions]
@@ -52,15 +50,6 @@ def test_frames_are_the_same_on_every_backend(mesh):
     assert measured.failed == {}
     assert list(measured.agreement) == ["opencl", "glsl"]
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
-
-
-def test_features_that_have_nothing_to_do_cost_nothing(mesh):
-    known = features.cases(mesh)
-    found = {name: features.unused_costs_nothing(case, known, ["numpy"]) for name, case in known.items()}
-    assert {name for name, same in found.items() if same} == {"highlights", "thin lens", "glass, 4 bounces", "texture"}
-    assert set(found.values()) == {None, True}
-    used = features.text(known["texture"], "numpy")
-    assert used != features.text(known["plain"], "numpy")
 
 
 def toy(**versions):
@@ -126,22 +115,17 @@ def test_a_missing_peer_is_named_with_its_cure(monkeypatch):
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):
-    given = ["--only", "mandelbrot", "--targets", "numpy", "--peers", "masks,compacted", "--rounds", "1"]
+    given = ["--only", "mandelbrot", "--targets", "numpy", "--peers", "masks", "--rounds", "1"]
     files = ["--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")]
     assert command.main([*given, "--size", "16", *files]) == 0
     printed = capsys.readouterr().out
     assert "### mandelbrot\n\nMandelbrot set, 16 x 16, at most 256 iterations." in printed
     document = json.loads((tmp_path / "a.json").read_text())
     assert document["command"].startswith("python -m benchmarks")
-    assert [row[0] for row in document["tables"][0]["rows"]] == [
-        "shpy, numpy",
-        "numpy, plain masks",
-        "numpy, compacted by hand",
-    ]
+    assert [row[0] for row in document["tables"][0]["rows"]] == ["shpy, numpy", "numpy, plain masks"]
     (work,) = document["works"]
-    assert list(work["seconds"]) == ["numpy", "masks", "compacted"]
-    assert work["ratios"]["numpy"] == [1, 1, 1]
-    assert "| numpy, compacted by hand |" in (tmp_path / "a.md").read_text()
+    assert list(work["seconds"]) == ["numpy", "masks"]
+    assert "| numpy, plain masks |" in (tmp_path / "a.md").read_text()
 
 
 def test_unknown_names_are_refused():

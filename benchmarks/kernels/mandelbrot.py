@@ -64,24 +64,6 @@ def masks(c):
     return run
 
 
-@WORK.version("compacted")
-def compacted(c):
-    def run():
-        cx, cy = c[..., 0].ravel(), c[..., 1].ravel()
-        zx, zy = np.zeros_like(cx), np.zeros_like(cx)
-        n = np.full(cx.shape, ITERATIONS, np.float32)
-        who = np.arange(len(cx))
-        for iteration in range(1, ITERATIONS + 1):
-            zx, zy = zx * zx - zy * zy + cx, 2 * zx * zy + cy
-            stays = zx * zx + zy * zy <= 4
-            if not stays.all():
-                n[who[~stays]] = iteration
-                who, cx, cy, zx, zy = who[stays], cx[stays], cy[stays], zx[stays], zy[stays]
-        return n.reshape(c.shape[:-1])
-
-    return run
-
-
 @WORK.version("drjit")
 def drjit(c):
     import drjit as dr

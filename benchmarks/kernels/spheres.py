@@ -153,21 +153,6 @@ def masks(size):
     return run
 
 
-@WORK.version("compacted")
-def compacted(size):
-    def run():
-        o, d, weight = eye_rays(np, size)
-        value, who = np.zeros_like(weight), np.arange(len(weight))
-        with np.errstate(all="ignore"):
-            for _ in range(RAYS):
-                light, goes_on, o, d, weight = followed(np, o, d, weight)
-                value[who] += light
-                who, o, d, weight = who[goes_on], o[:, goes_on], d[:, goes_on], weight[goes_on]
-        return value.reshape(size, size)
-
-    return run
-
-
 @WORK.version("jax")
 def jax(size):
     import jax

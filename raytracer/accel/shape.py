@@ -25,7 +25,10 @@ from raytracer.accel.planes import Functions, constant, copy_columns, parts, pla
 from raytracer.accel.space import Rows
 
 MANY = 20_000
-"""Triangles from which on a kernel takes less time than numpy, by `python -m benchmarks --only planes`."""
+"""Triangles from which on a kernel takes less time than numpy.
+
+In times of numpy: 3.62 for 1,024 triangles, 1.07 for 16,384, 0.87 for 25,600 and 0.34 for 69,696 (OpenCL on two cores).
+"""
 
 
 class Plane(NamedTuple):

@@ -1,5 +1,6 @@
 """The values of a scene are not in its kernel: scenes alike in their features share one, and it is compiled once."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -108,6 +109,23 @@ PAIRS = {name: (one, other, options) for name, options in OPTIONS.items()} | {
         {"integrator": "path"},
     ),
 }
+
+
+IDLE = {
+    "highlights": Material(specular=0.0, shininess=7.0),
+    "glass": Material(specular=0.0, ior=2.0, absorption=(1, 2, 3)),
+    "texture": Material(specular=0.0),
+}
+"""Materials with numbers of a feature whose coefficient is 0; the last one's mesh has uv coordinates."""
+
+
+@pytest.mark.parametrize("name", IDLE)
+def test_a_feature_that_has_nothing_to_do_costs_nothing(name):
+    texts = []
+    for material, uv in ((Material(specular=0.0), False), (IDLE[name], name == "texture")):
+        mesh = dataclasses.replace(box(material=material), uv=np.ones((12, 3, 2)) if uv else None)
+        texts.append(str(Renderer(one(meshes=[mesh, floor(9)]), backend="numpy").program.ir))
+    assert texts[0] == texts[1]
 
 
 @pytest.mark.parametrize("pair", PAIRS)
