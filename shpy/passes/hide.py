@@ -1,8 +1,8 @@
 """Hide from a driver's compiler what it gets wrong: derivable floats, and arrays of bools.
 
 Stage: improve, last. `hide_derivable` keeps a compiler from replacing `0 * x` by 0 or `x + 0` by x, which is wrong
-where x is infinite, NaN or -0.0. The printer of such a target writes a float zero as a value that the compiler does not know.
-The pass adds that zero to each float whose value the driver could find by unrolling loops and merging branches:
+where x is infinite, NaN or -0.0. The printer of such a target writes a float zero as a value that the compiler does not
+know. The pass adds that zero to each float whose value the driver could find by unrolling loops and merging branches:
 
     %f = convert %i : f                  ->  %t = convert %i : f;  %f = add %t, 0.0       (each int that becomes one)
     store $x = 1.0                       ->  %t = add 1.0, 0.0;    store $x = %t          (if $x is read)
