@@ -189,33 +189,33 @@ def _within(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
 _WITHIN = {name: _within(name, f) for name, f in _SCALAR.items()}
 
 
-class Exact(Formula):
+class ExactValue(Formula):
     """A value of a definition: an mpf, a bool, or an array of them."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
 
-    def op(self, name: str, *others: Any) -> Exact:
+    def op(self, name: str, *others: Any) -> ExactValue:
         """Apply an operation of the table: by its definition, or by mpmath's function where it has none."""
-        operands = (self, *(o if isinstance(o, Exact) else self.constant(o) for o in others))
+        operands = (self, *(o if isinstance(o, ExactValue) else self.constant(o) for o in others))
         definition = OPS[name].definition
-        return definition(*operands) if definition else Exact(_WITHIN[name](*(o.value for o in operands)))
+        return definition(*operands) if definition else ExactValue(_WITHIN[name](*(o.value for o in operands)))
 
-    def binary(self, name: str, other: Any) -> Exact:
+    def binary(self, name: str, other: Any) -> ExactValue:
         """Return the operation: numbers are broadcast by themselves."""
         return self.op(name, other)
 
-    def constant(self, number: float) -> Exact:
+    def constant(self, number: float) -> ExactValue:
         """Return the number, exactly."""
-        return Exact(MP.mpf(number))
+        return ExactValue(MP.mpf(number))
 
-    def choose(self, a: Any, b: Any) -> Exact:
+    def choose(self, a: Any, b: Any) -> ExactValue:
         """Return one of two values, component by component."""
         return self.op("cond", a, b)
 
-    def __getitem__(self, key: int | list[int]) -> Exact:
+    def __getitem__(self, key: int | list[int]) -> ExactValue:
         """Return one component or a list of them; a scalar is its own component."""
-        return Exact(self.value[key]) if np.ndim(self.value) else self
+        return ExactValue(self.value[key]) if np.ndim(self.value) else self
 
     @property
     def size(self) -> int:
@@ -232,7 +232,7 @@ def _defined(definition: Callable[..., Any]) -> Callable[..., Any]:
     """Return the function that computes a composite operation by its definition."""
 
     def exact(*args: Any) -> Any:
-        value = definition(*map(Exact, args)).value
+        value = definition(*map(ExactValue, args)).value
         if any(map(_is_unknown, np.ravel(value))):
             raise Unsayable(args)
         return value

@@ -54,7 +54,7 @@ def names_of(words: Iterable[str]) -> dict[str, str]:
     return {name: meaning for name, meaning in _NAMES.items() if name in used}
 
 
-class Timed(Protocol):
+class TimedCandidate(Protocol):
     """A candidate of a trade-off, which has quartiles of its times."""
 
     @property
@@ -63,7 +63,7 @@ class Timed(Protocol):
 
 
 Measured = TypeVar("Measured")
-Candidate = TypeVar("Candidate", bound=Timed)
+Candidate = TypeVar("Candidate", bound=TimedCandidate)
 
 
 def frontier(candidates: Iterable[Measured], error: Callable[[Measured], float]) -> tuple[Measured, ...]:

@@ -181,7 +181,7 @@ class Repeat(Chain):
         return f"repeat({', '.join(_spoken(m) for m in self.members)}, {self.times}{index})"
 
 
-class Held(Chain):
+class GatedMember(Chain):
     """A member of a loop that runs when a share of the elements is ready: see `sh.share`."""
 
     def __init__(self, members: tuple[Member | Chain, ...], share: Share) -> None:
@@ -340,7 +340,7 @@ def loop(
 
 def _kernels_named(members: tuple[Member | Chain, ...], name: str) -> frozenset[Member]:
     """Return the kernels of the members, without those of chains among them, that have a name."""
-    own = (m for member in members for m in (member.members if isinstance(member, Held) else (member,)))
+    own = (m for member in members for m in (member.members if isinstance(member, GatedMember) else (member,)))
     return frozenset(m for m in own if isinstance(m, Member) and m.name == name)
 
 
@@ -348,7 +348,7 @@ def _check_until(until: str | None, members: tuple[Member | Chain, ...]) -> None
     """Raise ShpyTypeError for an `until` that names no member of a loop."""
     if until is None or (isinstance(until, str) and _kernels_named(members, until)):
         return
-    names = [kernel.name for member in members if isinstance(member, Member | Held) for kernel in member.kernels]
+    names = [kernel.name for member in members if isinstance(member, Member | GatedMember) for kernel in member.kernels]
     spoken = repr(until) if isinstance(until, str) else getattr(until, "__name__", None) or repr(until)
     raise ShpyTypeError(
         f"until={spoken} of a loop of {', '.join(_spoken(member) for member in members)} is no name of a member",
@@ -374,7 +374,7 @@ def _with_shares(members: tuple[Member | Chain, ...], when: Mapping[str, Share])
                 cure=f'when={{"{next(iter(names), "program")}": sh.share("waiting", 0.2)}}, by the name of a member',
             )
         share.check(layouts, f"the loop of {', '.join(_spoken(member) for member in members)}")
-    return tuple(Held((m,), when[m.name]) if isinstance(m, Member) and m.name in when else m for m in members)
+    return tuple(GatedMember((m,), when[m.name]) if isinstance(m, Member) and m.name in when else m for m in members)
 
 
 def _numbered(node: Chain) -> Chain:

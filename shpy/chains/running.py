@@ -72,7 +72,7 @@ class ChainResult:
 
 
 @dataclass(slots=True, eq=False)
-class _Plan:
+class _BoundRuns:
     """The runs bound to one assignment of memories, and the streams after them."""
 
     starts: list[Callable[[], None]] = field(default_factory=list)
@@ -115,7 +115,7 @@ class Run:
         if self._shape is not None:
             self._check_shape(self._shape)
         self._owned: dict[Any, list[Stream]] = {}
-        self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _Plan]]] = {}
+        self._plans: dict[Node, tuple[list[Any], dict[tuple[Any, ...], _BoundRuns]]] = {}
         self._pending: list[Callable[[], None]] = []
         self.watches: list[Watch] = []
         self.holds_back = False
@@ -249,13 +249,13 @@ class Run:
         if pending:
             self.place.space.start(pending)
 
-    def _plan(self, node: Node) -> _Plan:
-        plan = _Plan()
+    def _plan(self, node: Node) -> _BoundRuns:
+        plan = _BoundRuns()
         for member in node.kernels:
             self._bind(member, plan)
         return plan
 
-    def _bind(self, member: Member, plan: _Plan) -> None:
+    def _bind(self, member: Member, plan: _BoundRuns) -> None:
         """Bind a kernel to the current memory of its streams, and add its run to the plan."""
         kernel = self._kernels[member]
         shape = self._shape_of(member)
@@ -281,7 +281,7 @@ class Run:
         self.current.update(after)
         plan.after.update(after)
 
-    def _merge(self, member: Member, call: DeviceCall, plan: _Plan) -> dict[Any, Stream]:
+    def _merge(self, member: Member, call: DeviceCall, plan: _BoundRuns) -> dict[Any, Stream]:
         """Add the run that merges written elements into the streams and counts them; return the new streams."""
         stops = bool(self._kernels[member]._executable.loops)
         counters = [("times", member), ("stop", member)][: 1 + stops]
@@ -296,7 +296,7 @@ class Run:
         self._begin(kernel._executable, whole, plan)
         return after
 
-    def _begin(self, executable: Executable, call: DeviceCall, plan: _Plan) -> None:
+    def _begin(self, executable: Executable, call: DeviceCall, plan: _BoundRuns) -> None:
         """Start a run that happens once; otherwise add it to the plan, which keeps its memory alive."""
         if self.once:
             self.flush()

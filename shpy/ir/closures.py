@@ -1,8 +1,8 @@
 """Compile the functions of a module into closures, for the interpreter.
 
-Stage: represent. It takes functions and the dtypes of the bases, and returns for each a `Compiled`: a frame to copy and
-a body to call on it. A frame is a list of the `Run`, the values and the variables, in this order. A step executes one
-statement on a frame and returns how control leaves it.
+Stage: represent. It takes functions and the dtypes of the bases, and returns for each a `CompiledFunction`: a frame to
+copy and a body to call on it. A frame is a list of the `Run`, the values and the variables, in this order. A step
+executes one statement on a frame and returns how control leaves it.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Run:
 
 
 @dataclass(slots=True)
-class Compiled:
+class CompiledFunction:
     """A compiled function: `blank` is its initial frame; `arrays` are the places of arrays, created for each run."""
 
     function: Function
@@ -120,19 +120,19 @@ class Compiler:
         self.limit = limit
         self.traced = traced
         self.limited = 0
-        self.functions: dict[str, Compiled] = {}
+        self.functions: dict[str, CompiledFunction] = {}
         for function in module.functions:
             self.entry = self.function(function)
             self.functions[function.name] = self.entry
 
-    def function(self, function: Function) -> Compiled:
+    def function(self, function: Function) -> CompiledFunction:
         """Compile one function, after the functions that it calls."""
         values, slots = list(defined(function)), list(variables_of(function))
         self.places = {value.id: n for n, value in enumerate(values, 1)}
         self.slots = {slot.id: n for n, slot in enumerate(slots, 1 + len(values))}
         self.variables = {slot.id: slot for slot in slots}
         blank: Frame = [None] * (1 + len(values) + len(slots))
-        result = Compiled(function, self.places, self.slots, blank)
+        result = CompiledFunction(function, self.places, self.slots, blank)
         references = {port.id for port in function.inputs if isinstance(port, Variable)}
         for slot in slots:
             place, dtype = self.slots[slot.id], self.dtypes[slot.type.base]
@@ -371,7 +371,7 @@ class Compiler:
         return lambda frame: frame[slot][_clamped(frame[args[0]], length)].copy()
 
     @staticmethod
-    def application(callee: Compiled, args: list[int]) -> Callable[[Frame], Any]:
+    def application(callee: CompiledFunction, args: list[int]) -> Callable[[Frame], Any]:
         """Return a function that calls a pure function and returns its output."""
         places = [callee.places[port.id] for port in callee.function.inputs]
         output = callee.slots[callee.function.outputs[0].id]

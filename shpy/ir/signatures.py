@@ -24,7 +24,7 @@ Types = tuple[Type, ...]
 
 
 @dataclass(slots=True)
-class Scope:
+class Declarations:
     """The declarations that an operation can refer to: slots by id; params, tables and earlier functions by name."""
 
     variables: dict[int, Variable] = field(default_factory=dict)
@@ -33,7 +33,7 @@ class Scope:
     functions: dict[str, Function] = field(default_factory=dict)
 
 
-def structural_type(let: Let, args: Types, scope: Scope) -> Type:
+def structural_type(let: Let, args: Types, scope: Declarations) -> Type:
     """Return the type that the value of a structural operation must have; TypeError if the operation is wrong."""
     if let.attr is not None and let.op not in _WITH_ATTR:
         raise TypeError(f"{let.op} takes no attribute, not {let.attr!r}")
@@ -82,13 +82,13 @@ _LIMITS: Final[Mapping[Base, tuple[int, int]]] = {
 }
 
 
-def _const(let: Let, args: Types, scope: Scope) -> Type:
+def _const(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     check_constant(let.value.type, let.attr)
     return let.value.type
 
 
-def _load(let: Let, args: Types, scope: Scope) -> Type:
+def _load(let: Let, args: Types, scope: Declarations) -> Type:
     if not isinstance(let.attr, int):
         raise TypeError(f"load names a variable by its id, not {let.attr!r}")
     slot = scope.variables.get(let.attr)
@@ -102,7 +102,7 @@ def _load(let: Let, args: Types, scope: Scope) -> Type:
     return slot.type
 
 
-def _construct(let: Let, args: Types, scope: Scope) -> Type:
+def _construct(let: Let, args: Types, scope: Declarations) -> Type:
     type = let.value.type
     expected = f"{counted(type.size, 'component')} of {type.base.value} in all"
     holds = type.size > 1 and sum(a.size for a in args) == type.size and all(a.base is type.base for a in args)
@@ -110,12 +110,12 @@ def _construct(let: Let, args: Types, scope: Scope) -> Type:
     return type
 
 
-def _splat(let: Let, args: Types, scope: Scope) -> Type:
+def _splat(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, len(args) == 1 and args[0].size == 1, "one scalar")
     return args[0].sized(max(let.value.type.size, 2))
 
 
-def _swizzle(let: Let, args: Types, scope: Scope) -> Type:
+def _swizzle(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, len(args) == 1 and args[0].size > 1, "one vector (splat repeats a scalar)")
     picked = let.attr
     if not isinstance(picked, tuple) or not 1 <= len(picked) <= 4:
@@ -126,19 +126,19 @@ def _swizzle(let: Let, args: Types, scope: Scope) -> Type:
     return args[0].sized(len(picked))
 
 
-def _component(let: Let, args: Types, scope: Scope) -> Type:
+def _component(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, len(args) == 2 and args[0].size > 1 and args[1] is vec(Base.I), "a vector and an i")
     return args[0].scalar
 
 
-def _convert(let: Let, args: Types, scope: Scope) -> Type:
+def _convert(let: Let, args: Types, scope: Declarations) -> Type:
     type = let.value.type
     holds = len(args) == 1 and args[0].size == type.size and args[0].base is not type.base
     _need(let, args, holds, f"one operand of another base and as many components as {type!r}")
     return type
 
 
-def _param(let: Let, args: Types, scope: Scope) -> Type:
+def _param(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     param = scope.params.get(str(let.attr))
     if param is None:
@@ -146,21 +146,21 @@ def _param(let: Let, args: Types, scope: Scope) -> Type:
     return param.type
 
 
-def _find_table(let: Let, scope: Scope) -> Table:
+def _find_table(let: Let, scope: Declarations) -> Table:
     table = scope.tables.get(str(let.attr))
     if table is None:
         raise TypeError(f"there is no table {_quoted(let.attr)}")
     return table
 
 
-def _table(let: Let, args: Types, scope: Scope) -> Type:
+def _table(let: Let, args: Types, scope: Declarations) -> Type:
     table = _find_table(let, scope)
     index = vec(Base.I, table.rank)
     _need(let, args, args == (index,), f"an index of {index!r}, because the table's rank is {table.rank}")
     return table.type
 
 
-def _neighbour(let: Let, args: Types, scope: Scope) -> Type:
+def _neighbour(let: Let, args: Types, scope: Declarations) -> Type:
     table = _find_table(let, scope)
     types = (vec(Base.I),) * table.rank
     told = f"an i for each of the table's axes, {table.rank}, and a modulus for each or none"
@@ -168,27 +168,27 @@ def _neighbour(let: Let, args: Types, scope: Scope) -> Type:
     return table.type
 
 
-def _table_size(let: Let, args: Types, scope: Scope) -> Type:
+def _table_size(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     return vec(Base.I, _find_table(let, scope).rank)
 
 
-def _grid(let: Let, args: Types, scope: Scope) -> Type:
+def _grid(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     return let.value.type.based(Base.I)
 
 
-def _lanes(let: Let, args: Types, scope: Scope) -> Type:
+def _lanes(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, args == (vec(Base.B),), "one b")
     return vec(Base.B)
 
 
-def _mask(let: Let, args: Types, scope: Scope) -> Type:
+def _mask(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     return vec(Base.B)
 
 
-def _call(let: Let, args: Types, scope: Scope) -> Type:
+def _call(let: Let, args: Types, scope: Declarations) -> Type:
     callee = scope.functions.get(str(let.attr))
     if callee is None:
         raise TypeError(f"no function {_quoted(let.attr)} is declared before this one")
@@ -200,7 +200,7 @@ def _call(let: Let, args: Types, scope: Scope) -> Type:
     return callee.outputs[0].type
 
 
-def _half(let: Let, args: Types, scope: Scope) -> Type:
+def _half(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, len(args) == 1 and args[0].base is Base.F, "one operand of f")
     return args[0]
 
@@ -210,7 +210,7 @@ def _quoted(attr: object) -> str:
 
 
 _WITH_ATTR: Final = frozenset({"const", "load", "swizzle", "param", "table", "table_size", "neighbour", "call"})
-_RULES: Final[Mapping[str, Callable[[Let, Types, Scope], Type]]] = {
+_RULES: Final[Mapping[str, Callable[[Let, Types, Declarations], Type]]] = {
     "const": _const,
     "load": _load,
     "construct": _construct,

@@ -42,7 +42,7 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.ops import OPS, STRUCTURAL, result_type
-from shpy.ir.signatures import Scope, check_constant, check_index, counted, spoken_types, structural_type
+from shpy.ir.signatures import Declarations, check_constant, check_index, counted, spoken_types, structural_type
 from shpy.ir.text import LETTERS, Anchor, Line, lines, quote
 from shpy.ir.traverse import continues
 from shpy.ir.types import Base, Type, vec
@@ -53,7 +53,7 @@ _BOOL = vec(Base.B)
 
 def verify(module: Module) -> None:
     """Raise VerifyError for the first violation of a rule."""
-    checker = _Module(module)
+    checker = _ModuleCheck(module)
     try:
         checker.check()
     except _Finding as finding:
@@ -105,12 +105,12 @@ def _repeated(names: Iterable[str]) -> tuple[int, str] | None:
     return None
 
 
-class _Module:
+class _ModuleCheck:
     """Checks the rules of declarations, and then each function."""
 
     def __init__(self, module: Module) -> None:
         self.module = module
-        self.scope = Scope()
+        self.scope = Declarations()
         self.statements = 0
         self.slots = 0
 
@@ -123,7 +123,7 @@ class _Module:
         for i, function in enumerate(self.module.functions):
             if function.name in self.scope.functions:
                 raise _Finding(f"two functions are called {quote(function.name)}", ("function", i), function.loc)
-            _Function(self, i, function).check()
+            _FunctionCheck(self, i, function).check()
             self.scope.functions[function.name] = function
         self.check_entry()
 
@@ -186,13 +186,13 @@ class _Module:
             raise _Finding(told, anchor, entry.loc)
 
 
-class _Function:
+class _FunctionCheck:
     """Checks the rules of one function, in the order of its text."""
 
-    def __init__(self, parent: _Module, index: int, function: Function) -> None:
+    def __init__(self, parent: _ModuleCheck, index: int, function: Function) -> None:
         self.parent = parent
         self.function = function
-        self.scope = Scope({}, parent.scope.params, parent.scope.tables, parent.scope.functions)
+        self.scope = Declarations({}, parent.scope.params, parent.scope.tables, parent.scope.functions)
         self.anchor: Anchor = ("function", index)
         self.loc = function.loc
         self.visible: dict[int, Type] = {}

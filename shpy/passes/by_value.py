@@ -35,7 +35,7 @@ def takes_array(function: Function) -> bool:
 
 def pass_by_value(module: Module) -> Module:
     """Return the module whose functions take values only; TypeError for one that takes an array."""
-    converted: dict[str, _Converted] = {}
+    converted: dict[str, _Conversion] = {}
     for function in module.functions:
         if takes_array(function):
             raise TypeError(f"{function.name} takes an array: it comes after inline")
@@ -44,7 +44,7 @@ def pass_by_value(module: Module) -> Module:
 
 
 @dataclass(frozen=True, slots=True)
-class _Converted:
+class _Conversion:
     """A function before and after conversion. `goes_in`: the inputs by reference whose value is now an input."""
 
     before: Function
@@ -57,14 +57,14 @@ class _Converted:
         return tuple(output.id for output in self.after.outputs[len(self.before.outputs) :])
 
 
-def _convert(before: Function, function: Function) -> _Converted:
+def _convert(before: Function, function: Function) -> _Conversion:
     """Replace the parameters by reference of a function whose own calls pass values already.
 
     A parameter that is read becomes an input, one that is stored becomes an output.
     """
     references = [port for port in function.inputs if isinstance(port, Variable)]
     if not references:
-        return _Converted(before, function)
+        return _Conversion(before, function)
     stored = stored_in(function.body)
     function = replace(function, outputs=(*function.outputs, *(v for v in references if v.id in stored)))
     notes = annotate(returns_outside_loops(function))
@@ -78,13 +78,13 @@ def _convert(before: Function, function: Function) -> _Converted:
         elif port.id in read:
             b.store(port, b.input(port.type, port.name, port.loc), loc=port.loc)
     b.extend(function.body)
-    return _Converted(before, b.finish(), frozenset(v.id for v in references) & read)
+    return _Conversion(before, b.finish(), frozenset(v.id for v in references) & read)
 
 
 class _Caller:
     """Rewrites the calls in one function."""
 
-    def __init__(self, function: Function, converted: Mapping[str, _Converted]) -> None:
+    def __init__(self, function: Function, converted: Mapping[str, _Conversion]) -> None:
         self.function = function
         self.converted = converted
         self.b = Builder(function=function)

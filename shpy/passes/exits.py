@@ -77,8 +77,8 @@ def make_exits_explicit(
     """
     limited = limited_loops(module) if loop_limit is not None else ()
     flags = loop_flags and may_be_stopped(module)
-    plan = _Plan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags, by_value)
-    functions = tuple(_Ending(f, plan).run() if f.name in plan.ending else f for f in module.functions)
+    plan = _ExitPlan(module, {id(loop): k for k, loop in enumerate(limited)}, loop_limit or 0, flags, by_value)
+    functions = tuple(_ExitRewriter(f, plan).run() if f.name in plan.ending else f for f in module.functions)
     has_status = module.entry.name in plan.ending
     told = limited or (loops(module) if flags else ())
     return Ending(replace(module, functions=functions), has_status, tuple(loop.loc for loop in told), flags)
@@ -128,7 +128,7 @@ def _most_iterations(module: Module, *, printed: bool) -> float:
     return totals[module.entry.name]
 
 
-class _Plan:
+class _ExitPlan:
     """Facts about a module. `ending`: the names of the functions that may end the element."""
 
     def __init__(self, module: Module, limited: dict[int, int], limit: int, flags: bool, by_value: bool) -> None:
@@ -154,10 +154,10 @@ class _Plan:
         return isinstance(s, Discard) or (isinstance(s, Call) and s.function in self.ending)
 
 
-class _Ending:
+class _ExitRewriter:
     """Rewrites one function that may end the element. `ended`: the flag of the innermost loop."""
 
-    def __init__(self, function: Function, plan: _Plan) -> None:
+    def __init__(self, function: Function, plan: _ExitPlan) -> None:
         self.plan = plan
         self.function = function
         self.b = Builder(function=function)

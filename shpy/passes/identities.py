@@ -19,7 +19,7 @@ from shpy.ir.ops import COMMUTATIVE
 from shpy.ir.types import Base, Type
 
 
-class Known(Protocol):
+class Facts(Protocol):
     """The facts that a rule may use: how a value was made, its constant components, its type."""
 
     lets: dict[int, Let]
@@ -59,7 +59,7 @@ _ABSORBING: dict[str, int] = {"mul": 0, "and": 0, "or": -1}
 """The absorbing int or bool of an operation: if one operand is this, so is the result."""
 
 
-def simplify(context: Known, let: Let) -> Found:
+def simplify(context: Facts, let: Let) -> Found:
     """Return a simpler equivalent of the operation, or None."""
     match let.op, let.args:
         case "neg" | "not" | "abs" | "half" | "convert", (x,):
@@ -79,7 +79,7 @@ def simplify(context: Known, let: Let) -> Found:
     return None
 
 
-def _unary(context: Known, let: Let, x: int) -> Found:
+def _unary(context: Facts, let: Let, x: int) -> Found:
     inner = context.lets.get(x)
     if inner is None:
         return None
@@ -97,7 +97,7 @@ def _unary(context: Known, let: Let, x: int) -> Found:
     return None
 
 
-def _cond(context: Known, let: Let, c: int, a: int, b: int) -> Found:
+def _cond(context: Facts, let: Let, c: int, a: int, b: int) -> Found:
     if a == b:
         return a
     chosen = context.constant(c)
@@ -110,7 +110,7 @@ def _cond(context: Known, let: Let, c: int, a: int, b: int) -> Found:
     return None
 
 
-def _neutral(context: Known, let: Let, a: int, b: int) -> Found:
+def _neutral(context: Facts, let: Let, a: int, b: int) -> Found:
     op, type = let.op, let.value.type
     number = _RIGHT_NEUTRAL[op][context.types[b].is_float is False]
     if number is not None and _is(context, b, number):
@@ -124,7 +124,7 @@ def _neutral(context: Known, let: Let, a: int, b: int) -> Found:
     return None
 
 
-def _is(context: Known, value: int, number: float) -> bool:
+def _is(context: Facts, value: int, number: float) -> bool:
     """Return whether a value is this constant in every component; -1 stands for all bits."""
     components = context.constant(value)
     if components is None:

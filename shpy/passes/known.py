@@ -25,7 +25,7 @@ _DEEPEST = 50
 """The largest depth of operands that are followed; deeper ones get the range of their type."""
 
 
-class Known:
+class Ranges:
     """The ranges of the values of a function."""
 
     def __init__(self, function: Function) -> None:

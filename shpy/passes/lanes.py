@@ -34,7 +34,7 @@ class Here:
 
 
 @dataclass(slots=True)
-class Scope:
+class MaskScope:
     """The state of the current loop, or of the function, which has no note.
 
     `live`, `iterating`: slots with the masks of the lanes still in the loop and still in this iteration.
@@ -47,7 +47,7 @@ class Scope:
     live: Variable
     iterating: Variable
     note: Note | None = None
-    outer: Scope | None = None
+    outer: MaskScope | None = None
     inner: frozenset[int] = frozenset()
     kept: set[int] = field(default_factory=set)
     continued: bool = False
@@ -90,7 +90,7 @@ class LaneBuilder:
         self.same: dict[int, int] = {}
         self.state = set(self.always)
         running = self.slots.mask("running", -1)
-        self.scope = Scope(self.facts, running, running)
+        self.scope = MaskScope(self.facts, running, running)
 
     def let(self, op: str, *args: int, type: Type | None = None, attr: Attr = None, name: str | None = None) -> int:
         """Append an operation that the source does not have; return its id."""
@@ -114,7 +114,7 @@ class LaneBuilder:
         """Return whether no lane of `mask` is set."""
         return self.let("not", self.let("lane_any", mask, type=BOOL))
 
-    def lanes(self, variable: int, scope: Scope | None = None) -> Variable:
+    def lanes(self, variable: int, scope: MaskScope | None = None) -> Variable:
         """Return the lanes slot of a variable in the current scope, or in the given one."""
         scope = scope or self.scope
         while scope.outer is not None and variable not in scope.inner:

@@ -38,7 +38,7 @@ _RANKS = (1, 2)
 
 
 @dataclass(frozen=True, slots=True)
-class _Moved:
+class _Offset:
     """The sum of the element's index along `axis` (None: no index) and signed uniform terms.
 
     A term is (sign, id, component). The modulus of the sum, if there is one, is (id, component).
@@ -49,14 +49,14 @@ class _Moved:
     modulus: tuple[int, int] | None = None
 
 
-Parts = tuple[_Moved, ...]
+Parts = tuple[_Offset, ...]
 """The origin of each component of a value."""
 
 
 def find_neighbours(vector: VectorModule) -> VectorModule:
     """Rewrite such reads of tables of one or two axes as `neighbour`; return the same object if there are none."""
     module = vector.module
-    finder = _Finder(module, vector.entry)
+    finder = _NeighbourFinder(module, vector.entry)
     entry = finder.run()
     if not finder.has_neighbours:
         return vector
@@ -64,7 +64,7 @@ def find_neighbours(vector: VectorModule) -> VectorModule:
     return replace(vector, module=replace(module, functions=(*module.functions[:-1], entry)))
 
 
-class _Finder(Rewriter):
+class _NeighbourFinder(Rewriter):
     """Rewrites the entry. `parts` maps the id of a value to its components, where they are known.
 
     `together`: the lanes that run are adjacent.
@@ -104,7 +104,7 @@ class _Finder(Rewriter):
         if s.op == "const" and isinstance(s.attr, tuple):
             self.constants[value.id] = decode(value.type, s.attr)
         if value.id not in self.facts.varying:
-            self.parts[value.id] = tuple(_Moved(None, ((1, value.id, k),)) for k in range(value.type.size))
+            self.parts[value.id] = tuple(_Offset(None, ((1, value.id, k),)) for k in range(value.type.size))
             return
         operands = [self.parts[a] for a in args if a in self.parts]
         if len(operands) < len(args):
@@ -112,7 +112,7 @@ class _Finder(Rewriter):
         match s.op, s.attr:
             case "grid_index", _:
                 self.axes = value.type.size
-                self.parts[value.id] = tuple(_Moved(k) for k in range(value.type.size))
+                self.parts[value.id] = tuple(_Offset(k) for k in range(value.type.size))
             case "swizzle", tuple(picked):
                 self.parts[value.id] = tuple(operands[0][k] for k in picked)
             case "construct", _:
@@ -144,7 +144,7 @@ class _Finder(Rewriter):
         """Return a component of a uniform."""
         return value if self.types[value].size == 1 else self.make("swizzle", value, type=_INT, attr=(component,))
 
-    def offset(self, part: _Moved) -> int:
+    def offset(self, part: _Offset) -> int:
         """Return the sum of the terms."""
         if all(value in self.constants for _, value, _ in part.terms):
             distance = sum(sign * self.constants[value][component] for sign, value, component in part.terms)
@@ -160,15 +160,15 @@ class _Finder(Rewriter):
         return total
 
 
-def _sum(a: _Moved, b: _Moved, sign: int) -> _Moved | None:
+def _sum(a: _Offset, b: _Offset, sign: int) -> _Offset | None:
     """Return a + b or a - b, or None if both vary, the varying one is subtracted, or either has a modulus."""
     if (b.axis is not None and (sign < 0 or a.axis is not None)) or a.modulus or b.modulus:
         return None
     terms = tuple((sign * s, value, component) for s, value, component in b.terms)
-    return _Moved(b.axis if a.axis is None else a.axis, a.terms + terms)
+    return _Offset(b.axis if a.axis is None else a.axis, a.terms + terms)
 
 
-def _wrapped(a: _Moved, b: _Moved) -> _Moved | None:
+def _wrapped(a: _Offset, b: _Offset) -> _Offset | None:
     """Return a modulo b if a is the element's own index plus an offset and b is a single uniform value; else None."""
     if a.axis is None or a.modulus or b.axis is not None or b.modulus or len(b.terms) != 1 or b.terms[0][0] < 0:
         return None

@@ -154,10 +154,10 @@ def remove_decided_selects(module: Module) -> Module:
         %3 = any_lane %2                        ->   %3 = any_lane %2
         if %3 { $y = cond %2, %5, %4 }          ->   if %3 { $y = %5 }
     """
-    return each_function(module, lambda f, functions: _Decided(f, functions).run())
+    return each_function(module, lambda f, functions: _SelectRemover(f, functions).run())
 
 
-class _Decided(Rewriter):
+class _SelectRemover(Rewriter):
     """Rewrites one function; `holding` are the conditions that are true at the current statement."""
 
     def __init__(self, function: Function, functions: Functions) -> None:

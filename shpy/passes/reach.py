@@ -54,7 +54,7 @@ _Parts = tuple[_Part | None, ...]
 
 
 @dataclass(slots=True)
-class _Slots:
+class _Contents:
     """The contents of variables: the join of all stores, unless `opaque`. `first` is the region of the first store."""
 
     opaque: set[int]
@@ -74,12 +74,12 @@ def reach(module: Module, cut: Collection[str], rank: int) -> Reach:
 
     Raises ShpyTypeError, at the line of the read, for an index whose distance from the element is not bounded.
     """
-    finder = _Finder(module, cut, rank)
+    finder = _ReachFinder(module, cut, rank)
     finder.function(module.entry, [_unknown(i.type) for i in module.entry.inputs])
     return Reach(tuple(finder.distances), tuple(finder.wraps), tuple(finder.clamps))
 
 
-class _Finder:
+class _ReachFinder:
     def __init__(self, module: Module, cut: Collection[str], rank: int) -> None:
         self.functions = {f.name: f for f in module.functions}
         self.cut = cut
@@ -90,7 +90,7 @@ class _Finder:
         """Return the parts of the outputs of a function, given those of its inputs."""
         inputs = zip(function.inputs, input_parts, strict=True)
         values = {i.id: parts for i, parts in inputs if not isinstance(i, Variable)}
-        slots = _Slots({i.id for i in function.inputs if isinstance(i, Variable)})
+        slots = _Contents({i.id for i in function.inputs if isinstance(i, Variable)})
         count = 0
         while True:
             before, opaque = dict(slots.contents), set(slots.opaque)
@@ -103,7 +103,7 @@ class _Finder:
             if count >= _ROUNDS:
                 slots.opaque |= changed
 
-    def _region(self, region: Region, values: dict[int, _Parts], slots: _Slots, path: tuple[int, ...]) -> None:
+    def _region(self, region: Region, values: dict[int, _Parts], slots: _Contents, path: tuple[int, ...]) -> None:
         for place, s in enumerate(region):
             match s:
                 case Let():
@@ -124,7 +124,7 @@ class _Finder:
             for k, inner in enumerate(regions_of(s)):
                 self._region(inner, values, slots, (*path, place, k))
 
-    def _let(self, s: Let, values: dict[int, _Parts], slots: _Slots, path: tuple[int, ...]) -> _Parts | None:
+    def _let(self, s: Let, values: dict[int, _Parts], slots: _Contents, path: tuple[int, ...]) -> _Parts | None:
         type_ = s.value.type
         if s.op == "table" and s.attr in self.cut:
             self._read(s, values[s.args[0]])

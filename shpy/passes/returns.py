@@ -28,14 +28,14 @@ from shpy.ir.traverse import walk
 def returns_outside_loops(function: Function, status: int | None = None) -> Function:
     """Return the function with every Return inside a loop replaced; `status` is the variable that holds the status."""
     inside = any(_contains(s, Return) for s in walk(function.body) if isinstance(s, Loop))
-    return _Rewriter(function, status).run() if inside or status is not None else function
+    return _ReturnRewriter(function, status).run() if inside or status is not None else function
 
 
 def _contains(loop: Loop, kind: type[Return | Discard]) -> bool:
     return any(isinstance(s, kind) for s in walk(loop.body))
 
 
-class _Rewriter:
+class _ReturnRewriter:
     def __init__(self, function: Function, status: int | None) -> None:
         self.function = function
         self.status = status

@@ -54,7 +54,7 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import continues, uses, walk
 from shpy.passes.calls import CallBuilder, Callees, LaneFacts
-from shpy.passes.lanes import BOOL, Here, Scope, of_all_lanes
+from shpy.passes.lanes import BOOL, Here, MaskScope, of_all_lanes
 from shpy.passes.liveness import Note, annotate, stored_in
 from shpy.passes.uniformity import varies
 
@@ -368,7 +368,7 @@ class _Vectorizer(CallBuilder):
                 self.b.extend(region)
                 return
 
-    def attempt(self, s: Loop, note: Note, here: Here) -> Scope:
+    def attempt(self, s: Loop, note: Note, here: Here) -> MaskScope:
         """Append the translation of a loop under the facts known so far; return the loop's scope."""
         facts, outer, kept = note.facts, self.scope, self.kept(here)
         stored = note.stored - self.arrays
@@ -393,13 +393,13 @@ class _Vectorizer(CallBuilder):
             self.merge(inner & note.after, facts.exit, here, scope)
         return scope
 
-    def enter(self, note: Note, inner: frozenset[int]) -> Scope:
+    def enter(self, note: Note, inner: frozenset[int]) -> MaskScope:
         live = self.slots.mask("live", id(note))
         iterating = self.slots.mask("iterating", id(note)) if note.facts.continues else live
-        self.scope = Scope(note.facts, live, iterating, note, self.scope, inner)
+        self.scope = MaskScope(note.facts, live, iterating, note, self.scope, inner)
         return self.scope
 
-    def fill(self, variables: set[int], entry: frozenset[int], scope: Scope) -> None:
+    def fill(self, variables: set[int], entry: frozenset[int], scope: MaskScope) -> None:
         """Initialise a loop's lanes slots with the values of the variables at its entry."""
         for variable in sorted(variables):
             if variable not in entry:
@@ -407,7 +407,7 @@ class _Vectorizer(CallBuilder):
             elif variable in scope.inner:
                 self.b.store(self.lanes(variable), self.load(self.lanes(variable, scope.outer)))
 
-    def merge(self, variables: frozenset[int], varying: set[int], here: Here, scope: Scope) -> None:
+    def merge(self, variables: frozenset[int], varying: set[int], here: Here, scope: MaskScope) -> None:
         """Copy variables that a loop changed to the outer slots, for a loop that all its lanes leave together."""
         for variable in sorted(variables):
             slot = self.lanes(variable, scope) if variable in varying else self.slots.uniform(variable)

@@ -20,10 +20,10 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from shpy.ir.nodes import Let
-from shpy.passes.identities import Found, Known
+from shpy.passes.identities import Facts, Found
 
 
-def rearrange(context: Known, let: Let) -> Found:
+def rearrange(context: Facts, let: Let) -> Found:
     """Return a simpler equivalent of a swizzle, construct or component, or None."""
     if let.op == "swizzle":
         assert isinstance(let.attr, tuple)
@@ -39,7 +39,7 @@ def rearrange(context: Known, let: Let) -> Found:
     return None
 
 
-def _swizzle(context: Known, let: Let, source: int, picked: tuple[int, ...]) -> Found:
+def _swizzle(context: Facts, let: Let, source: int, picked: tuple[int, ...]) -> Found:
     if picked == tuple(range(context.types[source].size)):
         return source
     inner = context.lets.get(source)
@@ -55,7 +55,7 @@ def _swizzle(context: Known, let: Let, source: int, picked: tuple[int, ...]) -> 
     return None
 
 
-def _of_construct(context: Known, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
+def _of_construct(context: Facts, let: Let, construct: Let, picked: tuple[int, ...]) -> Found:
     """Return a swizzle of a construct as a swizzle of one part, or as a construct of swizzles of several parts.
 
     A construct with a name from the user stays if several parts are picked, since `q.zyx` is easier to read.
@@ -75,7 +75,7 @@ def _of_construct(context: Known, let: Let, construct: Let, picked: tuple[int, .
     return values[0] if len(picked) == 1 else Let(let.value, "splat", values[:1])
 
 
-def _one_by_one(context: Known, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
+def _one_by_one(context: Facts, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
     """Yield the runs; a run of a scalar, which has no swizzle, is yielded once for each component picked."""
     for arg, picked in runs:
         if context.types[arg].size == 1:
@@ -84,7 +84,7 @@ def _one_by_one(context: Known, runs: list[tuple[int, list[int]]]) -> Iterator[t
             yield arg, picked
 
 
-def _construct(context: Known, let: Let) -> Found:
+def _construct(context: Facts, let: Let) -> Found:
     inner = [context.lets.get(a) for a in let.args]
     if any(_is_nameless_construct(part) for part in inner):
         nested = [
@@ -115,7 +115,7 @@ def _is_nameless_construct(let: Let | None) -> bool:
     return let is not None and let.op == "construct" and let.value.name is None
 
 
-def _picked(context: Known, arg: int) -> tuple[int, tuple[int, ...]]:
+def _picked(context: Facts, arg: int) -> tuple[int, tuple[int, ...]]:
     """Return the source vector of a part, and the indices of the components picked from it."""
     let = context.lets.get(arg)
     if let is not None and let.op == "swizzle":
@@ -124,7 +124,7 @@ def _picked(context: Known, arg: int) -> tuple[int, tuple[int, ...]]:
     return arg, tuple(range(context.types[arg].size))
 
 
-def _part(context: Known, let: Let, source: int, picked: list[int]) -> int:
+def _part(context: Facts, let: Let, source: int, picked: list[int]) -> int:
     size = context.types[source].size
     if picked == list(range(size)):
         return source

@@ -64,7 +64,7 @@ def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> d
     return values
 
 
-class Sized(Protocol):
+class InputSize(Protocol):
     """A leaf of an input with its name, number of components and element shape, which checks of shapes need."""
 
     @property
@@ -150,7 +150,7 @@ def entries_of_input(layout: Layout, value: Any, what: str) -> list[Any]:
     return list(entries)
 
 
-def common_shape(inputs: Sequence[Sized], shape: Any) -> Shape:
+def common_shape(inputs: Sequence[InputSize], shape: Any) -> Shape:
     """Return the element shape S: `shape` if given, to which the inputs must broadcast, else their broadcast shape."""
     shapes = [s.shape for s in inputs]
     target_shape = None if shape is None else given_shape(shape)
@@ -222,7 +222,7 @@ def _table(name: str, type_: TableType, value: Any) -> Table:
     return table
 
 
-class Target:
+class OutputTarget:
     """One leaf of the outputs: the user's array, if there is one, and the contiguous array that the kernel writes."""
 
     def __init__(
@@ -243,7 +243,7 @@ class Target:
             self.destination[...] = self.array
 
 
-def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[Target]:
+def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, *, zeros: bool) -> list[OutputTarget]:
     """Return the arrays to write, leaf by leaf; with `zeros`, new ones are filled with zeros.
 
     Raises ShpyTypeError where `out` has another dtype or shape.
@@ -261,7 +261,7 @@ def targets(layout: Layout, dtypes: Mapping[Base, Any], shape: Shape, out: Any, 
             )
         if out is not None and not array.flags.writeable:
             raise ShpyTypeError(f"{name} is read only", loc=here(), cure="an array of your own, array.copy()")
-        results.append(Target(cls, dtype, shape, array, zeros))
+        results.append(OutputTarget(cls, dtype, shape, array, zeros))
     if out is not None:
         _check_apart(
             [

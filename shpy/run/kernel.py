@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backend.base import Backend, Call, Device, Executable, Memory, Options
-from shpy.backend.device.listed import Listed
+from shpy.backend.device.listed import ListedKernel
 from shpy.backend.dump import dump
 from shpy.backend.registry import backend as backend_named
 from shpy.backend.slow import announced
@@ -36,11 +36,11 @@ from shpy.lang.programs.record import Recorded
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.values.structure import build_arrays
-from shpy.passes.known import Known
+from shpy.passes.known import Ranges
 from shpy.run import host
 from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
 from shpy.run.expanding import axes, expanding
-from shpy.run.on_device import Prepared, check_places, has_elements_of, memory_of, prepare
+from shpy.run.on_device import PreparedCall, check_places, has_elements_of, memory_of, prepare
 from shpy.run.result import Result
 from shpy.streams.elements import InputLeaf
 from shpy.streams.stream import Place, Stream, streams_in
@@ -66,7 +66,7 @@ def forget_data(module: Module) -> Module:
     sizes = {table.name: table.size for table in module.tables}
     kept: dict[str, tuple[int, ...]] = {}
     for function in module.functions:
-        ranges = Known(function)
+        ranges = Ranges(function)
         for let in walk(function.body):
             if not isinstance(let, Let) or let.op not in ("table", "table_size"):
                 continue
@@ -212,7 +212,7 @@ class Kernel(Unchanging):
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
         kernel = Kernel(guarded(self.recorded, None, "where"), backend_named(self.backend), self.options)
         if self._rank is None:  # else an element has to know its place among all
-            kernel._executable = Listed(kernel._executable, self._executable, self.place.space)
+            kernel._executable = ListedKernel(kernel._executable, self._executable, self.place.space)
         return kernel
 
     def _holds_streams(self, arguments: dict[str, Any], out: Any) -> bool:
@@ -224,7 +224,7 @@ class Kernel(Unchanging):
         """The device on which it runs, and its working precision: where its streams have to be."""
         return Place(self.backend, self.options.device or 0, self.options.precision)
 
-    def prepare_on_device(self, values: dict[str, Any], out: Any, shape: Any) -> Prepared:
+    def prepare_on_device(self, values: dict[str, Any], out: Any, shape: Any) -> PreparedCall:
         """Check what a run over streams is given, and bring to the device what is not there yet."""
         recorded, place = self.recorded, self.place
         check_places([*values.values(), out, *recorded.tables.values()], place, recorded.module.name)

@@ -38,7 +38,7 @@ def check_places(values: Iterable[Any], place: Place, name: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedCall:
     """The call, and the leaves of the outputs with the memory that the call writes for each."""
 
     call: DeviceCall
@@ -71,7 +71,7 @@ def prepare(
     place: Place,
     common: Shape,
     out: Any,
-) -> Prepared:
+) -> PreparedCall:
     """Return the call with the memory for its outputs.
 
     The call writes directly to the outputs' memory unless that is also read or may have to keep old elements. In these
@@ -86,7 +86,7 @@ def prepare(
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
     status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
     call = DeviceCall(common, tuple(inputs), written, status, params, read)
-    return Prepared(call, tuple(targets), out is None, place, outputs)
+    return PreparedCall(call, tuple(targets), out is None, place, outputs)
 
 
 def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:

@@ -26,7 +26,7 @@ from shpy.streams.stream import memory_of_table
 
 
 @dataclass(slots=True)
-class _Kept:
+class _UniformKernel:
     """A uniform's kernel at a precision and mode; `last` is the state of its sources and the result at the last run."""
 
     kernel: Kernel
@@ -45,7 +45,8 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
             t: Table(t.host_array(), t.type, "copy") for t in recorded.tables.values() if memory_of_table(t) is not None
         }
         recorded = replace(recorded, tables={name: copies.get(table, table) for name, table in recorded.tables.items()})
-        kept = keeps[precision, math] = _Kept(Kernel(recorded, backend("numpy"), Options(precision, math=math)), copies)
+        kernel = Kernel(recorded, backend("numpy"), Options(precision, math=math))
+        kept = keeps[precision, math] = _UniformKernel(kernel, copies)
     for stream, table in kept.copies.items():
         elements = stream.host_array()  # kernels write streams, and count no versions
         if not np.array_equal(elements.view(np.uint8), table.host_array().view(np.uint8)):

@@ -89,7 +89,7 @@ def find_denormals(setting: Setting, lines: Collection[Loc] | None = None) -> De
 
 
 def _run(
-    setting: Setting, watcher: type[_Watcher], lines: Collection[Loc] | None = None
+    setting: Setting, watcher: type[_DenormalWatcher], lines: Collection[Loc] | None = None
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
     """Return the watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
     whole = TRANSCENDENTALS | _of_halves(setting.program.ir, setting.precision)
@@ -132,7 +132,7 @@ def _without_pure_functions(module: Module) -> Module:
     )
 
 
-class _Watcher(ABC):
+class _DenormalWatcher(ABC):
     """Copies the entry, with a test behind every value that is a float."""
 
     def __init__(self, function: Function, least: float, lines: Collection[Loc] | None) -> None:
@@ -183,7 +183,7 @@ class _Watcher(ABC):
         self.note(value, b.let("and", b.let("ne", value, zero), b.let("le", b.let("abs", value), bound)))
 
 
-class _Flag(_Watcher):
+class _Flag(_DenormalWatcher):
     """Notes whether there is a denormal."""
 
     def declare(self) -> None:
@@ -194,7 +194,7 @@ class _Flag(_Watcher):
         b.store(self.flag, b.let("or", b.load(self.flag), b.let("any", low)))
 
 
-class _Note(_Watcher):
+class _Note(_DenormalWatcher):
     """Notes the place and the value of the first denormal."""
 
     def declare(self) -> None:

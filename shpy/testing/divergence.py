@@ -27,7 +27,7 @@ from shpy.lang.recording.text import written
 from shpy.programs import Program
 from shpy.testing.arrays import EXACT, Bound, is_denormal
 from shpy.testing.denormals import Denormal, find_denormals
-from shpy.testing.observers import Observer, Seen, Setting, observer, sites_of
+from shpy.testing.observers import Observation, Observer, Setting, observer, sites_of
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
 from shpy.units import steps
@@ -283,7 +283,7 @@ def _beyond(sides: Sides, low: int, count: int, bound: Bound) -> int:
     return count
 
 
-def _elsewhere(one: Seen, two: Seen) -> bool:
+def _elsewhere(one: Observation, two: Observation) -> bool:
     """Return whether the two are at different statements, or one has ended."""
     return one.site is None or two.site is None or one.site.number != two.site.number
 
@@ -299,7 +299,7 @@ def _judged(
     return names if wrong[0] == wrong[1] else (INTERPRETER, names[wrong[1]])
 
 
-def _rows(one: Seen, two: Seen, bound: Bound) -> Iterator[Row]:
+def _rows(one: Observation, two: Observation, bound: Bound) -> Iterator[Row]:
     if one.site is not None and two.site is not None and one.site.number == two.site.number:
         same = not bound.parts(one.value, two.value)
         yield Row(one.site.loc, one.site.name, one.site.text, one.turns, one.value, two.value, same)
@@ -311,7 +311,7 @@ def _rows(one: Seen, two: Seen, bound: Bound) -> Iterator[Row]:
 
 
 def _divergence(
-    setting: Setting, names: tuple[str, str], element: int, seen: tuple[Seen, Seen], rows: tuple[Row, ...]
+    setting: Setting, names: tuple[str, str], element: int, seen: tuple[Observation, Observation], rows: tuple[Row, ...]
 ) -> Divergence:
     one, two = seen
     path = _elsewhere(one, two)

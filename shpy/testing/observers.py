@@ -27,14 +27,14 @@ from shpy.programs import Program
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
 from shpy.run.kernel import Kernel
 from shpy.testing.reference import INTERPRETER, flushes_denormals, interpreter_of, kernel
-from shpy.testing.watch import OPERANDS, Site, Watched, watch
+from shpy.testing.watch import OPERANDS, Site, WatchedModule, watch
 
 _LAST = 2**32 - 2
 """A target that no event reaches."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class Observation:
     """The observation of an event; `site` is None where the element had ended before it."""
 
     site: Site | None
@@ -55,7 +55,7 @@ class Setting:
     named: Mapping[str, Any]
     shape: Any
     options: Mapping[str, Any]
-    watches: dict[frozenset[int], Watched] = field(default_factory=dict)
+    watches: dict[frozenset[int], WatchedModule] = field(default_factory=dict)
     check: Callable[[], None] = lambda: None
 
     @property
@@ -73,7 +73,7 @@ class Setting:
         """The watched program, with as few variables as possible, so that a line is few events."""
         return promote(self.program.ir)
 
-    def watch(self, looked: frozenset[int]) -> Watched:
+    def watch(self, looked: frozenset[int]) -> WatchedModule:
         """Return the module that watches itself, made once for each set of sites that are looked at."""
         if looked not in self.watches:
             limit = self.options.get("loop_limit", 1_048_576)
@@ -115,14 +115,14 @@ def observer(setting: Setting, target: str, element: int) -> Observer:
     return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
 
 
-def _seen(watched: Watched, slots: Mapping[str, Any], precision: Any) -> Seen:
+def _seen(watched: WatchedModule, slots: Mapping[str, Any], precision: Any) -> Observation:
     if not slots["site"]:
-        return Seen(None)
+        return Observation(None)
     site = watched.sites[int(slots["site"]) - 1]
     dtypes = dtypes_at(precision)
     kept = [_kept(slots, f"operand{n}", type, dtypes) for n, (_, _, type) in enumerate(site.operands[:OPERANDS])]
     iterations = tuple(int(n) for n in slots["iterations"][: len(site.loops)])
-    return Seen(site, iterations, _kept(slots, "value", site.type, dtypes), tuple(kept))
+    return Observation(site, iterations, _kept(slots, "value", site.type, dtypes), tuple(kept))
 
 
 def _kept(slots: Mapping[str, Any], place: str, type: Type, dtypes: Mapping[Base, Any]) -> Any:
@@ -161,7 +161,7 @@ class _Backend:
     def look(self, sites: frozenset[int]) -> _Backend:
         return _Backend(self.setting, self.target, self.element, sites)
 
-    def seen(self, event: int) -> Seen:
+    def seen(self, event: int) -> Observation:
         return _seen(self.watched, self._run(event), self.setting.precision)
 
     def _run(self, target: int) -> dict[str, Any]:
@@ -207,7 +207,7 @@ class _Interpreter:
     def look(self, sites: frozenset[int]) -> _Interpreter:
         return _Interpreter(self.setting, self.element, sites)
 
-    def seen(self, event: int) -> Seen:
+    def seen(self, event: int) -> Observation:
         return _seen(self.watched, self._run(event), self.setting.precision)
 
     def _run(self, target: int, trace: Any = None) -> dict[str, Any]:
@@ -224,7 +224,7 @@ Observer = _Backend | _Interpreter
 """One side of a comparison, for one element: each event of it can be asked for, and some sites be looked at in full."""
 
 
-def _runnable(program: Program, watched: Watched) -> Program:
+def _runnable(program: Program, watched: WatchedModule) -> Program:
     """Return the module that watches itself, with the tables and params of the program."""
     module = watched.module
     kinds = {cls.__name__: cls for cls in CLASSES.values()}

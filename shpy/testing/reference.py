@@ -41,7 +41,7 @@ _MORE_WIDTHS = {"opencl": WIDER}
 """Widths that are compared where they are named: they take long to compile, and not every driver has them."""
 
 
-class Interpreted:
+class InterpretedModule:
     """An Executable that interprets a module, element after element; `only` some of them, where it is given."""
 
     notes: tuple[str, ...] = ()
@@ -88,10 +88,10 @@ class Reference:
         """Return the one there is."""
         return [Device("reference interpreter", "1")]
 
-    def compile(self, module: Module, options: Options) -> Interpreted:
+    def compile(self, module: Module, options: Options) -> InterpretedModule:
         """Make the module's closures."""
         loops = tuple(loop.loc for loop in limited_loops(module))
-        return Interpreted(
+        return InterpretedModule(
             interpreter_of(module, options.precision, options.loop_limit, options.math), loops, self.only
         )
 
@@ -100,20 +100,20 @@ class Reference:
         return SPACE
 
 
-class Prepared(Reference):
+class PreparedReference(Reference):
     """The interpreter on what the passes give to a target's printer, whose text must be read back the same."""
 
     name = PREPARED
 
-    def compile(self, module: Module, options: Options) -> Interpreted:
+    def compile(self, module: Module, options: Options) -> InterpretedModule:
         """Prepare the module for a target without functions of its own, and make its closures."""
         prepared = prepare(module, options, Target("plain", loop_flags=True))
         verify(prepared.module)
         assert parse(str(prepared.module)) == prepared.module
-        return Interpreted(Interpreter(prepared.module), prepared.loops)
+        return InterpretedModule(Interpreter(prepared.module), prepared.loops)
 
 
-class Tiled(NumpyBackend):
+class TiledNumpy(NumpyBackend):
     """numpy, a few lanes at a time, with lanes that are left over."""
 
     def __init__(self, tile: int) -> None:
@@ -202,9 +202,9 @@ def kernel(program: Program, target: str, only: Collection[int] | None = None, *
     name, _, lanes = target.partition("-")
     match name:
         case "interpreter" | "prepared":
-            own = Reference(only) if name == INTERPRETER else Prepared()
+            own = Reference(only) if name == INTERPRETER else PreparedReference()
             return Kernel(program.recorded, own, Options(**options))
         case "numpy" if lanes:
-            return Kernel(program.recorded, Tiled(int(lanes)), Options(**options))
+            return Kernel(program.recorded, TiledNumpy(int(lanes)), Options(**options))
     chosen: dict[str, Any] = {"lanes": int(lanes) if lanes else "auto", **options}
     return program.compile(name, **chosen)

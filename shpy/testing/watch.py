@@ -54,7 +54,7 @@ class Site:
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class WatchedModule:
     """A module that also outputs the values of its statements; `outputs` has the name and type of each, in order."""
 
     module: Module
@@ -62,13 +62,13 @@ class Watched:
     outputs: tuple[tuple[str, Type], ...]
 
 
-def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), *, wide: bool = False) -> Watched:
+def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), *, wide: bool = False) -> WatchedModule:
     """Watch every statement of the module; those of the sites in `looked` in full. `wide`: f is binary64.
 
     Discards and loops that run out of iterations become plain exits, so that the outputs seen until then are written:
     the module is to be compiled without a limit of its own.
     """
-    plan = _Plan(module, frozenset(looked), wide)
+    plan = _WatchPlan(module, frozenset(looked), wide)
     functions = tuple(f if f.pure else _Watcher(f, plan).run() for f in module.functions)
     outputs = [(name, type) for name, type in plan.slots.items()]
     watched = replace(
@@ -82,7 +82,7 @@ def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), 
     if ending.status:
         outputs.append(("status", vec(Base.I)))
         watched = replace(watched, outputs=(*watched.outputs, Port("status", "Attrib1i")))
-    return Watched(watched, tuple(plan.sites), tuple(outputs))
+    return WatchedModule(watched, tuple(plan.sites), tuple(outputs))
 
 
 def _kind(type: Type) -> str:
@@ -90,7 +90,7 @@ def _kind(type: Type) -> str:
 
 
 @dataclass
-class _Plan:
+class _WatchPlan:
     """The state that all functions share: the sites so far, and the slots that they pass on."""
 
     module: Module
@@ -111,7 +111,7 @@ class _Plan:
 class _Watcher:
     """Copies one function, with what watches it."""
 
-    def __init__(self, function: Function, plan: _Plan) -> None:
+    def __init__(self, function: Function, plan: _WatchPlan) -> None:
         self.function = function
         self.plan = plan
         self.b = Builder(function=function)

@@ -29,7 +29,7 @@ _AHEAD: Final = 2
 """The most frames that are sent and not yet acknowledged."""
 
 
-class Worker:
+class WorkerLoop:
     """The loop of a worker process: it handles messages first, then draws a frame."""
 
     def __init__(self, line: Line, module: Any) -> None:
@@ -147,7 +147,7 @@ def main(descriptor: int, name: str) -> None:
     os.environ.setdefault("SHPY_QUIET", "1")  # the page says what compiles
     line = Line(socket.socket(fileno=descriptor))
     module = importlib.import_module(name)
-    worker = Worker(line, module)
+    worker = WorkerLoop(line, module)
     try:
         module.warm()
     except Exception:

@@ -33,7 +33,7 @@ Key = tuple[Form, tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class Held:
+class PictureParts:
     """The parts of a picture: its streams, and for its last step the streams before, the moment and the form."""
 
     streams: Mapping[str, Any]
@@ -64,7 +64,7 @@ class Ongoing:
         """The Params of the chain."""
         self.params = self.stepping | (self.kernels.program.params if self.kernels else {})
         self._in_form = cache(self._compiled)
-        self._state: Held | None = None
+        self._state: PictureParts | None = None
         self._size: tuple[int, int] | None = None
         self._own: tuple[int, int] | None = None
         """The size of the streams, which `start` may choose itself."""
@@ -133,7 +133,7 @@ class Ongoing:
         state = self._present(moment.size)
         for _ in range(steps):
             written = self._run(moment, form, state.streams)
-            state = Held({**state.streams, **written}, state.streams, moment, form)
+            state = PictureParts({**state.streams, **written}, state.streams, moment, form)
         self._state = state
 
     def _try(self, moment: Moment, form: Form, streams: Mapping[str, Any]) -> None:
@@ -157,10 +157,10 @@ class Ongoing:
 
         return compile_members(self.chain)  # type: ignore[no-any-return]
 
-    def _present(self, size: tuple[int, int]) -> Held:
+    def _present(self, size: tuple[int, int]) -> PictureParts:
         """Return what is shown; restart from the first streams if the size has changed."""
         if self._state is None or size not in (self._size, self._own):
-            self._state, self._size = Held(self._begin(size)), size
+            self._state, self._size = PictureParts(self._begin(size)), size
             self._own = extent(self.chain, self._state.streams, size)
         return self._state
 
@@ -191,11 +191,11 @@ class Ongoing:
         error = self._trials.error((choice, self._own or (0, 0)))
         return error or (self.kernels.refused(choice) if self.kernels else None)
 
-    def state(self) -> Held | None:
+    def state(self) -> PictureParts | None:
         """Return what the present picture was made of."""
         return self._state
 
-    def stepped(self, state: Held, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def stepped(self, state: PictureParts, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the kernel that wrote the element `at` of what is shown, and its steps in the last round.
 
         In a loop they are those of the last round that wrote the element. None before the first step, and for a kernel
@@ -224,7 +224,7 @@ class Ongoing:
         names = self.show_inputs.keys() if self.kernels else {self.shown}
         return next((k for k in reversed(self.chain.kernels) if names & {name for name, _ in k.outputs}), None)
 
-    def drawn(self, state: Held, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
+    def drawn(self, state: PictureParts, moment: Moment, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return `show` and the steps of one pixel in it; None without it."""
         if self.kernels is None:
             return None

@@ -38,7 +38,7 @@ _SHOW: Final = "one step of the view, or a program show, which is traced in any 
 _ALONE: Final = "a program of pixels; or shpy.testing.first_divergence for a step of the chain"
 
 
-class Asked(Protocol):
+class QuestionSession(Protocol):
     """The part of a session's interface that questions use."""
 
     subject: Subject
@@ -49,7 +49,7 @@ class Asked(Protocol):
     searches: Searches
 
 
-def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+def answer(session: QuestionSession, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
     """Return the answer and its bytes. Errors of a run pass through."""
     frame = shown(session, question)
     if frame is None:
@@ -77,7 +77,7 @@ def answer(session: Asked, question: dict[str, Any]) -> tuple[dict[str, Any], An
             return {"problem": f"there is no answer about {question['about']}"}, b""
 
 
-def shown(session: Asked, question: dict[str, Any]) -> Any:
+def shown(session: QuestionSession, question: dict[str, Any]) -> Any:
     """Return the frame that the page shows, by its number; without a number the last one; None if it has gone."""
     number = question.get("number", max(session.sent, default=0))
     return session.sent.get(number)
@@ -103,7 +103,7 @@ def _whole(place: tuple[int, int], frame: Any) -> list[int]:
     return [(2 * place[0] + 1) * height // (2 * there[1]), (2 * place[1] + 1) * width // (2 * there[0])]
 
 
-def picture(session: Asked, frame: Any) -> tuple[dict[str, Any], bytes]:
+def picture(session: QuestionSession, frame: Any) -> tuple[dict[str, Any], bytes]:
     """Return the PNG file of a frame, with no marks; of a coarse frame that of the full picture."""
     output = frame.output
     if frame.moment.size != frame.whole.size:
@@ -120,7 +120,7 @@ def png_of(levels: NDArray[np.uint8]) -> bytes:
     return file
 
 
-def trace(session: Asked, frame: Any, at: list[int]) -> dict[str, Any]:
+def trace(session: QuestionSession, frame: Any, at: list[int]) -> dict[str, Any]:
     """Return the steps of a pixel of a frame, each with its line, name, value and iterations, and the lines' texts.
 
     They are those of the chain's last kernel, and of the program that made the colours. Params have the values that
@@ -182,7 +182,7 @@ def _spoken(step: Step) -> dict[str, Any]:
     }
 
 
-def compare(session: Asked, frame: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
+def compare(session: QuestionSession, frame: Any, other: Form, page: int) -> tuple[dict[str, Any], bytes]:
     """Return the differences between the picture in the wanted form and in another one, and three pictures in a row.
 
     These are both pictures and their difference, which is white where it is largest.

@@ -68,7 +68,7 @@ class View:
         return {**paths, "/": paths["/index.html"]}
 
 
-class _Page:
+class _Connection:
     """A connected page: messages are queued in order, but of frames only the latest is kept."""
 
     _numbers = itertools.count(1)
@@ -170,7 +170,7 @@ class _Site:
             await connection.close(_POLICY)
             return
         await connection.accept()
-        page = _Page()
+        page = _Connection()
         self._hub.join(page)
         delivery = asyncio.create_task(page.deliver(connection.send_bytes))
         try:
@@ -179,7 +179,7 @@ class _Site:
             self._hub.leave(page)
             delivery.cancel()
 
-    async def _listen(self, page: _Page, connection: WebSocket) -> None:
+    async def _listen(self, page: _Connection, connection: WebSocket) -> None:
         from starlette.websockets import WebSocketDisconnect
 
         try:

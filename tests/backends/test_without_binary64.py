@@ -25,7 +25,7 @@ from shpy.run import kernel as kernels
 from shpy.run.kernel import Kernel
 from shpy.testing.certify.findings import Section, Target
 from shpy.testing.certify.functions import function, sweep_checks
-from shpy.testing.certify.sections import Ran, run_section
+from shpy.testing.certify.sections import SectionRun, run_section
 
 REFUSED = sorted(TRANSCENDENTALS)
 
@@ -113,7 +113,7 @@ def test_notes_say_what_a_device_lacks(backend: str, without_binary64: None, mon
 def test_certify_compares_what_there_is_and_names_what_is_refused(backend: str, without_binary64: None) -> None:
     names = ["tan", "tan, portable"]
     checks = [check for check in sweep_checks() if check.name in names]
-    ran = Ran(Section("functions", "", None, checks))
+    ran = SectionRun(Section("functions", "", None, checks))
     run_section(ran, Target(backend), full=True, progress=lambda *_: None)
     refused = ran.findings.pop("tan")
     assert refused.verdict == "refused"

@@ -140,9 +140,9 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     """A list or not, whichever takes less time: with uniform inputs, results of each size, and loops that stop."""
-    from shpy.backend.device.listed import Listed
+    from shpy.backend.device.listed import ListedKernel
 
-    monkeypatch.setattr(Listed, "_pays", lambda *_: pays)
+    monkeypatch.setattr(ListedKernel, "_pays", lambda *_: pays)
     rng = np.random.default_rng(8)
     kernel = halve.compile("opencl", precision=precision, loop_limit=10)
     whole, mask = rng.random((6000, 2)) / 2, rng.random(6000) < 0.1
@@ -164,16 +164,18 @@ def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
 @pytest.mark.parametrize("moving", [0.01, 100])
 def test_a_list_is_made_where_moving_its_elements_takes_less_time_than_it_saves(monkeypatch, moving):
     """The clock says that an element runs for a second; the first list builds kernels, the second one is timed."""
-    from shpy.backend.device.listed import Listed
+    from shpy.backend.device.listed import ListedKernel
 
-    run, lists, times = Listed._run, [], []
+    run, lists, times = ListedKernel._run, [], []
 
     def now(self, live):
         times.append(len(times))
         return [0, moving * live.count, (moving + 1) * live.count, (moving + 1) * live.count][(len(times) - 1) % 4]
 
-    monkeypatch.setattr(Listed, "_now", now)
-    monkeypatch.setattr(Listed, "_run", lambda self, call, live: (lists.append(live.count), run(self, call, live))[1])
+    monkeypatch.setattr(ListedKernel, "_now", now)
+    monkeypatch.setattr(
+        ListedKernel, "_run", lambda self, call, live: (lists.append(live.count), run(self, call, live))[1]
+    )
     x = np.random.default_rng(8).random((6000, 2)) / 2
     kernel = halve.compile("opencl", loop_limit=int(100 + moving))  # one of its own, which knows no times yet
     mask = np.arange(6000) % 300 == 0

@@ -1,4 +1,4 @@
-"""`Known`: between which numbers an int lies."""
+"""`Ranges`: between which numbers an int lies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE
 from shpy.ir.nodes import Let
 from shpy.ir.traverse import walk
-from shpy.passes.known import Known
+from shpy.passes.known import Ranges
 from shpy.passes.pipeline import optimise
 
 ROWS = sh.Table(np.arange(40, dtype=np.float32), sh.Attrib1f, "rows")
@@ -20,7 +20,7 @@ def index_of(function):
     """Return the range of the index of the only read of ROWS."""
     entry = optimise(sh.program(function).ir).entry
     (read,) = [s for s in walk(entry.body) if isinstance(s, Let) and s.op == "table"]
-    return Known(entry).span(read.args[0])
+    return Ranges(entry).span(read.args[0])
 
 
 def test_what_is_computed_of_bounded_ints_is_bounded():
@@ -86,7 +86,7 @@ def test_a_sum_or_product_wraps_only_beyond_the_range_of_its_type(product, most,
 
     entry = optimise(sh.program(f).ir).entry
     (made,) = [s for s in walk(entry.body) if isinstance(s, Let) and s.op in ("add", "mul")]
-    assert Known(entry).may_wrap(made) == wraps
+    assert Ranges(entry).may_wrap(made) == wraps
 
 
 def test_an_array_holds_what_is_stored_anywhere_in_it():

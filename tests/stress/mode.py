@@ -114,7 +114,9 @@ class Stress:
         stack.enter_context(patch.object(glsl_runtime, "BAND", self.random.choice((1, 100, 1 << 11, 1 << 22))))
         stack.enter_context(patch.object(glsl_memory, "_AHEAD", self.random.choice((1, 2, 64))))
         stack.enter_context(patch.object(opencl_memory, "_AHEAD", self.random.choice((1, 2, 256))))
-        stack.enter_context(patch.object(listed.Listed, "_pays", lambda _, live, count: not live or self.chance()))
+        stack.enter_context(
+            patch.object(listed.ListedKernel, "_pays", lambda _, live, count: not live or self.chance())
+        )
         is_small = opencl_runtime.is_small
         staged = lambda call: is_small(call) and self.chance(0.8)  # noqa: E731
         stack.enter_context(patch.object(opencl_runtime, "is_small", staged))

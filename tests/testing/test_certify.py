@@ -20,7 +20,7 @@ from shpy.testing.certify.findings import Check, Finding, Section, Target
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
 from shpy.testing.certify.report import grouped, left_line, section_line, verdict, verdict_lines
-from shpy.testing.certify.sections import Ran, run_section
+from shpy.testing.certify.sections import SectionRun, run_section
 from shpy.testing.conformance.catalogue import all_cases
 
 ROOT = Path(__file__).parents[2]
@@ -135,7 +135,7 @@ def test_a_driver_that_fails_is_reported_and_the_rest_is_run() -> None:
         raise OSError("the driver is gone")
 
     section = Section("functions", "sweeps", None, [Check("a", fail), Check("b", lambda target: Finding("same"))])
-    ran = Ran(section)
+    ran = SectionRun(section)
     run_section(ran, Target("numpy"), full=False, progress=lambda *_: None)
     assert ran.findings["a"] == Finding("failed", "OSError: the driver is gone")
     assert not ran.findings["b"].wrong
@@ -145,12 +145,12 @@ def test_a_driver_that_fails_is_reported_and_the_rest_is_run() -> None:
 def test_checks_that_were_not_reached_are_counted_with_the_command_that_runs_them() -> None:
     checks = [Check(name, lambda target: Finding("same")) for name in "abc"]
     target = Target("opencl", lanes=8)
-    whole = Ran(Section("functions", "sweeps", -1, checks))
+    whole = SectionRun(Section("functions", "sweeps", -1, checks))
     run_section(whole, target, full=True, progress=lambda *_: None)
     assert "3 same (" in section_line(whole)
     assert left_line(whole, target) == []
     assert verdict_lines([whole]) == ["  -> same bits"]
-    cut = Ran(whole.section, {"a": Finding("denormals")}, 60, cut=True)
+    cut = SectionRun(whole.section, {"a": Finding("denormals")}, 60, cut=True)
     assert "1 same but for denormals, 2 not run (60 s)" in section_line(cut)
     command = "shpy certify --backend opencl --lanes 8 --section functions --full -o functions.json"
     assert left_line(cut, target) == [f"    to run all, in about 3 minutes: {command}"]
@@ -160,7 +160,7 @@ def test_checks_that_were_not_reached_are_counted_with_the_command_that_runs_the
 
 
 def test_a_section_without_time_begins_nothing() -> None:
-    ran = Ran(Section("functions", "sweeps", -1, [Check("a", lambda target: Finding("same"))]))
+    ran = SectionRun(Section("functions", "sweeps", -1, [Check("a", lambda target: Finding("same"))]))
     run_section(ran, Target("numpy"), full=False, progress=lambda *_: None)
     assert ran.cut
     assert ran.left == 1

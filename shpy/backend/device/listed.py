@@ -56,7 +56,7 @@ def run_some(call: Call, elements: Array, status: Array, run: Callable[[Call], A
 
 
 @dataclass(slots=True)
-class Listed:
+class ListedKernel:
     """A kernel whose last input is the condition under which an element runs: see `base.Executable`.
 
     `guarded` discards the other elements. `plain` is the same kernel without the condition; it cannot use grid_index.

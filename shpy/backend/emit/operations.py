@@ -19,7 +19,7 @@ from shpy.backend.emit.tree import BOOL, INT, Construct, Expr, Index, Literal
 from shpy.ir.constants import decode, encode
 from shpy.ir.nodes import Let, Value, Variable
 from shpy.ir.types import Type
-from shpy.passes.known import Known
+from shpy.passes.known import Ranges
 
 INFIX: Final[Mapping[str, str]] = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shl": "<<", "shr": ">>",
@@ -39,7 +39,7 @@ class Operations:
     """The expression of each variable that has been declared."""
     types: dict[int, Type]
     variables: dict[int, Variable]
-    ranges: Known
+    ranges: Ranges
 
     # What a target gives
 

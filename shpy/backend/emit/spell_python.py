@@ -48,7 +48,7 @@ from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
 
 
-class Level(IntEnum):
+class Strength(IntEnum):
     """The precedence of an operator of Python: the higher, the tighter it binds (Language Reference 6.17)."""
 
     TUPLE = 0
@@ -66,14 +66,14 @@ class Level(IntEnum):
 
 
 _LEVELS: Final = {
-    **dict.fromkeys(("==", "!=", "<", "<=", ">", ">="), Level.COMPARE),
-    "|": Level.BIT_OR, "^": Level.BIT_XOR, "&": Level.BIT_AND, "<<": Level.SHIFT, ">>": Level.SHIFT,
-    "+": Level.ADD, "-": Level.ADD, "*": Level.MUL, "/": Level.MUL, "//": Level.MUL, "%": Level.MUL,
+    **dict.fromkeys(("==", "!=", "<", "<=", ">", ">="), Strength.COMPARE),
+    "|": Strength.BIT_OR, "^": Strength.BIT_XOR, "&": Strength.BIT_AND, "<<": Strength.SHIFT, ">>": Strength.SHIFT,
+    "+": Strength.ADD, "-": Strength.ADD, "*": Strength.MUL, "/": Strength.MUL, "//": Strength.MUL, "%": Strength.MUL,
 }  # fmt: skip
-_OBSCURE: Final = frozenset({Level.BIT_OR, Level.BIT_XOR, Level.BIT_AND, Level.SHIFT})
+_OBSCURE: Final = frozenset({Strength.BIT_OR, Strength.BIT_XOR, Strength.BIT_AND, Strength.SHIFT})
 """Few readers know how these bind beside + and *."""
-_BRACKETED: Final = frozenset({Level.ADD, Level.MUL, *_OBSCURE})
-Spelled = tuple[str, Level]
+_BRACKETED: Final = frozenset({Strength.ADD, Strength.MUL, *_OBSCURE})
+Spelled = tuple[str, Strength]
 
 
 class PythonSpeller:
@@ -97,9 +97,9 @@ class PythonSpeller:
 
     def listed(self, args: Iterable[Expr]) -> str:
         """Spell arguments; one that is a tuple stands in brackets."""
-        return ", ".join([self.at(a, Level.TERNARY) if isinstance(a, Tuple) else self.text(a) for a in args])
+        return ", ".join([self.at(a, Strength.TERNARY) if isinstance(a, Tuple) else self.text(a) for a in args])
 
-    def at(self, e: Expr, level: Level) -> str:
+    def at(self, e: Expr, level: Strength) -> str:
         """Spell an expression, in brackets unless it binds at least as tightly as `level`."""
         text, own = self.spelled(e)
         return text if own >= level else f"({text})"
@@ -108,7 +108,7 @@ class PythonSpeller:
         """Spell a uniform bool after `if` or `while`."""
         match e:
             case Operator(_, "!", (a,)):
-                return f"not {self.at(a, Level.COMPARE)}", Level.NOT
+                return f"not {self.at(a, Strength.COMPARE)}", Strength.NOT
         return self.spelled(e)
 
     def spelled(self, e: Expr) -> Spelled:
@@ -116,48 +116,50 @@ class PythonSpeller:
         match e:
             case Name():
                 self.called.add(e.text)
-                return e.text, Level.POSTFIX
+                return e.text, Strength.POSTFIX
             case Literal():
                 text = number(e.type, e.value)
-                return text, Level.UNARY if _is_negative(e) else Level.POSTFIX
+                return text, Strength.UNARY if _is_negative(e) else Strength.POSTFIX
             case Operator():
                 return self._operator(e)
             case Method():
-                return f"{self.at(e.of, Level.POSTFIX)}.{e.name}({self.listed(e.args)})", Level.POSTFIX
+                return f"{self.at(e.of, Strength.POSTFIX)}.{e.name}({self.listed(e.args)})", Strength.POSTFIX
             case Call():
                 self.called.add(e.function)
-                return f"{e.function}({self.listed(e.args)})", Level.POSTFIX
+                return f"{e.function}({self.listed(e.args)})", Strength.POSTFIX
             case Member():
-                return f"{self.at(e.of, Level.POSTFIX)}.{e.field}", Level.POSTFIX
+                return f"{self.at(e.of, Strength.POSTFIX)}.{e.field}", Strength.POSTFIX
             case Construct():
-                return self._construct(e), Level.POSTFIX
+                return self._construct(e), Strength.POSTFIX
             case Index():
-                return f"{self.at(e.of, Level.POSTFIX)}[{self.text(e.at)}]", Level.POSTFIX
+                return f"{self.at(e.of, Strength.POSTFIX)}[{self.text(e.at)}]", Strength.POSTFIX
             case Slice():
-                return f"{'' if e.start is None else e.start}:{e.stop}", Level.TUPLE
+                return f"{'' if e.start is None else e.start}:{e.stop}", Strength.TUPLE
             case Listed():
-                return f"[{self.listed(e.args)}]", Level.POSTFIX
+                return f"[{self.listed(e.args)}]", Strength.POSTFIX
             case Named():
-                return f"{e.name}={self.text(e.value)}", Level.TUPLE
+                return f"{e.name}={self.text(e.value)}", Strength.TUPLE
             case Tuple():
-                return self.listed(e.args), Level.TUPLE
+                return self.listed(e.args), Strength.TUPLE
         raise TypeError(type(e).__name__)
 
     def _operator(self, e: Operator) -> Spelled:
         match e.args:
             case (a,):
                 symbol = "~" if e.symbol == "!" else e.symbol
-                return f"{symbol}{self.at(a, Level.POSTFIX if _begins_with(a, symbol) else Level.UNARY)}", Level.UNARY
+                at_least = Strength.POSTFIX if _begins_with(a, symbol) else Strength.UNARY
+                return f"{symbol}{self.at(a, at_least)}", Strength.UNARY
             case (a, b):
                 level = _LEVELS[e.symbol]
-                left = Level(level + 1) if level is Level.COMPARE else level
-                return f"{self._operand(a, left, level)} {e.symbol} {self._operand(b, Level(level + 1), level)}", level
+                left = Strength(level + 1) if level is Strength.COMPARE else level
+                right = Strength(level + 1)
+                return f"{self._operand(a, left, level)} {e.symbol} {self._operand(b, right, level)}", level
         test, yes, no = e.args
         text, level = self.condition(test)
-        between = text if level >= Level.NOT else f"({text})"
-        return f"{self.at(yes, Level.NOT)} if {between} else {self.at(no, Level.NOT)}", Level.TERNARY
+        between = text if level >= Strength.NOT else f"({text})"
+        return f"{self.at(yes, Strength.NOT)} if {between} else {self.at(no, Strength.NOT)}", Strength.TERNARY
 
-    def _operand(self, e: Expr, at_least: Level, operator: Level) -> str:
+    def _operand(self, e: Expr, at_least: Strength, operator: Strength) -> str:
         text, level = self.spelled(e)
         obscure = operator in _OBSCURE and level in _BRACKETED and level is not operator
         return f"({text})" if obscure or level < at_least else text

@@ -46,7 +46,7 @@ from shpy.ir.nodes import (
 )
 from shpy.ir.traverse import changed_variables, continues, defined, uses, variables_of, walk
 from shpy.ir.types import Type
-from shpy.passes.known import Known
+from shpy.passes.known import Ranges
 
 MAX_DEPTH: Final = 32
 """Expressions nest no deeper: compilers give up at 256 brackets, readers before."""
@@ -71,7 +71,7 @@ class Body(Operations):
         self.values = {v.id: v for v in defined(function)}
         self.types = {v.id: v.type for v in self.values.values()}
         self.variables = {v.id: v for v in variables_of(function)}
-        self.ranges = Known(function)
+        self.ranges = Ranges(function)
         self.survey = Survey(function, unit.callees)
         self.waiting = Waiting(self.survey.uses)
         self.exprs = {}

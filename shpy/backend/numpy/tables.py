@@ -96,13 +96,13 @@ def places_of(shape: tuple[int, ...], tile: int, *, grid: bool) -> tuple[Place, 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Listed(Place):
+class ElementList(Place):
     """Elements anywhere in a grid, by their numbers in C order."""
 
     elements: Array = field(kw_only=True)
 
     @classmethod
-    def of(cls, elements: Array, shape: tuple[int, ...]) -> Listed:
+    def of(cls, elements: Array, shape: tuple[int, ...]) -> ElementList:
         """Return these elements as a tile."""
         return cls(0, len(elements), shape, elements=elements)
 
@@ -114,7 +114,7 @@ class Listed(Place):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Block:
+class _Rectangle:
     """A rectangle of a table, part of it beyond the border: the parts to copy, each with its place in the array."""
 
     shape: tuple[int, ...]
@@ -143,9 +143,9 @@ class TableView:
         self._columns = self._rows[..., None] if self._vectors else self._rows
         self._plane = self._rows.reshape(-1, extents[-1], *self._rows.shape[1:])
         self._beyond = 0, 0
-        self._blocks: dict[tuple[Any, ...], _Block] = {}
-        self._reads: dict[tuple[Any, ...], tuple[_Block | None, Any]] = {}
-        self._wide: tuple[_Block | None, Array] = None, self._plane
+        self._blocks: dict[tuple[Any, ...], _Rectangle] = {}
+        self._reads: dict[tuple[Any, ...], tuple[_Rectangle | None, Any]] = {}
+        self._wide: tuple[_Rectangle | None, Array] = None, self._plane
         self.size: Array = np.array(extents, np.int32).reshape(() if rank == 1 else (rank, 1))[()]
         """Its shape, as a uniform."""
 
@@ -219,14 +219,14 @@ class TableView:
         moved = place.moved(*by[-rank:])
         return self.gather(moved if moduli is None else _modulo(moved, moduli[-rank:]))
 
-    def _read(self, place: Place, distances: tuple[int, ...]) -> tuple[_Block | None, Any] | None:
+    def _read(self, place: Place, distances: tuple[int, ...]) -> tuple[_Rectangle | None, Any] | None:
         """Return a view of the table, or a block and what of it is read; None where there is no such thing.
 
         A block has a margin that serves for other reads too.
         """
         (down, across), moduli = self._split(distances)
-        read: tuple[_Block | None, Any]
-        if isinstance(place, Listed) or not _is_near((down, across)):
+        read: tuple[_Rectangle | None, Any]
+        if isinstance(place, ElementList) or not _is_near((down, across)):
             return None
         lines, columns = _widened(place.lines, -down, down), _widened(place.columns, -across, across)
         height, width = self._plane.shape[:2]
@@ -260,7 +260,7 @@ class TableView:
             self._reads.clear()
         return lines, columns
 
-    def _copied(self, block: _Block) -> Array:
+    def _copied(self, block: _Rectangle) -> Array:
         """Return the array of a block; the array of the block that was asked for last is kept."""
         last, wide = self._wide
         if last is not block:
@@ -268,7 +268,7 @@ class TableView:
             self._wide = block, wide
         return wide
 
-    def _block(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> _Block | None:
+    def _block(self, lines: Range, columns: Range, moduli: tuple[int, int] | None) -> _Rectangle | None:
         """Return these lines and columns; those that lie outside as the nearest, or modulo as much as there is.
 
         None if they lie in many pieces.
@@ -281,7 +281,7 @@ class TableView:
             if len(rows) * len(places) > _MANY_PIECES:
                 return None
             copies = tuple(((into, beside), self._plane[row, place]) for into, row in rows for beside, place in places)
-            block = _Block((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
+            block = _Rectangle((lines[1] - lines[0], columns[1] - columns[0], *self._plane.shape[2:]), copies)
             if len(self._blocks) >= _KEPT_READS:
                 self._blocks.clear()
             self._blocks[lines, columns, moduli] = block

@@ -18,7 +18,7 @@ from shpy.lang.mistakes import frames
 from shpy.lang.mistakes.statements import alone
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import for_name
-from shpy.lang.recording.recorder import Frame, Scope, need_frame
+from shpy.lang.recording.recorder import Frame, OpenRegion, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import Literal
 
@@ -62,7 +62,7 @@ class Block(metaclass=_Construct):
     def __init__(self) -> None:
         self.frame = need_frame(self.what)
         self.loc = here()
-        self.scope: Scope | None = None
+        self.scope: OpenRegion | None = None
         self.entries: list[frames.Entry] = []
         self.test: Callable[[], Any] | None = None
 
@@ -77,7 +77,7 @@ class Block(metaclass=_Construct):
             raise RecordError(f"this {self.what} belongs to another function", loc=self.loc, cure="make it here")
         if self.scope is not None:
             raise RecordError(f"this {self.what} was opened before", loc=here(), cure="a new one for each block")
-        self.scope = Scope(self.what, self.loc, frame.scope, loop=self.loop)
+        self.scope = OpenRegion(self.what, self.loc, frame.scope, loop=self.loop)
         frame.waiting.remove(self)
         frame.scopes.append(self.scope)
         frame.blocks.append(self)
@@ -162,7 +162,7 @@ class LoopBlock(Block):
 
     def at_test(self, record: Callable[[], int]) -> None:
         """Record the loop's continuing part with `record`, which gives the value of `until` or -1."""
-        scope = Scope(self.what, self.loc, self.frame.scope)
+        scope = OpenRegion(self.what, self.loc, self.frame.scope)
         self.frame.scopes.append(scope)
         value = record()
         self.frame.scopes.pop()

@@ -12,7 +12,7 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import EXITS, Break, If, Let, Loc, Loop, Region, Return
 from shpy.ir.traverse import has_exit, walk
 from shpy.lang.recording.location import called_frames, here, loc_in
-from shpy.lang.recording.recorder import Frame, Scope
+from shpy.lang.recording.recorder import Frame, OpenRegion
 from shpy.lang.values import arithmetic
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, annotation_of, flatten, layout_from, leaves
 from shpy.lang.values.value import Value
@@ -77,7 +77,7 @@ class Returns:
             self.store(value)
             self.frame.append(exit)
             return
-        scope = Scope("SH_RETURN", exit.loc, self.frame.scope)
+        scope = OpenRegion("SH_RETURN", exit.loc, self.frame.scope)
         self.frame.scopes.append(scope)
         self.store(value)
         self.frame.append(exit)

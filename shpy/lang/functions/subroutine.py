@@ -123,7 +123,7 @@ class Subroutine:
         """Return whether an argument is a copy of another type, not the variable of the value that was given."""
         return isinstance(argument, Value) and isinstance(value, Value) and value.type is not argument.type
 
-    def _record(self, recording: Recording, arguments: dict[str, Any]) -> Recorded:
+    def _record(self, recording: Recording, arguments: dict[str, Any]) -> RecordedSubroutine:
         frame = Frame(recording, recording.function_name(self.name), self._loc)
         hints = self._hints or {}
         hint = hints.get("return")
@@ -140,8 +140,8 @@ class Subroutine:
         finally:
             recording.frames.pop()
             recording.underway.pop()
-        recorded = Recorded(frame, inside, alone=self.alone)
-        original: Recorded = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
+        recorded = RecordedSubroutine(frame, inside, alone=self.alone)
+        original: RecordedSubroutine = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
         if original is recorded:
             recording.functions.append(recorded.function)
         else:
@@ -194,7 +194,7 @@ def _of_kind(cls: type[Value], value: Value) -> Value:
     return other
 
 
-class Recorded:
+class RecordedSubroutine:
     """A subroutine recorded for one program: its function, and how each argument is passed."""
 
     def __init__(self, frame: Frame, inside: dict[str, Any], *, alone: bool = False) -> None:

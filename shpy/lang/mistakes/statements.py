@@ -54,7 +54,7 @@ class Binding:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class BlockStatement:
     """A `with` that opens a block: its construct, as `SH_IF`, and as the user wrote it."""
 
     node: ast.With
@@ -96,16 +96,16 @@ class Definition:
         return [binding for node in self.nodes for binding in _bindings(node)]
 
     @functools.cached_property
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[BlockStatement]:
         """The blocks of the language, in the order of the text."""
-        blocks: list[Block] = []
+        blocks: list[BlockStatement] = []
         for node in self.statements:
             for item in node.items if isinstance(node, ast.With) else ():
                 call = item.context_expr
                 what = control_of(call.func, self.frame) if isinstance(call, ast.Call) else None
                 if isinstance(node, ast.With) and isinstance(call, ast.Call) and what in _OPENERS:
                     written = f"{quoted(self.text, call.func)}({'…' if call.args or call.keywords else ''})"
-                    blocks.append(Block(node, what or "", written))
+                    blocks.append(BlockStatement(node, what or "", written))
         return blocks
 
     def before(self, place: Place, node: ast.AST) -> list[Binding]:
@@ -113,7 +113,7 @@ class Definition:
         stands = [b for b in self.bindings if position_of(b.target) < position_of(node) and binds(b.target, place)]
         return [b for b in stands if all(is_inside(node, k.node) for k in self.blocks if is_inside(b.target, k.node))]
 
-    def leaves(self, node: ast.stmt, word: str, cure: str, block: Block) -> RecordError:
+    def leaves(self, node: ast.stmt, word: str, cure: str, block: BlockStatement) -> RecordError:
         """Return the error for a jump of Python's out of a block."""
         return findings.leaves(findings.at(self.text, node), word, block.written, cure)
 
@@ -352,7 +352,7 @@ def _declaration(
     new: Any,
     definition: Definition | None = None,
     binding: Binding | None = None,
-    block: Block | None = None,
+    block: BlockStatement | None = None,
 ) -> str:
     """Return the store that the user meant, with a declaration before the block if the place held no value."""
     if isinstance(old, _DISPLAYS) or (isinstance(new, _DISPLAYS) and not isinstance(old, Symbolic)):

@@ -21,7 +21,7 @@ from shpy.lang.data.hostdata import checked_bool
 from shpy.lang.functions.blocks import Block, Counted, LoopBlock, leave, negated
 from shpy.lang.library import trip_count
 from shpy.lang.recording.location import here
-from shpy.lang.recording.recorder import Frame, Scope, need_frame
+from shpy.lang.recording.recorder import Frame, OpenRegion, need_frame
 from shpy.lang.values import arithmetic
 from shpy.lang.values.value import Value
 
@@ -44,7 +44,7 @@ class Branch:
 class Chain:
     """SH_IF with the SH_ELIFs and the SH_ELSE that follow it: rebuilt into one If whenever a link is added."""
 
-    def __init__(self, frame: Frame, scope: Scope, position: int) -> None:
+    def __init__(self, frame: Frame, scope: OpenRegion, position: int) -> None:
         self.frame = frame
         self.scope = scope
         self.starts = [position]

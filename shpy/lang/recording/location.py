@@ -45,7 +45,7 @@ _ENGINES = ("dask", "distributed")
 _skipped: dict[str, bool] = {}
 
 
-class _Recording(threading.local):
+class _RecordingState(threading.local):
     """State of this thread's recording alone: other threads record meanwhile."""
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class _Recording(threading.local):
         self.elsewhere: list[Loc | None] = []
 
 
-_thread = _Recording()
+_thread = _RecordingState()
 
 
 @contextmanager

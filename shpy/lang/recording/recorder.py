@@ -45,12 +45,12 @@ _GIVEN: Final = " given"
 """Follows a given name while a param or table without one holds that name."""
 
 
-class Scope:
+class OpenRegion:
     """A region that is open or was: what `SH_IF` and the like push. `what` and `loc` are for messages."""
 
     __slots__ = ("chain", "closed", "depth", "loc", "loops", "sealed", "statements", "what")
 
-    def __init__(self, what: str, loc: Loc | None, parent: Scope | None, *, loop: bool = False) -> None:
+    def __init__(self, what: str, loc: Loc | None, parent: OpenRegion | None, *, loop: bool = False) -> None:
         self.what = what
         self.loc = loc
         self.statements: list[Stmt] = []
@@ -80,11 +80,11 @@ class Frame:
         self.recording = recording
         self.name = name
         self.loc = loc
-        self.scopes = [Scope(name, loc, None)]
+        self.scopes = [OpenRegion(name, loc, None)]
         self.variables: list[Variable] = []
         self.names: dict[int, str | None] = {}
         self.spelled: dict[int, str] = {}
-        self.homes: dict[int, Scope] = {}
+        self.homes: dict[int, OpenRegion] = {}
         self.blocks: list[Any] = []
         self.returned: Any = None
         self.unset: set[int] = set()
@@ -95,7 +95,7 @@ class Frame:
         self._named_at: dict[tuple[str, int, str], int] = {}
 
     @property
-    def scope(self) -> Scope:
+    def scope(self) -> OpenRegion:
         """The region that is open."""
         return self.scopes[-1]
 

@@ -28,7 +28,7 @@ from shpy.testing.certify.report import (
     verdict,
     verdict_lines,
 )
-from shpy.testing.certify.sections import INPUTS, SECTIONS, Ran, run_section, sections
+from shpy.testing.certify.sections import INPUTS, SECTIONS, SectionRun, run_section, sections
 
 _ABOUT = """\
 Programs in strict mode, the default, give the same bits on every device. This runs programs whose results are known
@@ -52,7 +52,7 @@ def certify(options: argparse.Namespace) -> int:
     checks = sections(names, options.full)
     print(_ABOUT)
     print(_expected(len(devices), checks, options.full), flush=True)
-    results = {target: [Ran(section) for section in checks] for target in devices}
+    results = {target: [SectionRun(section) for section in checks] for target in devices}
 
     def keep() -> None:
         write_json(options.output, certificate(results, options.full))
@@ -111,7 +111,7 @@ def chosen_sections(words: str | None, full: bool) -> list[str]:
     return names
 
 
-def _run(target: Target, rans: Sequence[Ran], full: bool, keep: Callable[[], None]) -> None:
+def _run(target: Target, rans: Sequence[SectionRun], full: bool, keep: Callable[[], None]) -> None:
     """Run the sections and print what each finds, also where Ctrl-C ends it; `keep` writes the file meanwhile."""
     print("\n" + "\n".join(device_lines(target)), flush=True)
     for ran in rans:
@@ -164,7 +164,7 @@ class _Progress:
             print(f"\r{'':{self.width}}\r", end="", file=sys.stderr, flush=True)
 
 
-def _conclude(results: dict[Target, list[Ran]], path: Path) -> int:
+def _conclude(results: dict[Target, list[SectionRun]], path: Path) -> int:
     print(f"\n{path} holds every result.")
     wrong = [target.backend for target, rans in results.items() if verdict(rans) == "differs"]
     if wrong:

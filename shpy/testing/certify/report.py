@@ -21,7 +21,7 @@ from shpy.backend.registry import backend
 from shpy.packages import DISTRIBUTION, installed
 from shpy.testing.certify.findings import SHOWN, Finding, Target
 from shpy.testing.certify.golden import FILE
-from shpy.testing.certify.sections import Ran
+from shpy.testing.certify.sections import SectionRun
 
 FORMAT = 1
 """The version of the JSON's layout."""
@@ -49,7 +49,7 @@ def device_lines(target: Target) -> list[str]:
     return lines + [f"  {line}" for line in (device.version, *device.notes) if line]
 
 
-def section_line(ran: Ran) -> str:
+def section_line(ran: SectionRun) -> str:
     """Return the findings of a section, in a line."""
     counted = [f"{n} {spoken}" for verdict, spoken in _SPOKEN.items() if (n := ran.count(verdict))]
     counted += [f"{ran.left} not run"] if ran.left else []
@@ -67,7 +67,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"
 
 
-def left_line(ran: Ran, target: Target) -> list[str]:
+def left_line(ran: SectionRun, target: Target) -> list[str]:
     """Return the command that runs the checks for which a section had no time."""
     if not (ran.cut and ran.findings):
         return []
@@ -78,7 +78,7 @@ def left_line(ran: Ran, target: Target) -> list[str]:
     return [f"    to run all, in about {every}: {' '.join(words)}"]
 
 
-def difference_lines(ran: Ran) -> list[str]:
+def difference_lines(ran: SectionRun) -> list[str]:
     """Return the first checks that differ with their inputs, and why others were refused or not made."""
     lines = []
     for number, (name, finding) in enumerate(ran.wrong.items()):
@@ -105,7 +105,7 @@ def grouped(reasons: Sequence[str]) -> list[str]:
     return [f"{', '.join(words[rest])} {rest}" for rest in (reason.partition(" ")[2] for reason in reasons)]
 
 
-def verdict(rans: Sequence[Ran]) -> str:
+def verdict(rans: Sequence[SectionRun]) -> str:
     """Return the verdict on one device: "same bits", "same bits but for denormals", "differs", or "not run"."""
     if not any(ran.findings for ran in rans):
         return "not run"
@@ -114,7 +114,7 @@ def verdict(rans: Sequence[Ran]) -> str:
     return "same bits but for denormals" if any(ran.count("denormals") for ran in rans) else "same bits"
 
 
-def verdict_lines(rans: Sequence[Ran]) -> list[str]:
+def verdict_lines(rans: Sequence[SectionRun]) -> list[str]:
     """Return the verdict, how many checks it stands for, and what its words mean."""
     text, left = verdict(rans), sum(ran.left for ran in rans)
     meaning = ["     Denormals are numbers nearer to 0 than 1.18e-38. This device takes them for 0."]
@@ -125,7 +125,7 @@ def verdict_lines(rans: Sequence[Ran]) -> list[str]:
     return [f"  -> {text}", *explained]
 
 
-def certificate(results: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str, Any]:
+def certificate(results: Mapping[Target, Sequence[SectionRun]], full: bool) -> dict[str, Any]:
     """Return the record: the machine, each device, and every finding."""
     return {
         "format": FORMAT,
@@ -146,7 +146,7 @@ def certificate(results: Mapping[Target, Sequence[Ran]], full: bool) -> dict[str
     }
 
 
-def _target(target: Target, rans: Sequence[Ran]) -> dict[str, Any]:
+def _target(target: Target, rans: Sequence[SectionRun]) -> dict[str, Any]:
     device = device_of(target)
     return {
         "backend": target.backend,

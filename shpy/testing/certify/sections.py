@@ -34,7 +34,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass
-class Ran:
+class SectionRun:
     """The findings of a section on a target so far, by the names of its checks, in `seconds`.
 
     `cut`: its time ended before its checks did.
@@ -95,7 +95,7 @@ def _conform(case: Case, target: Target) -> Finding:
     return Finding("differs", wrong) if wrong else Finding("same")
 
 
-def run_section(ran: Ran, target: Target, *, full: bool, progress: Progress) -> None:
+def run_section(ran: SectionRun, target: Target, *, full: bool, progress: Progress) -> None:
     """Run the checks of a section, for its seconds or all of them, and keep in `ran` what each finds."""
     checks, limit = ran.section.checks, None if full else ran.section.seconds
     started = time.monotonic()

@@ -24,8 +24,8 @@ from shpy.backend.device.recent import Recent
 from shpy.backend.glsl.device.context import VERTEX, Context, check
 from shpy.backend.glsl.device.textures import (
     FORMATS,
+    Framebuffer,
     Store,
-    Target,
     as_texels,
     read,
     shown_texture,
@@ -101,7 +101,7 @@ class GlslMemory:
     """A texture with `count` elements in rows of `width`: see `base.Memory`."""
 
     space: GlslSpace
-    target: Target
+    target: Framebuffer
     width: int
     count: int
     type: Type
@@ -248,7 +248,7 @@ class GlslSpace:
         if native.dtype != expected or native.components != type.size or type.size == 3:
             raise ShpyTypeError(f"a stream of {type!r} takes a texture of {type.size} components {expected!r}")
         width, height = native.size
-        target = self.call(lambda: Target(context.gl.framebuffer([native]), (native,)))
+        target = self.call(lambda: Framebuffer(context.gl.framebuffer([native]), (native,)))
         return GlslMemory(self, target, width, width * height, type, dtype)
 
     def view(self, memory: GlslMemory, type: Type, count: int) -> None:

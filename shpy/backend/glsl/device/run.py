@@ -22,7 +22,7 @@ from shpy.backend.device.pool import Kind
 from shpy.backend.glsl.device.collective import collectives
 from shpy.backend.glsl.device.context import Context, check
 from shpy.backend.glsl.device.memory import GlslMemory, GlslSpace, own
-from shpy.backend.glsl.device.textures import FORMATS, Store, Target, read
+from shpy.backend.glsl.device.textures import FORMATS, Framebuffer, Store, read
 from shpy.backend.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
@@ -125,7 +125,7 @@ class Runtime:
 
     def _draw(
         self, program: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
-    ) -> Target:
+    ) -> Framebuffer:
         shader, gl = program.shader, self.context.gl
         count = part.stop - part.start
         kind, target = self.store.target(shader.outputs, width, -(-count // width))
@@ -284,7 +284,7 @@ def _set(program: Any, name: str, value: Any) -> None:
 
 
 def _collect(
-    target: Target,
+    target: Framebuffer,
     types: tuple[Type, ...],
     group: tuple[int, ...],
     call: Call,

@@ -33,7 +33,7 @@ FORMATS: Final = {"f": "f4", "h": "f4", "i": "i4", "u": "u4", "b": "u1"}
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class Framebuffer:
     """A framebuffer with one texture an output."""
 
     framebuffer: Any
@@ -142,14 +142,14 @@ class Store:
         check(self.context.gl, "send an input")
         return kind, texture
 
-    def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Target]:
+    def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Framebuffer]:
         """Take a framebuffer of at least `width` x `height` with an output of each type."""
         # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
         formats = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
         cells = sum(components * int(dtype[1]) for components, dtype in formats)
         return self._take(width, height, cells, self._new_target, formats)
 
-    def _new_target(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Target:
+    def _new_target(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Framebuffer:
         """Return a new framebuffer of this size with a texture for each of (components, format)."""
         gl = self.context.gl
         textures = []
@@ -158,7 +158,7 @@ class Store:
             check(gl, f"make an output of {size[0]} x {size[1]}")
         framebuffer = gl.framebuffer(textures)
         check(gl, f"make a framebuffer of {len(formats)} outputs")
-        return Target(framebuffer, tuple(textures))
+        return Framebuffer(framebuffer, tuple(textures))
 
 
 def write(texture: Any, texels: Array, width: int, row: int = 0) -> None:
@@ -185,7 +185,7 @@ def _padded(array: Array, size: int) -> Array:
     return np.pad(texels, ((0, 0), (0, 1))) if size == 3 else texels
 
 
-def read(target: Target, attachment: int, type: Type, out: Array, width: int, row: int = 0) -> None:
+def read(target: Framebuffer, attachment: int, type: Type, out: Array, width: int, row: int = 0) -> None:
     """Fill `out`, (count, size) contiguous texels, with the elements of an output from a row on, bools as bytes."""
     rows, rest = divmod(len(out), width)
     for first, height, across in ((0, rows, width), (rows, min(rest, 1), rest)):

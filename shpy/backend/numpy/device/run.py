@@ -22,9 +22,9 @@ from shpy.backend.device.listed import few, is_worth_a_list, run_some
 from shpy.backend.dump import dump
 from shpy.backend.numpy.device.collective import COLLECTIVES
 from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
-from shpy.backend.numpy.tables import Listed, Place, TableView, places_of
+from shpy.backend.numpy.tables import ElementList, Place, TableView, places_of
 from shpy.backend.numpy.text.apart import Layout, lay_out
-from shpy.backend.numpy.text.module import Printed, print_python
+from shpy.backend.numpy.text.module import PrintedModule, print_python
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir import exact
 from shpy.ir.constants import DTYPES
@@ -43,7 +43,7 @@ SPACE: Final = NumpySpace(COLLECTIVES)
 TILE: Final = 32_768
 """Lanes that run together."""
 LARGE_TILE: Final = 65_536
-"""Lanes that run together where that is better, see `Printed.large`."""
+"""Lanes that run together where that is better, see `PrintedModule.large`."""
 _MOST_PRIVATE: Final = 1 << 26
 """Bytes of the local arrays of a tile."""
 _FEWEST: Final = 64
@@ -123,7 +123,7 @@ def _notes(distrusted: frozenset[str]) -> tuple[str, ...]:
     return (f"numpy {np.__version__} gets {names} of binary64 wrong: strict mode has formulas in their place",)
 
 
-def _compiled(printed: Printed, module: Module) -> Callable[..., Any]:
+def _compiled(printed: PrintedModule, module: Module) -> Callable[..., Any]:
     """Return the entry of the text, which is our own: names were made by `emit/names`, all else is numbers."""
     scope: dict[str, Any] = {"__name__": module.name}
     try:
@@ -140,7 +140,7 @@ class NumpyExecutable:
 
     prepared: Prepared
     layout: Layout
-    printed: Printed
+    printed: PrintedModule
     tile: int
     entry: Callable[..., Any]
     notes: tuple[str, ...] = ()
@@ -197,7 +197,7 @@ class NumpyExecutable:
         status = np.full(call.count, Status.DISCARDED, np.int32)
         for start in range(0, len(live), self.tile):
             elements = live[start : start + self.tile]
-            run_some(call, elements, status, partial(self._run_list, Listed.of(elements, call.shape), uniforms))
+            run_some(call, elements, status, partial(self._run_list, ElementList.of(elements, call.shape), uniforms))
         return status
 
     def _run_list(self, place: Place, uniforms: dict[tuple[str, str], Any], call: Call) -> Array:

@@ -41,7 +41,7 @@ class LaneLoop(Loop):
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _LoopNames:
     """The names that a loop stores, needs when an iteration begins, and leaves behind."""
 
     loop: LaneLoop
@@ -66,7 +66,7 @@ def compacted(block: Block, varying: Iterable[Expr], names: Names) -> Block:
 class _Around:
     """The statements that compaction adds before and after a loop, and at the start of each iteration."""
 
-    def __init__(self, entry: _Found, varying: frozenset[Expr], names: Names) -> None:
+    def __init__(self, entry: _LoopNames, varying: frozenset[Expr], names: Names) -> None:
         loop = entry.loop
         inner = _names(*[e for s in tree.statements_of((loop,)) for e in tree.expressions_of(s)])
         carried = (entry.head & inner & varying - loop.exits) | {loop.lane, loop.live}
@@ -132,7 +132,7 @@ class _Reader:
     """Follows the statements of a function backwards: the names that are needed before them."""
 
     def __init__(self) -> None:
-        self.loops: dict[int, _Found] = {}
+        self.loops: dict[int, _LoopNames] = {}
         self.names_by_id: dict[int, frozenset[Expr]] = {}
         """The names in an expression, by its `id`: a loop's statements are followed once for each loop around them."""
 
@@ -182,6 +182,6 @@ class _Reader:
         while (again := out | (self.before(s.body, head, after, head) - own)) != head:
             head = again
         if isinstance(s, LaneLoop):
-            self.loops[id(s)] = _Found(s, _stored(s.body), head | {s.live}, after)
+            self.loops[id(s)] = _LoopNames(s, _stored(s.body), head | {s.live}, after)
             head = (head | {s.live}) - {s.lane}  # it is stored in front
         return head | self.names(s.over) if isinstance(s, Each) else head

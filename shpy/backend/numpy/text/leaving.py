@@ -30,7 +30,7 @@ class ExitCopy:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class CompactionPlan:
     """A loop that may be compacted: the slot of its live mask, and its exit copies by the value that they store."""
 
     live: int
@@ -38,9 +38,9 @@ class Plan:
     slots: frozenset[int] = frozenset()
 
 
-def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> dict[int, Plan]:
+def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> dict[int, CompactionPlan]:
     """Return the plans of a function's loops, by `id` of the loop; `live` are the loops' masks, `varying` slots."""
-    plans_by_loop: dict[int, Plan] = {}
+    plans_by_loop: dict[int, CompactionPlan] = {}
     if not live:
         return plans_by_loop
     used = Counter(v for s in walk(function.body) for v in uses(s))
@@ -52,7 +52,7 @@ def plans(function: Function, live: frozenset[int], varying: frozenset[int]) -> 
         copies = _copies(loop, changed, used)
         touched = Counter(slot for s in walk((loop,)) if (slot := _touched(s)) in changed)
         if all(touched[slot] == 2 * sum(c[0] == slot for c in copies.values()) for slot in changed):
-            plans_by_loop[id(loop)] = Plan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
+            plans_by_loop[id(loop)] = CompactionPlan(next(iter(masks)), {v: c for v, (_, c) in copies.items()}, changed)
     return plans_by_loop
 
 

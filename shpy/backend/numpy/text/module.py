@@ -30,7 +30,7 @@ _SOURCES: Final = {"shpy.backend.numpy.lanes": _LANE_NAMES, "shpy.ir": EXACT, "s
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class PrintedModule:
     """The text. `entry` is called with the inputs' tiles, then with what `arguments` lists, all by position.
 
     An argument is `("param", name)`, `("table", name)`, or `("place" | "grid_index" | "grid_shape" | "lanes", "")`.
@@ -44,7 +44,7 @@ class Printed:
     large: bool
 
 
-def print_python(vector: VectorModule, *, exact: frozenset[str] = frozenset()) -> Printed:
+def print_python(vector: VectorModule, *, exact: frozenset[str] = frozenset()) -> PrintedModule:
     """Return the module's text; functions named in `exact` are rounded correctly."""
     module, unit, speller = vector.module, PythonUnit(vector.module, exact), PythonSpeller()
     compacts = False
@@ -62,7 +62,7 @@ def print_python(vector: VectorModule, *, exact: frozenset[str] = frozenset()) -
     head = ["import numpy as np", *[""] * bool(imports), *imports]
     text = "\n".join([*head, *speller.lines]) + "\n"
     entry = module.entry.name
-    return Printed(text, unit.functions[entry], tuple(unit.handed[entry]), len(module.functions) == 1 or compacts)
+    return PrintedModule(text, unit.functions[entry], tuple(unit.handed[entry]), len(module.functions) == 1 or compacts)
 
 
 def _all_of(function: Function) -> LaneFacts:

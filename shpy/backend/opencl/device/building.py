@@ -25,7 +25,7 @@ from shpy.backend.opencl.device.memory import OpenCLSpace
 from shpy.backend.opencl.device.run import OpenCLExecutable
 from shpy.backend.opencl.packets.kernel import print_packets
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
-from shpy.backend.opencl.text.kernel import Kernel, print_kernel
+from shpy.backend.opencl.text.kernel import KernelText, print_kernel
 from shpy.backend.opencl.text.operations import ELEMENTWISE
 from shpy.errors import CompileError, ShpyTypeError, warn
 from shpy.ir.nodes import Function, Let, Loc, Loop, Module, Store
@@ -135,7 +135,7 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     return executable
 
 
-def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> Kernel:
+def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> KernelText:
     module, near = prepared.module, lanes
     if lanes > 1:
         if options.lanes == "auto":
@@ -147,7 +147,7 @@ def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int)
     )
 
 
-def _refusal(log: str, kernel: Kernel) -> CompileError:
+def _refusal(log: str, kernel: KernelText) -> CompileError:
     """Return the driver's complaints, each at the user's line that the text's line comes from."""
     complaints: list[tuple[Loc | None, str]] = []
     for line, text in re.findall(r":(\d+):\d+(?: <[^>]*>)?: (?:(?:fatal )?error: )?(.*)", log):
@@ -182,7 +182,7 @@ def _carried(function: Function, loop: Loop) -> int:
     return sum(v.type.size for v in variables_of(function) if v.id in stored) or 1
 
 
-def group_of(machine: Machine, kernel: Kernel) -> int:
+def group_of(machine: Machine, kernel: KernelText) -> int:
     """Return the work items of a group; CompileError if the local arrays of a single one do not fit."""
     group, size = whole_group(kernel.lanes), kernel.private.size
     most = machine.most_private if size else 0

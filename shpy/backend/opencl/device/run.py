@@ -30,7 +30,7 @@ from shpy.backend.device.pace import Pace
 from shpy.backend.device.recent import Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
-from shpy.backend.opencl.text.kernel import Kernel
+from shpy.backend.opencl.text.kernel import KernelText
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
@@ -52,14 +52,14 @@ class OpenCLExecutable:
     """A kernel on a device: see `base.Executable`."""
 
     machine: Machine
-    kernel: Kernel
+    kernel: KernelText
     prepared: Prepared
     program: Any
     compiled: Any
     pace: Pace
     group: int
     remarks: tuple[str, ...] = ()
-    stages: Recent[tuple[Any, ...], Staged] = field(default_factory=lambda: Recent(_SHAPES))
+    stages: Recent[tuple[Any, ...], Staging] = field(default_factory=lambda: Recent(_SHAPES))
     """Arrays for small runs, by the shape of the run and the lengths of its inputs."""
     spare: list[Any] = field(default_factory=list)
     """Kernel objects that no run uses, for the next runs."""
@@ -147,7 +147,7 @@ class OpenCLExecutable:
         self.machine.finish(staged.buffers)
         return self._hand_over(call, staged.outputs)
 
-    def _stage(self, call: Call) -> Staged:
+    def _stage(self, call: Call) -> Staging:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         inputs = [_staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
@@ -164,7 +164,7 @@ class OpenCLExecutable:
                 compiled.set_arg(at, value)
 
         arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
-        return Staged(arrays, [array for array, _ in outputs], buffers, set_params, start)
+        return Staging(arrays, [array for array, _ in outputs], buffers, set_params, start)
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
@@ -223,7 +223,7 @@ class OpenCLExecutable:
         params: dict[str, Array],
         outputs: Iterable[Any],
     ) -> list[Any]:
-        """Return the kernel's arguments, see `Kernel`, from buffers: each input's with the number of its elements."""
+        """Return the kernel's arguments, see `KernelText`, from buffers: each input's with its number of elements."""
         kernel, count = self.kernel, math.prod(shape)
         args: list[Any] = [np.uint64(count), np.uint64(0) if kernel.lanes == 1 else np.int32(0)]
         if kernel.lanes > 1 and not kernel.listed:
@@ -335,7 +335,7 @@ def is_small(call: Call) -> bool:
 
 
 @dataclass(slots=True)
-class Staged:
+class Staging:
     """Arrays for one shape of run: `start` starts the kernel on them, with the params that were set last."""
 
     inputs: list[tuple[int, Array]]

@@ -47,7 +47,7 @@ from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
 from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backend.opencl.packets.spell_packets import PacketSpeller
 from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
-from shpy.backend.opencl.text.kernel import SIZE, ULONG, Kernel, KernelMaker
+from shpy.backend.opencl.text.kernel import SIZE, ULONG, KernelMaker, KernelText
 from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
@@ -80,7 +80,7 @@ def print_packets(
     *,
     faults: Collection[str] = (),
     near: int | None = None,
-) -> Kernel:
+) -> KernelText:
     """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
 
     `faults` are the compiler's faults, of FAULTS. `near` are the lanes of a kernel that reads neighbours in a grid, if
@@ -175,7 +175,7 @@ class PacketMaker(KernelMaker):
         self.words = Words()
         """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
 
-    def kernels_around(self, text: Callable[[str], str]) -> Kernel:
+    def kernels_around(self, text: Callable[[str], str]) -> KernelText:
         """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
         entry = self.module.entry
         self.place = {}
@@ -188,7 +188,7 @@ class PacketMaker(KernelMaker):
         self.speller.paragraph(around)
         return self.finished(())
 
-    def finished(self, inputs: tuple[int, ...]) -> Kernel:
+    def finished(self, inputs: tuple[int, ...]) -> KernelText:
         """Return the kernel with the whole text that was added."""
         return replace(super().finished(inputs), lanes=self.lanes, columns=self.columns, listed=self.listed)
 

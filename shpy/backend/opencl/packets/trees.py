@@ -14,7 +14,7 @@ from shpy.backend.opencl.packets.kernel import PacketMaker, in_packets
 from shpy.backend.opencl.packets.prologue import Abilities
 from shpy.backend.opencl.packets.prologue_trees import TreePrologue
 from shpy.backend.opencl.packets.widen import Lanes
-from shpy.backend.opencl.text.kernel import Kernel
+from shpy.backend.opencl.text.kernel import KernelText
 from shpy.ir.nodes import Module
 from shpy.ir.types import Base
 
@@ -27,7 +27,7 @@ def print_trees(
     *,
     joins: bool = False,
     faults: Collection[str] = (),
-) -> Kernel | None:
+) -> KernelText | None:
     """Return the kernels of a prepared program of two nodes; None with tables, params, binary16 or uniform outputs.
 
     The inputs are the parts of two nodes, and the outputs are those of one. If elements are lifted, an element and its

@@ -12,10 +12,10 @@ The sum must not wrap, as addresses have 64 bits. A chain of dependent reads, as
 from __future__ import annotations
 
 from shpy.backend.emit.survey import Survey
-from shpy.passes.known import Known
+from shpy.passes.known import Ranges
 
 
-def steady_parts(survey: Survey, ranges: Known) -> dict[int, tuple[int, int]]:
+def steady_parts(survey: Survey, ranges: Ranges) -> dict[int, tuple[int, int]]:
     """Return the changing and the steady part of the index of each read that has both, by the value that is read."""
     parts_by_value: dict[int, tuple[int, int]] = {}
     for value, read in survey.lets.items():

@@ -47,7 +47,7 @@ SIZE: Final = Own("size_t")
 
 
 @dataclass(frozen=True, slots=True)
-class Kernel:
+class KernelText:
     """The text of a kernel, its name, the source line of each line, and whether it needs doubles.
 
     The kernel's arguments are, in this order: the number of elements and the first element of this dispatch (ulong);
@@ -75,7 +75,7 @@ class Kernel:
 
 def print_kernel(
     module: Module, math: Math = "strict", *, elementwise: bool = False, faults: Collection[str] = ()
-) -> Kernel:
+) -> KernelText:
     """Return the kernel of a prepared module; raise CompileError for an operation that OpenCL C cannot express.
 
     `elementwise` tells whether the compiler has the functions of ELEMENTWISE; `faults` are its faults, of FAULTS.
@@ -112,7 +112,7 @@ class KernelMaker(ClUnit):
 
     # The text
 
-    def kernel(self) -> Kernel:
+    def kernel(self) -> KernelText:
         """Emit all functions and return the kernel."""
         self.add_functions()
         entry = self.module.entry
@@ -123,7 +123,7 @@ class KernelMaker(ClUnit):
         for function in self.module.functions[:-1]:
             self.add(function, self.functions[function.name])
 
-    def finished(self, inputs: tuple[int, ...]) -> Kernel:
+    def finished(self, inputs: tuple[int, ...]) -> KernelText:
         """Return the kernel with all text that was added; `inputs` are the positions of the inputs that it reads."""
         entry = self.module.entry
         doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
@@ -131,7 +131,7 @@ class KernelMaker(ClUnit):
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
         lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
         lines += self.speller.lines if prologue else self.speller.lines[1:]
-        return Kernel(
+        return KernelText(
             text_of(lines),
             self.functions[entry.name],
             tuple([loc for _, loc in lines]),
