@@ -21,7 +21,7 @@ from shpy.lang.data.params import Param, constant_of, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.record import RESERVED, InputType, Recorded, rerecorded
+from shpy.lang.programs.record import RESERVED, InputType, RecordedProgram, rerecorded
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES
@@ -64,7 +64,7 @@ def _under(defaults: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, A
     return {names[n]: default for n, default in defaults.items() if n in names}
 
 
-def compose(g: Recorded, f: Recorded) -> Recorded:
+def compose(g: RecordedProgram, f: RecordedProgram) -> RecordedProgram:
     """Return `g << f`: f's outputs by the names that are g's inputs; by position where no name is, or f's have none.
 
     The other outputs follow g's, the other inputs follow f's. Raises ShpyTypeError where both could be meant, and where
@@ -95,7 +95,7 @@ def compose(g: Recorded, f: Recorded) -> Recorded:
     return rerecorded(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
 
 
-def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str | None]]:
+def _connection(g: RecordedProgram, f: RecordedProgram) -> tuple[bool, list[_Part], list[str | None]]:
     """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
     inputs = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
     parts = _parts(f.output, fields=True)
@@ -124,8 +124,8 @@ def _connection(g: Recorded, f: Recorded) -> tuple[bool, list[_Part], list[str |
 
 
 def _check_one_reading(
-    g: Recorded,
-    f: Recorded,
+    g: RecordedProgram,
+    f: RecordedProgram,
     parts: list[_Part],
     fed: list[str | None],
     inputs: Mapping[str, Layout],
@@ -189,7 +189,7 @@ def type_name(type_: InputType) -> str:
     return f"Texture2D[{type_.cls.__name__}]" if isinstance(type_, TextureType) else type_.cls.__name__
 
 
-def signature(p: Recorded) -> str:
+def signature(p: RecordedProgram) -> str:
     """Return the text `f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
     inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
     outputs = [
@@ -199,7 +199,7 @@ def signature(p: Recorded) -> str:
     return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 
 
-def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
+def beside(f: RecordedProgram, g: RecordedProgram, share: bool) -> RecordedProgram:
     """Return `f & g`, or `f.merge(g)` with `share`: inputs of equal name and type are one."""
     types: dict[str, InputType] = dict(f.inputs)
     names: dict[str, str] = {}
@@ -220,7 +220,7 @@ def beside(f: Recorded, g: Recorded, share: bool) -> Recorded:
     return rerecorded(f"{f.module.name}_{g.module.name}", f, types, layout, body, defaults)
 
 
-def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
+def renamed(p: RecordedProgram, names: Mapping[str, str]) -> RecordedProgram:
     """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
     parts = _parts(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
@@ -247,7 +247,7 @@ def renamed(p: Recorded, names: Mapping[str, str]) -> Recorded:
     return rerecorded(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
 
-def _check_names(p: Recorded, names: Mapping[str, Any], choices: list[str], what: str) -> None:
+def _check_names(p: RecordedProgram, names: Mapping[str, Any], choices: list[str], what: str) -> None:
     for name in names:
         if name not in choices:
             raise ShpyTypeError(
@@ -255,7 +255,7 @@ def _check_names(p: Recorded, names: Mapping[str, Any], choices: list[str], what
             )
 
 
-def bound(p: Recorded, values: Mapping[str, Any]) -> Recorded:
+def bound(p: RecordedProgram, values: Mapping[str, Any]) -> RecordedProgram:
     """Return the program with inputs replaced by uniforms: Params, Tables and textures that hold these values."""
     _check_names(p, values, list(p.inputs), "input")
     fixed = {name: _uniform(name, p.inputs[name], value) for name, value in values.items()}
@@ -278,7 +278,7 @@ def _uniform(name: str, type_: InputType, value: Any) -> Any:
     return build_values(type_, iter([Param(cls, entry, name=leaf) for entry, (leaf, _, cls) in entries]))
 
 
-def specialized(p: Recorded, values: Mapping[str, Any]) -> Recorded:
+def specialized(p: RecordedProgram, values: Mapping[str, Any]) -> RecordedProgram:
     """Fold inputs and params, given as constants."""
     uniforms = {**p.params, **listed(p.params)}
     _check_names(p, values, [*p.inputs, *uniforms], "input or param")
@@ -309,7 +309,7 @@ def _constant(type_: InputType, name: str, value: Any) -> Any:
 # Programs of modules
 
 
-def recorded_from(module: Module) -> Recorded:
+def recorded_from(module: Module) -> RecordedProgram:
     """Return the data with which the host runs a module; its tables become inputs."""
     inputs: dict[str, InputType] = {}
     tree = _tree(module.inputs)
@@ -323,7 +323,7 @@ def recorded_from(module: Module) -> Recorded:
         p.name: Param.declared(_class_named(p.kind, p.type.base, p.type.size), decode(p.type, p.value), p.name, p.about)
         for p in module.params
     }
-    return Recorded(module, inputs, _join(parts), params, {})
+    return RecordedProgram(module, inputs, _join(parts), params, {})
 
 
 def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:

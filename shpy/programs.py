@@ -31,7 +31,7 @@ from shpy.lang.data.tables import listed_tables
 from shpy.lang.programs.claims import checked
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.method import PerInstance, is_method
-from shpy.lang.programs.record import Recorded, record
+from shpy.lang.programs.record import RecordedProgram, record
 from shpy.lang.recording.location import caller, here, located
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
@@ -71,10 +71,10 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     called with arrays it gives arrays.
     """
 
-    recorded: Recorded
+    recorded: RecordedProgram
     """The module, with what the host must know to run it: inputs, outputs, params, tables and defaults."""
 
-    def __init__(self, recorded: Recorded) -> None:
+    def __init__(self, recorded: RecordedProgram) -> None:
         self.recorded = recorded
         self._kernels: dict[tuple[str, Options], Kernel] = {}
 
@@ -277,7 +277,7 @@ def check_count(name: str, number: Any, least: int) -> None:
         raise ShpyTypeError(f"{name} is an int from {least} on, not {number!r}", loc=here(), cure=f"{name}=1000")
 
 
-def _output_leaves(recorded: Recorded) -> list[tuple[str, str, Any]]:
+def _output_leaves(recorded: RecordedProgram) -> list[tuple[str, str, Any]]:
     return [(name or "0", kind, cls) for name, kind, cls in leaves(recorded.output, "")]
 
 

@@ -23,7 +23,7 @@ from shpy.ir.nodes import Function, Loc, Loop, Module, Store
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import sequence
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
@@ -49,7 +49,7 @@ class Step:
         return f"{self.loc}{iteration}: {self.name or '·'} = {self.value}"
 
 
-def trace(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any], shape: Any, at: Any) -> list[Step]:
+def trace(recorded: RecordedProgram, args: Sequence[Any], named: Mapping[str, Any], shape: Any, at: Any) -> list[Step]:
     """Run the element at index `at` of a run over these inputs and give its steps, as `Program.trace` describes."""
     inputs = {
         name: value.numpy() if isinstance(value, Stream) and not _is_table(recorded, name) else value
@@ -89,11 +89,11 @@ def _without_counters(module: Module) -> Module:
     return replace(module, functions=tuple(map(unnamed, module.functions)))
 
 
-def _is_table(recorded: Recorded, name: str) -> bool:
+def _is_table(recorded: RecordedProgram, name: str) -> bool:
     return isinstance(recorded.inputs[name], TableType | TextureType)
 
 
-def _index(recorded: Recorded, shape: Shape, at: Any) -> tuple[int, ...]:
+def _index(recorded: RecordedProgram, shape: Shape, at: Any) -> tuple[int, ...]:
     """Return the index of the element to trace; raise ShpyTypeError where `at` or the shape does not fit."""
     name, rank = recorded.module.name, grid_rank(recorded.module)
     if rank is not None and rank != len(shape):

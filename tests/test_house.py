@@ -10,7 +10,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import english
@@ -162,6 +162,55 @@ def test_functions_are_short():
         if isinstance(f, ast.FunctionDef) and f.end_lineno - f.lineno >= 50 and not is_one_match(f)
     ]
     assert long == []
+
+
+PARTICIPLE = re.compile(
+    r"_?[A-Z][a-z]+(ed|Held|Known|Seen|Found|Given|Made|Taken)|_?(Held|Known|Seen|Found|Given|Made|Kept|Ran)"
+)
+"""A name of a class that does not say what its objects are."""
+
+PARTICIPLES = {"shpy/testing/generated/source.py Generated"}
+"""Names that documents say."""
+
+
+def classes():
+    """Yield each class of shpy: its package, which is a folder of shpy or a backend, its file and its node."""
+    for path, tree in trees().items():
+        folders = path.relative_to(ROOT).parts[:-1]
+        package = folders[: 3 if folders[1:2] == ("backend",) else 2]
+        if folders[0] == "shpy":
+            yield from (("/".join(package), shown(path), n) for n in ast.walk(tree) if isinstance(n, ast.ClassDef))
+
+
+def test_no_two_classes_of_a_package_have_one_name():
+    files = defaultdict(list)
+    for package, file, node in classes():
+        files[package, node.name.strip("_")].append(file)
+    assert len(files) > 500
+    assert {key: places for key, places in files.items() if len(places) > 1} == {}
+
+
+@pytest.mark.parametrize("name", ["Scope", "Known", "Target", "Layout", "Plan", "Kernel", "Chain", "Block", "Prepared"])
+def test_a_word_for_much_names_one_class(name):
+    assert len([file for _, file, node in classes() if node.name.strip("_") == name]) <= 1
+
+
+def test_classes_are_nouns():
+    participles = [f"{file} {node.name}" for _, file, node in classes() if is_participle(node)]
+    assert set(participles) - PARTICIPLES == set()
+
+
+def is_participle(node):
+    """Return whether a class is called by a participle; errors may be, since they say what happened."""
+    is_error = any(ast.unparse(base).endswith(("Error", "Exception", "Interrupt")) for base in node.bases)
+    return bool(PARTICIPLE.fullmatch(node.name)) and not is_error
+
+
+@pytest.mark.parametrize(
+    ("source", "participle"), [("class _Held: pass", True), ("class Ended(Exception): pass", False)]
+)
+def test_the_rule_of_classes_can_fail(source, participle):
+    assert is_participle(ast.parse(source).body[0]) == participle
 
 
 RIDDLES = {"found", "given", "made", "held", "known", "wanted", "taken", "said"}

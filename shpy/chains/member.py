@@ -20,7 +20,7 @@ from shpy.ir.traverse import walk
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
 from shpy.lang.programs.guarded import MASK, guarded
-from shpy.lang.programs.record import InputType, Recorded
+from shpy.lang.programs.record import InputType, RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, layout_of
 from shpy.programs import Program
@@ -102,7 +102,7 @@ class Member:
         run.play(self)
 
     @property
-    def recorded(self) -> Recorded:
+    def recorded(self) -> RecordedProgram:
         """The recorded program, of the guarded kernel if there is a condition."""
         return self.kernel.recorded
 
@@ -170,7 +170,7 @@ class Watch:
         return not self.wrote and (self.kernels is None or member in self.kernels)
 
 
-def _outputs(recorded: Recorded, index: str | None) -> tuple[tuple[str, Layout], ...]:
+def _outputs(recorded: RecordedProgram, index: str | None) -> tuple[tuple[str, Layout], ...]:
     """Return the name and the layout of the stream that each output replaces."""
     layout = recorded.output
     form = layout.form if isinstance(layout, Group) else None
@@ -194,14 +194,14 @@ def _outputs(recorded: Recorded, index: str | None) -> tuple[tuple[str, Layout],
     )
 
 
-def _fitting(recorded: Recorded, layout: Layout, index: str | None) -> list[str]:
+def _fitting(recorded: RecordedProgram, layout: Layout, index: str | None) -> list[str]:
     """Return the inputs whose elements have the type of the output; only those of the same kinds if there are any."""
     elements = {name: element_layout(type_) for name, type_ in recorded.inputs.items() if name != index}
     same = [name for name, element in elements.items() if element == layout]
     return same or [name for name, element in elements.items() if alike(element, layout)]
 
 
-def _check_stream(name: str, layout: Layout, recorded: Recorded) -> None:
+def _check_stream(name: str, layout: Layout, recorded: RecordedProgram) -> None:
     """Raise ShpyTypeError for an output of a type that no stream has; several values need a struct."""
     is_supported = isinstance(layout, Leaf | Rows) or (layout.form in ("struct", "namedtuple"))
     if not is_supported:
@@ -233,7 +233,7 @@ def no_condition(condition: Any, what: str, kind: str, cure: str) -> ShpyTypeErr
     )
 
 
-def _check_shared(recorded: Recorded, name: str, type_: InputType, other: str) -> None:
+def _check_shared(recorded: RecordedProgram, name: str, type_: InputType, other: str) -> None:
     input_type = recorded.inputs.get(name)
     if input_type is not None and input_type != type_:
         raise ShpyTypeError(

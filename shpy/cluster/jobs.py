@@ -20,7 +20,7 @@ from shpy.chains.chain import Chain, repeat
 from shpy.chains.member import Member
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableType
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves
 from shpy.lang.values.types import TYPES
 from shpy.passes.placing import ORIGIN, PERIOD, WHOLE, place_blocks
@@ -87,7 +87,7 @@ class Grid:
             period = tuple(n if wrap else _ENDLESS for n, wrap in zip(shape, wraps, strict=True))
             self.uniforms[PERIOD] = Param(kind, _vector(period), PERIOD)
 
-    def placed(self, recorded: Recorded, cut: Collection[str], reach: Sequence[int] = ()) -> Recorded:
+    def placed(self, recorded: RecordedProgram, cut: Collection[str], reach: Sequence[int] = ()) -> RecordedProgram:
         """Return the program with a block's place added to its indices, unchanged if it reads none (`place_blocks`)."""
         module, rank = recorded.module, len(self.shape)
         if self.uniforms:
@@ -107,7 +107,7 @@ def _vector(components: tuple[int, ...]) -> Any:
     return components if len(components) > 1 else components[0]
 
 
-def again(kernel: Program | Kernel, recorded: Recorded) -> Program | Kernel:
+def again(kernel: Program | Kernel, recorded: RecordedProgram) -> Program | Kernel:
     """Return a program or kernel of another recording, with the options of this one."""
     if recorded is kernel.recorded:
         return kernel
@@ -207,7 +207,7 @@ def _placed(node: Chain | Member, grid: Grid, local: set[str], distances: Iterat
     return replace(node, kernel=again(node.kernel, grid.placed(node.recorded, tables, next(distances))))
 
 
-def cut_tables(recorded: Recorded, local: Collection[str]) -> frozenset[str]:
+def cut_tables(recorded: RecordedProgram, local: Collection[str]) -> frozenset[str]:
     """Return the names in the module of the tables that are cut: an input of structs is a table for each leaf."""
     names: set[str] = set()
     for name, type_ in recorded.inputs.items():

@@ -18,7 +18,7 @@ from shpy.lang.values.types import Attrib1i
 from shpy.streams.stream import Stream
 
 
-class Compacted(NamedTuple):
+class Compaction(NamedTuple):
     """The result of `sh.compact`: the elements, (n,), and the former index of each, (n,) ints."""
 
     elements: Any
@@ -26,7 +26,7 @@ class Compacted(NamedTuple):
 
 
 @in_ieee_arithmetic
-def compact(stream: Any, mask: Any) -> Compacted:
+def compact(stream: Any, mask: Any) -> Compaction:
     """Return the elements for which the mask holds, in their order, and the indices that they had.
 
     `mask`: bools of the stream's shape, a Stream or an array. Elements of several axes are taken in C order, and an
@@ -36,11 +36,11 @@ def compact(stream: Any, mask: Any) -> Compacted:
     Raises ShpyTypeError for a mask of another type, shape or device.
     """
     if is_lazy(stream):
-        return Compacted(*compact_chunks(stream, mask))
+        return Compaction(*compact_chunks(stream, mask))
     elements = check_stream(stream, "compact")
     place = elements.place
     marks = mask_at(place, mask, elements.shape)
     leaves = Leaves(place)
     index = leaves.select(marks)
     memories = [leaves.take(entry.memory, index) for entry in elements.leaf_entries()]
-    return Compacted(shaped(elements, memories, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))
+    return Compaction(shaped(elements, memories, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))

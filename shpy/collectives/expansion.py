@@ -27,7 +27,7 @@ from shpy.streams.stream import Stream
 _MOST: Final = 2**31 - 1
 
 
-class Expanded(NamedTuple):
+class Expansion(NamedTuple):
     """The result of `sh.expand`: the elements, (n,), and the index of the element that each is a copy of, (n,) ints."""
 
     elements: Any
@@ -35,7 +35,7 @@ class Expanded(NamedTuple):
 
 
 @in_ieee_arithmetic
-def expand(stream: Stream, counts: Any) -> Expanded:
+def expand(stream: Stream, counts: Any) -> Expansion:
     """Return element i of a stream counts[i] times, in the order of the elements, and the index of each: np.repeat.
 
     `counts`: an int for each element, a Stream of Attrib1i or Attrib1u or an array; a negative one counts as 0.
@@ -55,7 +55,7 @@ def expand(stream: Stream, counts: Any) -> Expanded:
         index = _owners().compile_for(ends)(Table(ends), shape=(total,))
     source = index.leaf_entries()[0].memory
     memories = [leaves.take(entry.memory, source) for entry in elements.leaf_entries()]
-    return Expanded(shaped(elements, memories, (total,)), index)
+    return Expansion(shaped(elements, memories, (total,)), index)
 
 
 def _ends(elements: Stream, memory: Any) -> tuple[Stream, int]:

@@ -87,7 +87,7 @@ class Options(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedModule:
     """A module to print. With `status`, its entry's last output is an i that says how the element ended.
 
     `loops[k]` is the line of the loop that status FIRST_LOOP + k names. `flagged`: each loop sets a flag when it
@@ -100,7 +100,7 @@ class Prepared:
     flagged: bool = False
 
 
-def prepare(module: Module, options: Options, target: Target) -> Prepared:
+def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     """Return a recorded module made ready for a target's printer."""
     corrected = target.wrong if options.math != "fast" else frozenset()
     bounded = target.bounded if options.math == "relaxed" else frozenset()
@@ -114,7 +114,7 @@ def prepare(module: Module, options: Options, target: Target) -> Prepared:
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)
     optimised = optimise(ending.module)
     result = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
-    return Prepared(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
+    return PreparedModule(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:

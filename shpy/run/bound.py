@@ -21,7 +21,7 @@ import numpy as np
 from shpy.backend.base import Array, Call, Executable
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.values.structure import Leaf, build_arrays, leaves
 from shpy.run.on_device import check_places, has_elements_of, prepare
 from shpy.streams.elements import Shape
@@ -59,7 +59,7 @@ def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
 class Bound(ABC):
     """A call of one signature over elements of a shape."""
 
-    recorded: Recorded
+    recorded: RecordedProgram
     executable: Executable
     shape: Shape
 
@@ -117,7 +117,7 @@ class BoundStreams(Bound):
 
 
 def bound_of(
-    recorded: Recorded,
+    recorded: RecordedProgram,
     executable: Executable,
     dtypes: Mapping[Base, Any],
     inputs: Sequence[Any],

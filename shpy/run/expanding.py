@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_FOR
-from shpy.lang.programs.record import Recorded, record_body
+from shpy.lang.programs.record import RecordedProgram, record_body
 from shpy.lang.recording.recorder import recording
 from shpy.lang.values.builtins import grid_index
 from shpy.lang.values.structure import layout_of
@@ -28,7 +28,7 @@ from shpy.streams.elements import Shape
 
 
 @lru_cache(maxsize=64)
-def expanding(cls: Any) -> Recorded:
+def expanding(cls: Any) -> RecordedProgram:
     """Return the program that reads, for each element of the larger shape, the stream's element for it."""
 
     def body(arguments: Mapping[str, Any]) -> Any:

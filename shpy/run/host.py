@@ -18,7 +18,7 @@ from shpy.ir.constants import decode, dtypes_at
 from shpy.ir.types import Base
 from shpy.lang.data.tables import Table, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
-from shpy.lang.programs.record import InputType, Recorded
+from shpy.lang.programs.record import InputType, RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, annotation_of, entries_of, flatten, leaves, spoken_type
 from shpy.lang.values.value import Value
@@ -37,7 +37,7 @@ def uniforms(params: Mapping[str, Any], precision: str, math: str) -> dict[str, 
         return {name: np.asarray(p.at(precision, math), dtypes[p.base]) for name, p in params.items()}
 
 
-def bind(recorded: Recorded, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
+def bind(recorded: RecordedProgram, args: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
     """Return the value of each input: the one that the caller gave by position or keyword, or else its default.
 
     Raises ShpyTypeError for missing and unknown inputs.

@@ -32,7 +32,7 @@ from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.guarded import guarded
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.values.structure import build_arrays
@@ -47,7 +47,7 @@ from shpy.streams.stream import Place, Stream, streams_in
 
 _executables: dict[tuple[str, str, Options], Executable] = {}
 _KEPT = 512
-_known_texts: WeakKeyDictionary[Recorded, tuple[Module, str]] = WeakKeyDictionary()
+_known_texts: WeakKeyDictionary[RecordedProgram, tuple[Module, str]] = WeakKeyDictionary()
 """The results of `_without_data`: a program is compiled for several backends, and again with other options."""
 
 
@@ -85,7 +85,7 @@ def forget_data(module: Module) -> Module:
     return replace(module, params=params, tables=tables)
 
 
-def _without_data(recorded: Recorded) -> tuple[Module, str]:
+def _without_data(recorded: RecordedProgram) -> tuple[Module, str]:
     """Return the module without what no kernel's text depends on, and its text, by which kernels are shared."""
     entry = _known_texts.get(recorded)
     if entry is None:
@@ -100,10 +100,10 @@ class Kernel(Unchanging):
     `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
     """
 
-    recorded: Recorded
+    recorded: RecordedProgram
     """The program's module, with what the host must know to run it."""
 
-    def __init__(self, recorded: Recorded, backend: Backend, options: Options) -> None:
+    def __init__(self, recorded: RecordedProgram, backend: Backend, options: Options) -> None:
         self.recorded = recorded
         self.backend = backend.name
         self.options = options
@@ -127,7 +127,7 @@ class Kernel(Unchanging):
         self._rank = grid_rank(recorded.module)
 
     @classmethod
-    def on(cls, recorded: Recorded, name: str, options: Options) -> Kernel:
+    def on(cls, recorded: RecordedProgram, name: str, options: Options) -> Kernel:
         """Compile for a backend by its name; BackendUnavailable where it, or the device, is not there."""
         target, device = backend_named(name), options.device
         if device is not None:

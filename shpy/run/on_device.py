@@ -20,7 +20,7 @@ from shpy.ir.constants import dtypes_at
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Base, vec
 from shpy.lang.data.tables import Table
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, build_group, leaves
 from shpy.run import host
@@ -63,7 +63,7 @@ class PreparedCall:
 
 
 def prepare(
-    recorded: Recorded,
+    recorded: RecordedProgram,
     executable: Executable,
     inputs: Sequence[Memory],
     tables: Mapping[str, Table],

@@ -15,7 +15,7 @@ from shpy.backend.base import Options
 from shpy.backend.registry import backend
 from shpy.ir.collector import uncollected
 from shpy.lang.data.tables import Table
-from shpy.lang.programs.record import Recorded, record_body
+from shpy.lang.programs.record import RecordedProgram, record_body
 from shpy.lang.recording.recorder import need_frame, recording
 from shpy.lang.values import arithmetic
 from shpy.lang.values.dependent import Dependent, record_expression
@@ -63,7 +63,7 @@ def evaluate(uniform: Dependent, precision: Any, math: Any) -> NDArray[Any]:
     return result
 
 
-def _recorded(uniform: Dependent) -> Recorded:
+def _recorded(uniform: Dependent) -> RecordedProgram:
     """Return the program without inputs that computes the uniform."""
     value: Any = uniform
     cls = CLASSES[value.kind, value.size, value.base]

@@ -23,7 +23,7 @@ from shpy.testing import defaults
 from shpy.testing.arrays import Array, Bound
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.divergence import search
-from shpy.testing.flushes import Excused, Flush
+from shpy.testing.flushes import Excuse, Flush
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
 from shpy.testing.runs import Run, parted, run
@@ -37,7 +37,7 @@ class Agreement:
     backends: tuple[str, ...]
     elements: int
     flushed: dict[str, int]
-    _excused: tuple[Excused, ...] = field(default=(), repr=False, compare=False)
+    _excused: tuple[Excuse, ...] = field(default=(), repr=False, compare=False)
 
     @cached_property
     def flushes(self) -> tuple[Flush, ...]:
@@ -103,7 +103,7 @@ class _Comparison:
             if wrong.any() and (other.flushes or self.runs[0].flushes):
                 flushed[other.target] = int(np.count_nonzero(wrong & self.denormal))
                 if flushed[other.target]:
-                    excused.append(Excused(self.setting, self.runs[0], other, wrong & self.denormal))
+                    excused.append(Excuse(self.setting, self.runs[0], other, wrong & self.denormal))
                 wrong &= ~self.denormal
             if wrong.any():
                 raise AssertionError("\n".join(self.told(other, wrong)))

@@ -49,7 +49,7 @@ class Flush:
 
 
 @dataclass(frozen=True)
-class Excused:
+class Excuse:
     """The elements `(n,)` bool of a run that differ from the reference by flushed denormals alone."""
 
     setting: Setting

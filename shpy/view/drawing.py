@@ -27,7 +27,7 @@ from shpy.view.controls import Controls
 from shpy.view.kernels import Form, preferred
 from shpy.view.ongoing import Ongoing
 from shpy.view.questions import png_of
-from shpy.view.source import Opened
+from shpy.view.source import OpenedFile
 from shpy.view.subject import subject_of
 
 Mouse = tuple[float, float, float, float]
@@ -58,7 +58,7 @@ def draw(
     """
     path = Path(file)
     import_from(path.parent)
-    opened = Opened(path, runpy.run_path(str(path)))
+    opened = OpenedFile(path, runpy.run_path(str(path)))
     subject = subject_of(opened.pick(program)[1], opened, lambda: None)
     _assign(Controls(subject.params), params or {})
     form, extent = Form(backend or preferred(), math), subject.extent(size)

@@ -27,7 +27,7 @@ from shpy.run.background import Background
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels
 from shpy.view.rounds import read_before
-from shpy.view.source import SHOW, START, Opened
+from shpy.view.source import SHOW, START, OpenedFile
 
 Key = tuple[Form, tuple[int, int]]
 
@@ -50,7 +50,7 @@ class Ongoing:
     evolves: bool = True
     coarse: bool = False
 
-    def __init__(self, chain: Chain, opened: Opened, wake: Callable[[], None]) -> None:
+    def __init__(self, chain: Chain, opened: OpenedFile, wake: Callable[[], None]) -> None:
         self.chain = chain
         self.start = opened.start
         show = opened.names.get(SHOW)

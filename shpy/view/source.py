@@ -29,7 +29,7 @@ START, SHOW = "start", "show"
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedFile:
     """The names that a file defines, in their order."""
 
     path: Path
@@ -82,7 +82,7 @@ class Opened:
         raise ShpyError(f"{self.path.name} has no program or chain {name!r}", cure=cure)
 
 
-def _refuse_all(opened: Opened) -> NoReturn:
+def _refuse_all(opened: OpenedFile) -> NoReturn:
     """Raise an error with the reason why nothing in the file can be shown."""
     programs = [v for v in opened.names.values() if isinstance(v, Program)]
     if programs:
@@ -93,12 +93,12 @@ def _refuse_all(opened: Opened) -> NoReturn:
     )
 
 
-def open_file(path: Path) -> Opened:
+def open_file(path: Path) -> OpenedFile:
     """Run the file and return its names. Errors of its code pass through."""
     import_from(path.parent)
     with noted(path):
         names = runpy.run_path(str(path))
-    return Opened(path, names)
+    return OpenedFile(path, names)
 
 
 def explain(error: BaseException, path: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from shpy.pictures.screen import Moment, filled, moves, run_at
 from shpy.programs import Program
 from shpy.view.kernels import Form, Kernels
 from shpy.view.ongoing import Ongoing
-from shpy.view.source import Opened
+from shpy.view.source import OpenedFile
 
 
 class Subject(Protocol):
@@ -139,6 +139,6 @@ class Still:
         return [(self.program.name, self.kernels.exactly(form).source)]
 
 
-def subject_of(value: Program | Chain, opened: Opened, wake: Callable[[], None]) -> Subject:
+def subject_of(value: Program | Chain, opened: OpenedFile, wake: Callable[[], None]) -> Subject:
     """Return the subject of a program or chain."""
     return Ongoing(value, opened, wake) if isinstance(value, Chain) else Still(value, wake)

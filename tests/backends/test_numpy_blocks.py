@@ -35,7 +35,7 @@ def run(module, shape, tile, *, blocks):
     executable = NumpyBackend().compile(module, Options(), tile=tile)
     assert executable.layout.grid
     assert executable.layout.apart
-    executable.layout = apart.Layout(executable.layout.vector, apart=True, grid=blocks)
+    executable.layout = apart.ApartLayout(executable.layout.vector, apart=True, grid=blocks)
     count = int(np.prod(shape))
     light = rng.random(count).astype(np.float32)
     table = TableData(rng.random((6, 5, 3)).astype(np.float32))

@@ -23,7 +23,7 @@ from shpy.backend.registry import backend as backend_named
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.run import kernel as kernels
 from shpy.run.kernel import Kernel
-from shpy.testing.certify.findings import Section, Target
+from shpy.testing.certify.findings import DeviceChoice, Section
 from shpy.testing.certify.functions import function, sweep_checks
 from shpy.testing.certify.sections import SectionRun, run_section
 
@@ -114,7 +114,7 @@ def test_certify_compares_what_there_is_and_names_what_is_refused(backend: str, 
     names = ["tan", "tan, portable"]
     checks = [check for check in sweep_checks() if check.name in names]
     ran = SectionRun(Section("functions", "", None, checks))
-    run_section(ran, Target(backend), full=True, progress=lambda *_: None)
+    run_section(ran, DeviceChoice(backend), full=True, progress=lambda *_: None)
     refused = ran.findings.pop("tan")
     assert refused.verdict == "refused"
     assert refused.detail.startswith("tan needs binary64 in strict mode")

@@ -16,7 +16,7 @@ from shpy import cli
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.text import print_module
 from shpy.testing.certify import __main__ as maker, command, functions, pictures, sections
-from shpy.testing.certify.findings import Check, Finding, Section, Target
+from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Section
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
 from shpy.testing.certify.report import grouped, left_line, section_line, verdict, verdict_lines
@@ -64,7 +64,7 @@ def test_a_device_that_gives_our_bits_is_told_so(backend: str, monkeypatch: Any,
     assert cli.main(["certify", "--backend", backend, "-o", str(path)]) == 0
     said = capsys.readouterr()
     assert said.err == ""
-    denormals = " but for denormals" if Target(backend).flushes else ""  # some results of exp are denormals
+    denormals = " but for denormals" if DeviceChoice(backend).flushes else ""  # some results of exp are denormals
     assert said.out.splitlines()[-1] == f"SAME BITS: {backend}{denormals}. Nothing is left to do."
     content = json.loads(path.read_text())
     (target,) = content["targets"]
@@ -90,20 +90,20 @@ def test_a_fault_is_named_with_its_inputs(monkeypatch: Any, capsys: Any, tmp_pat
 def test_with_full_every_number_is_compared_with_numpy(backend: str, monkeypatch: Any) -> None:
     monkeypatch.setattr(functions, "everything", lambda part: iter([sweep(8), sweep(4)]))
     (check,) = [c for c in functions.input_checks() if c.name == "exp, part 12 of 64"]
-    found = check.run(Target(backend))
-    assert found.verdict == ("denormals" if Target(backend).flushes else "same")
+    found = check.run(DeviceChoice(backend))
+    assert found.verdict == ("denormals" if DeviceChoice(backend).flushes else "same")
     if backend == "numpy":
         assert found.ulp is not None
         assert 0 < found.ulp <= 1
     forget()
     with_fault(monkeypatch, backend, op("exp", "exp2"))
-    assert check.run(Target(backend)).verdict == "differs"
+    assert check.run(DeviceChoice(backend)).verdict == "differs"
 
 
 def test_an_error_beyond_the_bound_is_named_with_its_input(monkeypatch: Any) -> None:
     with_fault(monkeypatch, "numpy", op("sinh", "tan"))
     (check,) = [c for c in functions.bound_checks() if c.name == "sinh, relaxed"]
-    found = check.run(Target("numpy"))
+    found = check.run(DeviceChoice("numpy"))
     assert found.verdict == "differs"
     assert "units in the last place from" in found.detail
     assert found.ulp is not None
@@ -131,12 +131,12 @@ def test_the_json_tells_the_device_and_no_folder(monkeypatch: Any, tmp_path: Pat
 
 
 def test_a_driver_that_fails_is_reported_and_the_rest_is_run() -> None:
-    def fail(target: Target) -> Finding:
+    def fail(target: DeviceChoice) -> Finding:
         raise OSError("the driver is gone")
 
     section = Section("functions", "sweeps", None, [Check("a", fail), Check("b", lambda target: Finding("same"))])
     ran = SectionRun(section)
-    run_section(ran, Target("numpy"), full=False, progress=lambda *_: None)
+    run_section(ran, DeviceChoice("numpy"), full=False, progress=lambda *_: None)
     assert ran.findings["a"] == Finding("failed", "OSError: the driver is gone")
     assert not ran.findings["b"].wrong
     assert verdict([ran]) == "differs"
@@ -144,7 +144,7 @@ def test_a_driver_that_fails_is_reported_and_the_rest_is_run() -> None:
 
 def test_checks_that_were_not_reached_are_counted_with_the_command_that_runs_them() -> None:
     checks = [Check(name, lambda target: Finding("same")) for name in "abc"]
-    target = Target("opencl", lanes=8)
+    target = DeviceChoice("opencl", lanes=8)
     whole = SectionRun(Section("functions", "sweeps", -1, checks))
     run_section(whole, target, full=True, progress=lambda *_: None)
     assert "3 same (" in section_line(whole)
@@ -161,7 +161,7 @@ def test_checks_that_were_not_reached_are_counted_with_the_command_that_runs_the
 
 def test_a_section_without_time_begins_nothing() -> None:
     ran = SectionRun(Section("functions", "sweeps", -1, [Check("a", lambda target: Finding("same"))]))
-    run_section(ran, Target("numpy"), full=False, progress=lambda *_: None)
+    run_section(ran, DeviceChoice("numpy"), full=False, progress=lambda *_: None)
     assert ran.cut
     assert ran.left == 1
 
@@ -197,7 +197,7 @@ def test_ctrl_c_keeps_what_was_found(monkeypatch: Any, capsys: Any, tmp_path: Pa
     checks = [Check("a", lambda target: Finding("same")), Check("b", interrupt), Check("c", interrupt)]
     made = [Section("functions", "sweeps", None, checks), Section("accuracy", "bounds", None, checks)]
     monkeypatch.setattr(command, "sections", lambda *_: made)
-    monkeypatch.setattr(command, "targets", lambda *_: [Target("numpy"), Target("glsl")])
+    monkeypatch.setattr(command, "targets", lambda *_: [DeviceChoice("numpy"), DeviceChoice("glsl")])
     path = tmp_path / "c.json"
     assert cli.main(["certify", "-o", str(path)]) == 130
     said = capsys.readouterr()
@@ -212,7 +212,7 @@ def test_ctrl_c_keeps_what_was_found(monkeypatch: Any, capsys: Any, tmp_path: Pa
     assert [section["not run"] for section in target["sections"].values()] == [2, 3]
 
 
-def interrupt(target: Target) -> Finding:
+def interrupt(target: DeviceChoice) -> Finding:
     raise KeyboardInterrupt
 
 
@@ -233,7 +233,7 @@ def test_progress_tells_the_time_and_keeps_the_file(monkeypatch: Any, capsys: An
 
 def test_pictures_are_not_rendered_where_there_is_no_ray_tracer(monkeypatch: Any) -> None:
     monkeypatch.setitem(sys.modules, "raytracer", None)
-    found = pictures.picture_checks()[0].run(Target("numpy"))
+    found = pictures.picture_checks()[0].run(DeviceChoice("numpy"))
     assert found.verdict == "absent"
     assert "the ray tracer is not installed here" in found.detail
 
@@ -250,7 +250,7 @@ def test_every_check_of_bits_has_a_hash() -> None:
 
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
-    found = functions.sweep_of(name).run(Target("numpy"))
+    found = functions.sweep_of(name).run(DeviceChoice("numpy"))
     assert digest(found) == golden()["functions"][name], "run python -m shpy.testing.certify --write-golden"
 
 
@@ -259,11 +259,11 @@ def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
 def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> None:
     """The hashes are those that strict mode had before its functions were correctly rounded."""
     check = next(check for check in functions.sweep_checks() if check.name == f"{name}, portable")
-    assert check.run(Target(backend)).verdict in ("same", "denormals")
+    assert check.run(DeviceChoice(backend)).verdict in ("same", "denormals")
 
 
 def test_the_hashes_of_pictures_are_those_of_numpy() -> None:
-    assert digest(pictures.example("marble").run(Target("numpy"))) == golden()["examples"]["marble"]
+    assert digest(pictures.example("marble").run(DeviceChoice("numpy"))) == golden()["examples"]["marble"]
     assert digest(pictures.picture("boxes", "numpy").values()) == golden()["pictures"]["boxes"]
 
 

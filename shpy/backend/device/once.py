@@ -69,7 +69,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_renew_locks)
 
 
-class Locked(Protocol):
+class Lockable(Protocol):
     """An object with a lock that a thread may take twice."""
 
     @property
@@ -86,8 +86,8 @@ class once_of_each(Generic[T]):
     @overload
     def __get__(self, instance: None, owner: type) -> once_of_each[T]: ...
     @overload
-    def __get__(self, instance: Locked, owner: type) -> T: ...
-    def __get__(self, instance: Locked | None, owner: type) -> once_of_each[T] | T:
+    def __get__(self, instance: Lockable, owner: type) -> T: ...
+    def __get__(self, instance: Lockable | None, owner: type) -> once_of_each[T] | T:
         """Return the value: this is called as long as the object has no attribute of this name."""
         if instance is None:
             return self

@@ -30,13 +30,13 @@ from shpy.backend.emit.tree import (
     Function,
     If,
     Index,
-    Listed,
+    ListDisplay,
     Literal,
     Loop,
     Member,
     Method,
     Name,
-    Named,
+    NamedArgument,
     Operator,
     Slice,
     Stmt,
@@ -135,9 +135,9 @@ class PythonSpeller:
                 return f"{self.at(e.of, Strength.POSTFIX)}[{self.text(e.at)}]", Strength.POSTFIX
             case Slice():
                 return f"{'' if e.start is None else e.start}:{e.stop}", Strength.TUPLE
-            case Listed():
+            case ListDisplay():
                 return f"[{self.listed(e.args)}]", Strength.POSTFIX
-            case Named():
+            case NamedArgument():
                 return f"{e.name}={self.text(e.value)}", Strength.TUPLE
             case Tuple():
                 return self.listed(e.args), Strength.TUPLE

@@ -161,12 +161,12 @@ class Slice(Expr):
 
 
 @dataclass(frozen=True, slots=True)
-class Listed(Tuple):
+class ListDisplay(Tuple):
     """A list, which as an index gives a copy."""
 
 
 @dataclass(frozen=True, slots=True)
-class Named(Expr):
+class NamedArgument(Expr):
     """An argument by its name, as Python has them."""
 
     name: str

@@ -42,7 +42,7 @@ from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable, hold_bools_as_ints
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
-from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.pipeline import PreparedModule, Target, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
@@ -108,7 +108,7 @@ class GlslBackend:
         runtime = self._runtime(options.device or 0)
         target = _target(limits, module, options)
 
-        def build(prepared: Prepared, *, rejects: bool = False) -> tuple[Program, ...]:
+        def build(prepared: PreparedModule, *, rejects: bool = False) -> tuple[Program, ...]:
             steady = few_turns(prepared.module)
             shaders = _shaders(prepared, options, limits, rejects=rejects)
             return tuple(runtime.build(shader, module.entry.loc, steady=steady) for shader in shaders)
@@ -211,7 +211,7 @@ def text_for(module: Module, options: Options, limits: Limits) -> str:
     return "\n".join(shader.source for shader in _shaders(prepared, options, limits))
 
 
-def _shaders(prepared: Prepared, options: Options, limits: Limits, *, rejects: bool = False) -> Iterator[Shader]:
+def _shaders(prepared: PreparedModule, options: Options, limits: Limits, *, rejects: bool = False) -> Iterator[Shader]:
     """Yield the shader of each group of outputs, in forms that Mesa's compilers get right."""
     exact, limited = options.math != "fast", options.loop_limit is not None
     whole = hold_bools_as_ints(prepared.module)

@@ -15,7 +15,7 @@ from shpy.errors import ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import MAX_ARRAY
 from shpy.ir.types import Base, vec
-from shpy.lang.functions.blocks import Counted
+from shpy.lang.functions.blocks import CountedLoop
 from shpy.lang.mistakes.aliases import check_store
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, need_frame
@@ -77,7 +77,7 @@ class Array(Symbolic):
 
     def _clear(self) -> None:
         """Store zeros: made in a loop, the array is fresh in each iteration (elsewhere its slot is zero at first)."""
-        with Counted(0, self._length, 1) as i:
+        with CountedLoop(0, self._length, 1) as i:
             index = int(i._read(self._frame))
             for variable, cls in zip(self._variables, self._classes, strict=True):
                 zero = self._frame.const(cls.type, (0,) * cls.size)
@@ -87,7 +87,7 @@ class Array(Symbolic):
         """Return a new array with the same elements."""
         slots = [self._frame.variable(cls.type, self._length) for cls in self._classes]
         array = Array._of(self._frame, self._layout, self._length, slots)
-        with Counted(0, self._length, 1) as i:
+        with CountedLoop(0, self._length, 1) as i:
             array[i] = self[i]
         return array
 

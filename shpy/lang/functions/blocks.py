@@ -175,7 +175,7 @@ class LoopBlock(Block):
         self.frame.append(Loop(region, self.continuing, self.until, self.turns, self.loc))
 
 
-class Counted(LoopBlock):
+class CountedLoop(LoopBlock):
     """A loop over a range of numbers: SH_FOR, and loops over the elements of an array."""
 
     what = "SH_FOR"

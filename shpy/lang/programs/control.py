@@ -18,7 +18,7 @@ from shpy.ir.nodes import Break, Continue, Discard, If, Let, Loc, Region, Return
 from shpy.ir.traverse import has_exit, walk
 from shpy.ir.types import Base, vec
 from shpy.lang.data.hostdata import checked_bool
-from shpy.lang.functions.blocks import Block, Counted, LoopBlock, leave, negated
+from shpy.lang.functions.blocks import Block, CountedLoop, LoopBlock, leave, negated
 from shpy.lang.library import trip_count
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, OpenRegion, need_frame
@@ -41,7 +41,7 @@ class Branch:
         self.loc = loc
 
 
-class Chain:
+class BranchChain:
     """SH_IF with the SH_ELIFs and the SH_ELSE that follow it: rebuilt into one If whenever a link is added."""
 
     def __init__(self, frame: Frame, scope: OpenRegion, position: int) -> None:
@@ -109,7 +109,7 @@ class SH_IF(Block):
     def finish(self, region: Region) -> None:
         """Leave an If, to which SH_ELIF and SH_ELSE may add."""
         scope = self.frame.scope
-        chain = Chain(self.frame, scope, len(scope.statements))
+        chain = BranchChain(self.frame, scope, len(scope.statements))
         chain.add(Branch((), self.condition, region, self.loc))
         chain.rebuild()
         scope.chain = chain
@@ -252,7 +252,7 @@ def _check_skipped(frame: Frame, block: LoopBlock, loc: Loc | None) -> None:
             )
 
 
-class SH_FOR(Counted):
+class SH_FOR(CountedLoop):
     """Count like range: SH_FOR(stop), SH_FOR(start, stop), SH_FOR(start, stop, step), evaluated once.
 
     `with SH_FOR(n) as i`: i is a fresh Attrib1i in each iteration.

@@ -14,14 +14,14 @@ from typing import Any
 from shpy.ir.types import Base
 from shpy.lang.programs.control import SH_DISCARD
 from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.record import InputType, Recorded, rerecorded
+from shpy.lang.programs.record import InputType, RecordedProgram, rerecorded
 from shpy.lang.values.structure import Leaf
 from shpy.lang.values.value import CLASSES
 
 MASK = CLASSES["Attrib", 1, Base.B]
 
 
-def guarded(recorded: Recorded, condition: Recorded | None, mask: str) -> Recorded:
+def guarded(recorded: RecordedProgram, condition: RecordedProgram | None, mask: str) -> RecordedProgram:
     """Return `recorded` with the elements discarded first for which the condition does not hold.
 
     The condition is a program that returns one bool, whose inputs are shared with those of the same names, or, if None,

@@ -18,7 +18,7 @@ from shpy.ir.traverse import Copy, defined, is_straight, regions_of, rewrite, wa
 from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableType, fits
 from shpy.lang.data.textures import Texture2D, TextureType
-from shpy.lang.programs.record import Recorded
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.emit import Node, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, Recording, need_frame
@@ -31,7 +31,7 @@ Constants = Mapping[Same, tuple[int, ...]]
 """Constants by the Param or dependent uniform that they replace."""
 
 
-def call_recorded(recorded: Recorded, arguments: Mapping[str, Any], constants: Constants | None = None) -> Any:
+def call_recorded(recorded: RecordedProgram, arguments: Mapping[str, Any], constants: Constants | None = None) -> Any:
     """Record a call of `recorded` with values for its inputs; `constants` fixes uniforms."""
     frame = need_frame("a call of a program")
     names = _Names(frame.recording, recorded, arguments, constants or {})
@@ -56,7 +56,7 @@ class _Names:
     """New names in the caller's module for the functions, params and tables of the called one."""
 
     recording: Recording
-    recorded: Recorded
+    recorded: RecordedProgram
     arguments: Mapping[str, Any]
     constants: Constants
 

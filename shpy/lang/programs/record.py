@@ -1,7 +1,7 @@
 """Record: run the user's function once on symbolic arguments; what it does becomes a module.
 
-Stage: record, its end. Takes a function whose inputs are annotated, gives a `Recorded`: the module, the layouts of
-inputs and outputs, and the params and tables that it uses by closure.
+Stage: record, its end. Takes a function whose inputs are annotated, gives a `RecordedProgram`: the module, the layouts
+of inputs and outputs, and the params and tables that it uses by closure.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ InputType = Layout | TableType | TextureType
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedProgram:
     """A module with the data that the host needs to run it; `defaults` are the values of inputs that a call omits."""
 
     module: Module
@@ -65,7 +65,7 @@ def input_type(annotation: Any, name: str) -> InputType:
 RESERVED = ("out", "shape", "where")
 
 
-def record(function: Callable[..., Any], name: str | None = None) -> Recorded:
+def record(function: Callable[..., Any], name: str | None = None) -> RecordedProgram:
     """Record `function`; raises RecordError or ShpyTypeError at the user's line."""
     loc = loc_of(function)
     _check_kind(plain_function(function))
@@ -188,7 +188,7 @@ def record_body(
     body: Callable[[dict[str, Any]], Any],
     end: Loc | None = None,
     bodies: frozenset[CodeType] = frozenset(),
-) -> Recorded:
+) -> RecordedProgram:
     """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share.
 
     `end` is the line of the last return, `bodies` the code of the user's function.
@@ -213,17 +213,17 @@ def record_body(
         functions,
     )
     verify(module)
-    return Recorded(module, dict(types), returns.layout, dict(context.params), dict(context.tables))
+    return RecordedProgram(module, dict(types), returns.layout, dict(context.params), dict(context.tables))
 
 
 def rerecorded(
     name: str,
-    like: Recorded,
+    like: RecordedProgram,
     types: dict[str, InputType],
     layout: Layout | None,
     body: Callable[[dict[str, Any]], Any],
     defaults: Mapping[str, Any],
-) -> Recorded:
+) -> RecordedProgram:
     """Record `body`, which calls `like`, at the line of that; keep the defaults of the inputs that are left."""
     with recording(name, like.module.entry.loc) as context:
         recorded = record_body(context, types, layout, body)

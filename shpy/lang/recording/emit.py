@@ -26,7 +26,7 @@ Handle = Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Computed:
+class HostNumber:
     """A number of the host: rounded to its type at each step and, of type f, in binary64 (`wide`)."""
 
     narrow: NDArray[Any]
@@ -70,18 +70,18 @@ class HostEmitter:
         if op == "convert":
             narrow = _quiet(meaning.convert, args[0].narrow, DTYPES[type.base])
             wide = _quiet(meaning.convert, args[0].wide, np.float64) if type.base is Base.F else narrow
-            return Computed(narrow, wide)
+            return HostNumber(narrow, wide)
         return _both(type, partial(_structural, op, type, attr), args)
 
     def const(self, type: Type, attr: tuple[int, ...]) -> Handle:
         """Return the constant as arrays."""
         narrow = to_array(type, attr)
-        return Computed(narrow, to_array(type.based(Base.D), wide(attr)) if type.base is Base.F else narrow)
+        return HostNumber(narrow, to_array(type.based(Base.D), wide(attr)) if type.base is Base.F else narrow)
 
 
-def _both(type: Type, f: Callable[..., Any], args: Sequence[Computed]) -> Computed:
+def _both(type: Type, f: Callable[..., Any], args: Sequence[HostNumber]) -> HostNumber:
     narrow = _quiet(f, *(a.narrow for a in args))
-    return Computed(narrow, _quiet(f, *(a.wide for a in args)).astype(np.float64) if type.base is Base.F else narrow)
+    return HostNumber(narrow, _quiet(f, *(a.wide for a in args)).astype(np.float64) if type.base is Base.F else narrow)
 
 
 def _quiet(f: Callable[..., Any], *args: Any) -> NDArray[Any]:
@@ -105,7 +105,7 @@ def _structural(op: str, type: Type, attr: Attr, *args: Any) -> Any:
     raise AssertionError(f"{op} is recorded only")
 
 
-def constant_of(type: Type, number: Computed) -> tuple[int, ...]:
+def constant_of(type: Type, number: HostNumber) -> tuple[int, ...]:
     """Return the `attr` of a number of the host: in binary64, where that rounds to what binary32 gives."""
     narrow = from_array(type, number.narrow)
     if type.base is not Base.F:

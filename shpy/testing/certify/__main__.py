@@ -17,7 +17,7 @@ from shpy.command import run
 from shpy.programs import Program
 from shpy.run.kernel import Kernel
 from shpy.testing.certify import functions, golden, pictures
-from shpy.testing.certify.findings import Target
+from shpy.testing.certify.findings import DeviceChoice
 
 
 def kernels(folder: Path) -> dict[str, Program]:
@@ -48,7 +48,7 @@ def _compiled(advance: Any) -> Program:
 
 def hashes() -> dict[str, dict[str, str]]:
     """Return the golden hashes, as numpy gives them here."""
-    here = Target("numpy")
+    here = DeviceChoice("numpy")
     return {
         "functions": {name: golden.digest(functions.sweep_of(name).run(here)) for name in functions.SWEPT},
         "portable": {

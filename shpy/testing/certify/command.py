@@ -17,7 +17,7 @@ from pathlib import Path
 from shpy.backend.registry import NAMES, backend, backends
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.pictures.outputs import check_file, write_json
-from shpy.testing.certify.findings import Section, Target
+from shpy.testing.certify.findings import DeviceChoice, Section
 from shpy.testing.certify.report import (
     certificate,
     device_lines,
@@ -81,7 +81,7 @@ def _expected(devices: int, checks: Sequence[Section], full: bool) -> str:
     return f"{text}\nCtrl-C ends it and keeps what was found."
 
 
-def targets(name: str | None, device: int | None, lanes: int | None) -> list[Target]:
+def targets(name: str | None, device: int | None, lanes: int | None) -> list[DeviceChoice]:
     """Return the devices that are asked for: without a backend's name the first device of each backend.
 
     Raises ShpyError for a backend, a device or a width that is not there.
@@ -89,7 +89,7 @@ def targets(name: str | None, device: int | None, lanes: int | None) -> list[Tar
     if name is None:
         if device is not None or lanes is not None:
             raise ShpyError("--device and --lanes are of one backend", cure=f"--backend {', '.join(NAMES[1:])}")
-        return [Target(candidate.name) for candidate in backends() if candidate.available]
+        return [DeviceChoice(candidate.name) for candidate in backends() if candidate.available]
     devices = backend(name).devices()
     if not 0 <= (device or 0) < len(devices):
         raise BackendUnavailable(
@@ -97,7 +97,7 @@ def targets(name: str | None, device: int | None, lanes: int | None) -> list[Tar
         )
     if lanes not in (None, 1) and name != "opencl":
         raise ShpyError(f"{name} has no lanes to choose", cure="--backend opencl, or no --lanes")
-    return [Target(name, device, lanes)]
+    return [DeviceChoice(name, device, lanes)]
 
 
 def chosen_sections(words: str | None, full: bool) -> list[str]:
@@ -111,7 +111,7 @@ def chosen_sections(words: str | None, full: bool) -> list[str]:
     return names
 
 
-def _run(target: Target, rans: Sequence[SectionRun], full: bool, keep: Callable[[], None]) -> None:
+def _run(target: DeviceChoice, rans: Sequence[SectionRun], full: bool, keep: Callable[[], None]) -> None:
     """Run the sections and print what each finds, also where Ctrl-C ends it; `keep` writes the file meanwhile."""
     print("\n" + "\n".join(device_lines(target)), flush=True)
     for ran in rans:
@@ -164,7 +164,7 @@ class _Progress:
             print(f"\r{'':{self.width}}\r", end="", file=sys.stderr, flush=True)
 
 
-def _conclude(results: dict[Target, list[SectionRun]], path: Path) -> int:
+def _conclude(results: dict[DeviceChoice, list[SectionRun]], path: Path) -> int:
     print(f"\n{path} holds every result.")
     wrong = [target.backend for target, rans in results.items() if verdict(rans) == "differs"]
     if wrong:

@@ -14,7 +14,7 @@ import numpy as np
 from shpy.passes.modes import Math
 from shpy.programs import Program
 from shpy.testing.arrays import Array, differing, flat_leaves
-from shpy.testing.certify.findings import SHOWN, Finding, Target
+from shpy.testing.certify.findings import SHOWN, DeviceChoice, Finding
 from shpy.testing.certify.golden import digest
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -30,7 +30,7 @@ class Work:
     shape: tuple[int, ...] | None = None
     math: Math = "strict"
 
-    def run(self, target: Target) -> list[Array]:
+    def run(self, target: DeviceChoice) -> list[Array]:
         """Run the program on a target; return the leaves of its outputs."""
         return flat_leaves(target.compile(self.program, math=self.math)(*self.arrays, **self.named, shape=self.shape))
 
@@ -50,7 +50,7 @@ class Work:
         return int(np.prod(self.shape)) if self.shape else len(self.arrays[0])
 
 
-def compare(work: Work, target: Target, expected: str | None) -> tuple[Finding, list[Array]]:
+def compare(work: Work, target: DeviceChoice, expected: str | None) -> tuple[Finding, list[Array]]:
     """Run the work on a target and compare its bits with the golden hash `expected`.
 
     If the hashes differ, the finding names inputs whose results differ from numpy's on this machine.
@@ -61,7 +61,7 @@ def compare(work: Work, target: Target, expected: str | None) -> tuple[Finding, 
         return Finding("same", hash=checksum), outputs
     if target.backend == "numpy":
         return Finding("differs", _strange(checksum, expected), checksum), outputs
-    here = work.run(Target("numpy"))
+    here = work.run(DeviceChoice("numpy"))
     if digest(here) != expected:
         return Finding(
             "differs", f"numpy on this machine differs too: {_strange(digest(here), expected)}", checksum
@@ -73,7 +73,7 @@ def _strange(checksum: str, expected: str | None) -> str:
     return f"the hash is {checksum}, and the package ships {expected or 'none'}"
 
 
-def compare_arrays(work: Work, target: Target, outputs: list[Array], expected: list[Array]) -> Finding:
+def compare_arrays(work: Work, target: DeviceChoice, outputs: list[Array], expected: list[Array]) -> Finding:
     """Compare results with numpy's: the same bits, the same except for denormals, or the first inputs that differ."""
     rows = [[leaf.reshape(work.count, -1) for leaf in leaves] for leaves in (outputs, expected)]
     wrong = np.zeros(work.count, np.bool_)

@@ -1,6 +1,6 @@
 """Checks, the targets they run on, and their findings.
 
-Stage: test. A section is a list of checks; a check takes a `Target` and gives a `Finding`.
+Stage: test. A section is a list of checks; a check takes a `DeviceChoice` and gives a `Finding`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SHOWN = 3
 
 
 @dataclass(frozen=True)
-class Target:
+class DeviceChoice:
     """One device of a backend, and the lanes that run together on it; None: its first device, and "auto"."""
 
     backend: str
@@ -64,7 +64,7 @@ class Check:
     """One check by its name."""
 
     name: str
-    run: Callable[[Target], Finding]
+    run: Callable[[DeviceChoice], Finding]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from shpy.passes.modes import Math
 from shpy.programs import Program
 from shpy.testing.arrays import Array, flat_leaves
 from shpy.testing.certify.comparing import Work, compare, compare_arrays
-from shpy.testing.certify.findings import Check, Finding, Target, Verdict
+from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Verdict
 from shpy.testing.certify.golden import golden
 from shpy.testing.certify.inputs import PARTS, everything, no_denormals, pairs, scattered, sweep
 from shpy.testing.conformance.operations import program as program_of
@@ -68,7 +68,7 @@ def sweep_of(name: str, math: Math = "strict") -> Work:
     return Work(function(name), arrays, math=math)
 
 
-def _sweep(name: str, target: Target, math: Math = "strict") -> Finding:
+def _sweep(name: str, target: DeviceChoice, math: Math = "strict") -> Finding:
     work = sweep_of(name, math)
     section = "functions" if math == "strict" else "portable"
     finding, outputs = compare(work, target, golden()[section].get(name))
@@ -85,7 +85,7 @@ def bound_checks() -> list[Check]:
     return relaxed + [Check(f"{name}, f64", functools.partial(_double, name)) for name in names]
 
 
-def _relaxed(name: str, target: Target) -> Finding:
+def _relaxed(name: str, target: DeviceChoice) -> Finding:
     arrays = arguments(name, _COARSE)
     kernel = target.compile(function(name), math="relaxed")
     (results,) = flat_leaves(kernel(*arrays))
@@ -132,11 +132,11 @@ def input_checks() -> list[Check]:
     ]
 
 
-def _all(name: str, part: int, target: Target) -> Finding:
+def _all(name: str, part: int, target: DeviceChoice) -> Finding:
     """Compare part of the inputs: numpy's results with the bound, other backends' with numpy's bits here."""
     verdict: Verdict = "same"
     ulp = 0.0
-    kernel, reference = target.compile(function(name)), Target("numpy").compile(function(name))
+    kernel, reference = target.compile(function(name)), DeviceChoice("numpy").compile(function(name))
     for x in everything(part):
         (results,) = flat_leaves(kernel(x))
         finding = Finding("same")
@@ -151,7 +151,7 @@ def _all(name: str, part: int, target: Target) -> Finding:
     return Finding(verdict, ulp=ulp or None)
 
 
-def _double(name: str, target: Target) -> Finding:
+def _double(name: str, target: DeviceChoice) -> Finding:
     """Return the error of strict mode at f64, against mpmath in 160 bits."""
     try:
         import mpmath as mp

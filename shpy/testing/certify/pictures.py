@@ -16,7 +16,7 @@ from shpy.errors import ShpyError
 from shpy.programs import Program, parse
 from shpy.testing.arrays import Array, differing
 from shpy.testing.certify.comparing import Work, compare
-from shpy.testing.certify.findings import SHOWN, Check, Finding, Target
+from shpy.testing.certify.findings import SHOWN, Check, DeviceChoice, Finding
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import fractions
 
@@ -31,7 +31,7 @@ def example_checks() -> list[Check]:
     return [Check(name, functools.partial(_example, name)) for name in EXAMPLES]
 
 
-def _example(name: str, target: Target) -> Finding:
+def _example(name: str, target: DeviceChoice) -> Finding:
     return compare(example(name), target, golden()["examples"].get(name))[0]
 
 
@@ -69,7 +69,7 @@ def picture_checks() -> list[Check]:
     return [Check(name, functools.partial(_picture, name)) for name in SCENES]
 
 
-def _picture(name: str, target: Target) -> Finding:
+def _picture(name: str, target: DeviceChoice) -> Finding:
     if target.options:  # the renderer takes the first device and measures the width
         return Finding("absent", "pictures are rendered without --device and --lanes")
     try:

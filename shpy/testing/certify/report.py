@@ -19,7 +19,7 @@ from typing import Any
 from shpy.backend.base import Device
 from shpy.backend.registry import backend
 from shpy.packages import DISTRIBUTION, installed
-from shpy.testing.certify.findings import SHOWN, Finding, Target
+from shpy.testing.certify.findings import SHOWN, DeviceChoice, Finding
 from shpy.testing.certify.golden import FILE
 from shpy.testing.certify.sections import SectionRun
 
@@ -36,12 +36,12 @@ _SPOKEN = {
 }
 
 
-def device_of(target: Target) -> Device:
+def device_of(target: DeviceChoice) -> Device:
     """Return the device of a target."""
     return backend(target.backend).devices()[target.device or 0]
 
 
-def device_lines(target: Target) -> list[str]:
+def device_lines(target: DeviceChoice) -> list[str]:
     """Return the device in words."""
     device = device_of(target)
     lanes = f", {target.lanes} lane{'s' if target.lanes != 1 else ''}" if target.lanes else ""
@@ -67,7 +67,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"
 
 
-def left_line(ran: SectionRun, target: Target) -> list[str]:
+def left_line(ran: SectionRun, target: DeviceChoice) -> list[str]:
     """Return the command that runs the checks for which a section had no time."""
     if not (ran.cut and ran.findings):
         return []
@@ -125,7 +125,7 @@ def verdict_lines(rans: Sequence[SectionRun]) -> list[str]:
     return [f"  -> {text}", *explained]
 
 
-def certificate(results: Mapping[Target, Sequence[SectionRun]], full: bool) -> dict[str, Any]:
+def certificate(results: Mapping[DeviceChoice, Sequence[SectionRun]], full: bool) -> dict[str, Any]:
     """Return the record: the machine, each device, and every finding."""
     return {
         "format": FORMAT,
@@ -146,7 +146,7 @@ def certificate(results: Mapping[Target, Sequence[SectionRun]], full: bool) -> d
     }
 
 
-def _target(target: Target, rans: Sequence[SectionRun]) -> dict[str, Any]:
+def _target(target: DeviceChoice, rans: Sequence[SectionRun]) -> dict[str, Any]:
     device = device_of(target)
     return {
         "backend": target.backend,

@@ -18,7 +18,7 @@ from typing import Final
 
 import shpy
 from shpy.errors import CompileError, ShpyWarning
-from shpy.testing.certify.findings import Check, Finding, Section, Target
+from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Section
 from shpy.testing.certify.functions import bound_checks, input_checks, sweep_checks
 from shpy.testing.certify.pictures import example_checks, picture_checks
 from shpy.testing.conformance.cases import Case
@@ -90,12 +90,12 @@ def mixed(cases: list[Case]) -> list[Case]:
     return [cases[k] for k in order]
 
 
-def _conform(case: Case, target: Target) -> Finding:
+def _conform(case: Case, target: DeviceChoice) -> Finding:
     wrong = case.difference(case.run(target.backend, **target.options), target.backend, **target.options)
     return Finding("differs", wrong) if wrong else Finding("same")
 
 
-def run_section(ran: SectionRun, target: Target, *, full: bool, progress: Progress) -> None:
+def run_section(ran: SectionRun, target: DeviceChoice, *, full: bool, progress: Progress) -> None:
     """Run the checks of a section, for its seconds or all of them, and keep in `ran` what each finds."""
     checks, limit = ran.section.checks, None if full else ran.section.seconds
     started = time.monotonic()
@@ -111,14 +111,14 @@ def run_section(ran: SectionRun, target: Target, *, full: bool, progress: Progre
         ran.seconds = time.monotonic() - started
 
 
-def _guarded(check: Check, target: Target) -> Finding:
+def _guarded(check: Check, target: DeviceChoice) -> Finding:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ShpyWarning)
         finding = _finding(check, target)
     return replace(finding, warnings=tuple(_impersonal(str(warning.message)) for warning in caught))
 
 
-def _finding(check: Check, target: Target) -> Finding:
+def _finding(check: Check, target: DeviceChoice) -> Finding:
     # Drivers fail in ways of their own, and what else they do wrong is to be found too.
     try:
         return check.run(target)

@@ -23,7 +23,7 @@ from shpy.backend.dump import dump
 from shpy.backend.numpy.device.collective import COLLECTIVES
 from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
 from shpy.backend.numpy.tables import ElementList, Place, TableView, places_of
-from shpy.backend.numpy.text.apart import Layout, lay_out
+from shpy.backend.numpy.text.apart import ApartLayout, lay_out
 from shpy.backend.numpy.text.module import PrintedModule, print_python
 from shpy.errors import BackendUnavailable, CompileError
 from shpy.ir import exact
@@ -34,7 +34,7 @@ from shpy.ir.tabledata import TableData
 from shpy.ir.traverse import walk
 from shpy.ir.types import Type
 from shpy.passes.neighbours import find_neighbours
-from shpy.passes.pipeline import Prepared, Target, prepare
+from shpy.passes.pipeline import PreparedModule, Target, prepare
 from shpy.passes.private import private_memory
 from shpy.passes.rejecting import find_rejection
 
@@ -138,8 +138,8 @@ def _compiled(printed: PrintedModule, module: Module) -> Callable[..., Any]:
 class NumpyExecutable:
     """A compiled module: see `base.Executable`."""
 
-    prepared: Prepared
-    layout: Layout
+    prepared: PreparedModule
+    layout: ApartLayout
     printed: PrintedModule
     tile: int
     entry: Callable[..., Any]

@@ -33,7 +33,7 @@ _FREE = frozenset({"const", "load", "swizzle", "param", "grid_index", "grid_shap
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ApartLayout:
     """A vectorised module, whether its vectors are taken apart, and whether its lanes may be a block of a grid."""
 
     vector: VectorModule
@@ -41,7 +41,7 @@ class Layout:
     grid: bool
 
 
-def lay_out(module: Module) -> Layout:
+def lay_out(module: Module) -> ApartLayout:
     """Return the prepared module, vectorised as it is or taken apart, whichever is quicker."""
     whole = cache(lambda: vectorize(module))  # most kernels that are taken apart need none
     placed = _knows_its_place(module) and not _holds(module, lambda slot: slot.length is not None)
@@ -51,17 +51,19 @@ def lay_out(module: Module) -> Layout:
 
     constructs, used = _vectors([f.body for f in module.functions])
     if not constructs + used:
-        return Layout(whole(), apart=False, grid=grid(whole()) and not _holds(module, lambda slot: slot.type.size > 1))
+        return ApartLayout(
+            whole(), apart=False, grid=grid(whole()) and not _holds(module, lambda slot: slot.type.size > 1)
+        )
     in_loops, used_in_loops = _vectors(_iterated(module))
     pays = used_in_loops < _WORTH_MAKING * in_loops
     pays = pays or (placed and (constructs > 0 or _only_places(module)) and grid(whole()))
     if not pays and not any(with_counters(f) for f in whole().module.functions if not f.pure):
-        return Layout(whole(), apart=False, grid=False)
+        return ApartLayout(whole(), apart=False, grid=False)
     scalars = vectorize(optimise(take_apart(lower(module, frozenset(OPS) - GEOMETRY), throughout=True)))
     alone = lanes_alone(scalars.module.functions)
     if pays or any(counted(f, scalars.facts[f.name], alone) for f in scalars.module.functions if not f.pure):
-        return Layout(scalars, apart=True, grid=grid(scalars))
-    return Layout(whole(), apart=False, grid=False)
+        return ApartLayout(scalars, apart=True, grid=grid(scalars))
+    return ApartLayout(whole(), apart=False, grid=False)
 
 
 def _knows_its_place(module: Module) -> bool:

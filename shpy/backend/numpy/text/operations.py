@@ -76,7 +76,7 @@ def is_shared(e: Expr) -> bool:
         case Operator(_, "?", _):
             return True
         case Index(_, _, at):
-            return not isinstance(at, tree.Listed)
+            return not isinstance(at, tree.ListDisplay)
     return False
 
 
@@ -88,7 +88,7 @@ def is_atom(e: Expr) -> bool:
         case Member(_, of) | Construct(_, (of,)):
             return is_atom(of)
         case Index(_, of, at):
-            return is_atom(of) and not isinstance(at, tree.Listed)
+            return is_atom(of) and not isinstance(at, tree.ListDisplay)
     return False
 
 
@@ -104,7 +104,7 @@ def components_of(components: Sequence[int], *, from_start: bool = False) -> Exp
         return tree.number(first)
     if is_row(components):
         return tree.Slice(INT, None if from_start and not first else first, last + 1)
-    return tree.Listed(INT, tuple([tree.number(c) for c in components]))
+    return tree.ListDisplay(INT, tuple([tree.number(c) for c in components]))
 
 
 class NumpyOperations(Body):
@@ -137,7 +137,7 @@ class NumpyOperations(Body):
             case "component" | "half":
                 return tree.call(let.op, type, *map(own, args))
             case "any" | "all":
-                axis = tree.Named(INT, "axis", tree.number(0))
+                axis = tree.NamedArgument(INT, "axis", tree.number(0))
                 return tree.call(f"np.{let.op}", type, args[0], axis) if types[0].size > 1 else args[0]
             case "convert":
                 return self.converted(own(args[0]), types[0], type)

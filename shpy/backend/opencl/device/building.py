@@ -32,7 +32,7 @@ from shpy.ir.nodes import Function, Let, Loc, Loop, Module, Store
 from shpy.ir.traverse import variables_of, walk
 from shpy.passes.exits import few_turns
 from shpy.passes.modes import REPRODUCIBLE, Precision
-from shpy.passes.pipeline import Prepared, prepare
+from shpy.passes.pipeline import PreparedModule, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.size import check_growth, check_size
 
@@ -135,7 +135,7 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     return executable
 
 
-def _printed(machine: Machine, prepared: Prepared, options: Options, lanes: int) -> KernelText:
+def _printed(machine: Machine, prepared: PreparedModule, options: Options, lanes: int) -> KernelText:
     module, near = prepared.module, lanes
     if lanes > 1:
         if options.lanes == "auto":

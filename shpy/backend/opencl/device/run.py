@@ -35,7 +35,7 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc, Status, Table
 from shpy.ir.tabledata import TableData
 from shpy.ir.types import Type, vec
-from shpy.passes.pipeline import Prepared
+from shpy.passes.pipeline import PreparedModule
 
 _WIDE: Final = 32
 """Images of fewer columns run as lists, since too many lanes of their packets would be idle."""
@@ -53,7 +53,7 @@ class OpenCLExecutable:
 
     machine: Machine
     kernel: KernelText
-    prepared: Prepared
+    prepared: PreparedModule
     program: Any
     compiled: Any
     pace: Pace
