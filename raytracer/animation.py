@@ -30,7 +30,7 @@ from raytracer.cluster.job import check_alike, probed
 from raytracer.cluster.tasks import kept
 from raytracer.errors import SceneError
 from raytracer.image import exposed
-from raytracer.integrators.integrator import Given, Integrator, Options, chosen
+from raytracer.integrators.integrator import Choice, Integrator, Options, chosen
 from raytracer.integrators.layers import checked_size
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import box, floor, sphere
@@ -48,7 +48,7 @@ def animate(
     *,
     fps: float = sh.videos.FPS,
     size: tuple[int, int] = (512, 512),
-    integrator: Given = "whitted",
+    integrator: Choice = "whitted",
     backend: str | None = None,
     resume: bool = False,
     cluster: Any = None,
@@ -151,10 +151,10 @@ def made_by(path: Path) -> Make:
     """Return the function `scene` that a Python file defines; SceneError for a file without one, or with mistakes."""
     if not path.is_file():
         raise SceneError(f"there is no file {path}")
-    return _Made(path, path.read_bytes())
+    return SceneFunction(path, path.read_bytes())
 
 
-class _Made:
+class SceneFunction:
     """The function `scene` of a Python file, which may import modules of its folder; pickled as the file's text."""
 
     def __init__(self, path: Path, text: bytes, folder: str | None = None) -> None:
@@ -172,9 +172,10 @@ class _Made:
             raise SceneError(f"{path} defines no function scene: def scene(time): return raytracer.Scene(...)")
 
     def __reduce__(self) -> Any:
-        return _Made, (self.path, self.text, self.folder)
+        return SceneFunction, (self.path, self.text, self.folder)
 
     def __call__(self, time: float) -> Scene:
+        """Return the scene of a time; SceneError where the function fails."""
         assert callable(self.make)  # else it would not have been made
         try:
             scene: Scene = self.make(time)

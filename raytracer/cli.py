@@ -27,7 +27,8 @@ from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, exposed, writer
 from raytracer.integrators import integrator
-from raytracer.integrators.renderer import Progress, Renderer
+from raytracer.integrators.layers import Progress
+from raytracer.integrators.renderer import Renderer
 from raytracer.memory import PIXEL, check_fits
 from raytracer.meshes.folder import shown
 from raytracer.rendering import render

@@ -26,7 +26,7 @@ from raytracer.accel.choice import build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels import component, nearby, queries
-from raytracer.kernels.component import Component, Surfaces, TracedHit, given_ray
+from raytracer.kernels.component import Component, Surfaces, TracedHit, ray_values
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, lanes_of
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
@@ -162,7 +162,7 @@ class Intersector:
         f16, and where its program runs in another precision than the scene's.
         """
         component = self._recorded("trace")
-        return component.trace(given_ray("trace", origin, direction, t_min, t_max), self._ahead(leaving))
+        return component.trace(ray_values("trace", origin, direction, t_min, t_max), self._ahead(leaving))
 
     def blocked(
         self, origin: Any, direction: Any, t_max: Any = np.inf, t_min: Any = 0.0, *, leaving: bool = True
@@ -172,7 +172,7 @@ class Intersector:
         Arguments and errors are those of `trace`. The walk ends at the first hit that it finds.
         """
         component = self._recorded("blocked")
-        ray = given_ray("blocked", origin, direction, t_min, t_max)
+        ray = ray_values("blocked", origin, direction, t_min, t_max)
         return component.find(*ray, True, self._ahead(leaving)).triangle >= 0
 
     def _recorded(self, name: str) -> Component:
@@ -199,8 +199,8 @@ class Intersector:
         moved = self._moved or MovedObjects(self._source, self._accel, self._precision, self._target)
         renewed = moved.move(name, transform)
         self._moved, self._geometry = moved, moved.geometry
-        for made in ("_walks", "_closest"):
-            vars(self).pop(made, None)
+        for outdated in ("_walks", "_closest"):
+            vars(self).pop(outdated, None)
         self._renew_component(name, renewed)
         several = SEVERAL if self._accel == "grid" else ()
         self._kernels = {key: kernel for key, kernel in self._kernels.items() if not renewed and key[0] not in several}

@@ -1,7 +1,7 @@
 """Check the rays that a user gives as arrays, and convert them to the coordinates of kernels.
 
 Stage: query. Where f32 holds the numbers, the arrays go to the kernel unchanged: the kernel converts them and reports
-invalid rays (`kernels.queries.GivenRay`). Numbers out of the range of f32 are converted here, in f64.
+invalid rays (`kernels.queries.QueryRay`). Numbers out of the range of f32 are converted here, in f64.
 
     rays = Rays.of(origins, directions, t_min, t_max)
     inputs = frame.inputs(rays, exact=False)

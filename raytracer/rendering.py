@@ -19,11 +19,11 @@ from raytracer.cluster.partitioned import check_partitions, render_partitioned
 from raytracer.cluster.replicated import render_tiles
 from raytracer.errors import SceneError
 from raytracer.image import Image
-from raytracer.integrators.integrator import Given, Integrator, Options, Whitted, chosen
-from raytracer.integrators.layers import checked_size
+from raytracer.integrators.integrator import Choice, Integrator, Options, Whitted, chosen
+from raytracer.integrators.layers import Progress, checked_size
 from raytracer.integrators.primary import GBuffer, size_of
 from raytracer.integrators.progressive import check_resume
-from raytracer.integrators.renderer import Progress, Renderer, Resume
+from raytracer.integrators.renderer import Renderer, Resume
 from raytracer.scene.scene import Scene
 from raytracer.studies.tradeoff import fastest
 
@@ -32,7 +32,7 @@ def render(
     scene: Scene,
     size: tuple[int, int] | None = None,
     *,
-    integrator: Given = "whitted",
+    integrator: Choice = "whitted",
     backend: str | None = None,
     resume: Resume = None,
     max_error: float | None = None,

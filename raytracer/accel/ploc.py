@@ -181,7 +181,7 @@ def _pairs(sides: Sides, backend: str) -> tuple[NDArray[np.int32], NDArray[np.bo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Numbered:
+class _Numbering:
     """The nodes of a tree, numbered depth first.
 
     `items` (N,) are the triangles, leaf by leaf. `rows` (M, 2) hold the link of a leaf, and the axis along which the
@@ -195,7 +195,7 @@ class _Numbered:
     inner: list[Ints]
 
 
-def _numbered(tree: _Tree, order: Ints) -> _Numbered:
+def _numbered(tree: _Tree, order: Ints) -> _Numbering:
     """Give the nodes numbers, depth first; a node of `MAX_LEAF` triangles or fewer is a leaf."""
     count, total = tree.count, tree.total
     size = np.ones(len(count), np.int64)  # of the nodes of a tree below
@@ -224,10 +224,10 @@ def _numbered(tree: _Tree, order: Ints) -> _Numbered:
     leaves = np.flatnonzero(there & (count <= MAX_LEAF))
     leaf = np.stack([number[leaves], begin[leaves], count[leaves]])
     rows[leaf[0], 0] = -1 - (leaf[1] << COUNT_BITS | leaf[2])
-    return _Numbered(items, rows, leaf, inner)
+    return _Numbering(items, rows, leaf, inner)
 
 
-def _linked(tree: _Numbered, sides: Bounds) -> Bvh:
+def _linked(tree: _Numbering, sides: Bounds) -> Bvh:
     """Build the boxes of all nodes from the bottom up, and their links; `sides` (N, 6) are those of triangles."""
     boxes = np.empty((len(tree.rows), 6), sides.dtype)
     number, begin, count = tree.leaf
@@ -242,7 +242,7 @@ def _linked(tree: _Numbered, sides: Bounds) -> Bvh:
     return Bvh(low, high, _links(tree), tree.items.astype(np.int32))
 
 
-def _links(tree: _Numbered) -> NDArray[np.int32]:
+def _links(tree: _Numbering) -> NDArray[np.int32]:
     """Return the links (8, M, 2) of a `Bvh`, from the root on: the second child is visited after the first.
 
     For 10**6 triangles this takes 0.10 s, and 0.05 s as a kernel of OpenCL, which takes 0.85 s to be compiled.

@@ -21,7 +21,7 @@ Sources = Mapping[str, Callable[[], Any]]
 """Functions that record a value, by the value's name."""
 
 
-class _Known:
+class _Lookup:
     """Values by name, each recorded wherever it is asked for; `read` names those that were."""
 
     def __init__(self, sources: Sources) -> None:
@@ -38,7 +38,7 @@ class _Known:
         return fields_of(type(self))[name](self._sources[name]())
 
 
-class Hit(_Known):
+class Hit(_Lookup):
     """The point that a ray has met, as a material's `surface` sees it; only what it asks for is computed.
 
     `position` is the point in the scene's coordinates and `distance` how far the ray has come, in the scene's units;
@@ -60,7 +60,7 @@ class Hit(_Known):
     outside: sh.Attrib1b
 
 
-class Surface(_Known):
+class Surface(_Lookup):
     """The result of a material's `surface` at a point; fields that it leaves out are those of the material.
 
     `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
@@ -140,7 +140,7 @@ class Examined:
     program: Any
 
 
-def fields_of(cls: type[_Known]) -> Mapping[str, Any]:
+def fields_of(cls: type[_Lookup]) -> Mapping[str, Any]:
     """Return the fields of a Hit or Surface and their types, in order."""
     return get_type_hints(cls)
 
@@ -209,7 +209,7 @@ def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
     return converted(sh.Color3f, result, f"what the program of {whose} gives", where)
 
 
-def _readers(record: _Known) -> Sources:
+def _readers(record: _Lookup) -> Sources:
     """Return the functions that read the fields of a Hit or Surface, by name."""
     return {name: partial(getattr, record, name) for name in record._sources}
 
@@ -285,7 +285,7 @@ def _check_ends(program: Callable[..., Any], recorded: Any, cure: str) -> None:
         raise SceneError(f"{place_of(program)}: SH_DISCARD would end the whole pixel: {cure}")
 
 
-def _zeros(cls: type[_Known]) -> Sources:
+def _zeros(cls: type[_Lookup]) -> Sources:
     def zero(kind: Any) -> Callable[[], Any]:
         return lambda: kind(False) if kind is sh.Attrib1b else kind(0)
 

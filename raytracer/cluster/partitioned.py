@@ -28,8 +28,7 @@ from raytracer.cluster.tasks import KEPT, await_worker, is_loss, kept, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted, check_scene
-from raytracer.integrators.layers import canvas, take_samples, unscale, whole_size
-from raytracer.integrators.renderer import Progress
+from raytracer.integrators.layers import Progress, canvas, rows_at_once, take_samples, unscale, whole_size
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.surfaces import is_black
 from raytracer.kernels.tracer import Pixel
@@ -41,8 +40,6 @@ MOST = 1024
 """Parts, at most."""
 LOSSES = 3
 """Workers that may be lost over the same band, as Dask has it for a task."""
-BAND = 1 << 17
-"""Eye rays that are on their way at once."""
 
 
 def render_partitioned(
@@ -63,7 +60,7 @@ def render_partitioned(
     parts = _cut(job, layout, partitions, (width * fine, height * fine))
     cut = time.perf_counter() - started
     run = _Run(client, parts)
-    rows = max(1, BAND // (width * fine * fine))
+    rows = rows_at_once("parts", width * fine * fine)
     for top in range(0, height, rows):
         past = min(top + rows, height)
         pixels = run.traced(top * fine, (past - top) * fine, width * fine)

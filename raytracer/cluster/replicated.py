@@ -21,9 +21,9 @@ from raytracer.cluster.job import Job, Prepared, check_alike
 from raytracer.cluster.tasks import finished, kept, key_of, scattered
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import check_scene
-from raytracer.integrators.layers import canvas, whole_size
+from raytracer.integrators.layers import Progress, canvas, whole_size
 from raytracer.integrators.progressive import Layers, check_resume, resumed
-from raytracer.integrators.renderer import Progress, Resume
+from raytracer.integrators.renderer import Resume
 from raytracer.scene.scene import Scene
 
 TILE = 1 << 16

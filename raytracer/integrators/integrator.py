@@ -176,7 +176,7 @@ class Path(Integrator):
 
 TRACERS: Final[Mapping[str, type[Integrator]]] = {"unified": Whitted, "staged": Staged}
 INTEGRATORS: Final = ("whitted", "path")
-Given = Integrator | str
+Choice = Integrator | str
 _NO_CUBE: Final = 'secondary rays go through a layered depth cube with tracer="unified" alone'
 
 
@@ -198,7 +198,7 @@ class Options(TypedDict, total=False):
     early_z: bool
 
 
-def chosen(integrator: Given, options: Mapping[str, Any]) -> Integrator:
+def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
     """Return an integrator as it is, or the one that a name, "whitted" or "path", and `Options` stand for.
 
     A `threshold` and a `seed` may be given to integrators that have none. Raises SceneError for an unknown name, and

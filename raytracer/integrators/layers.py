@@ -21,6 +21,26 @@ from raytracer.image import LAYERS
 from raytracer.kernels.tracer import Pixel
 from raytracer.memory import PIXEL, check_fits
 
+Progress = Callable[[int, int], None]
+"""Called with the rows that are done and all rows, after each band."""
+BANDS = {
+    "numpy": 1 << 14,
+    "device": 1 << 19,
+    "staged": 1 << 18,
+    "paths on numpy": 1 << 13,
+    "paths on a device": 1 << 16,
+    "parts": 1 << 17,
+}
+"""Rays of a band: few enough on numpy for progress to be seen and Ctrl-C to be heard, enough to keep a device busy.
+
+A ray of the staged tracer takes about 300 bytes of streams. Rays of path tracing have several samples each.
+"""
+
+
+def rows_at_once(kind: str, rays_in_row: int) -> int:
+    """Return the rows of a band of this kind, one of `BANDS`."""
+    return max(1, BANDS[kind] // rays_in_row)
+
 
 def checked_size(size: tuple[int, int], saving: int = 0) -> tuple[int, int]:
     """Return a size as (width, height); SceneError for one that makes no picture or exceeds the free memory.

@@ -9,7 +9,7 @@ may be continued, bit for bit as if it had never stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from os import PathLike
 from typing import Any
 
@@ -18,19 +18,15 @@ import numpy as np
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Integrator, Path
+from raytracer.integrators.layers import BANDS, Progress, rows_at_once
 from raytracer.integrators.origin import check_origin
 
 SAMPLES_AT_ONCE = 16
 """Samples of a pixel in a pass, at most."""
 BANDS_AT_ONCE = 64
 """Bands of one sample that a pass takes as long as, at most: an interruption loses the pass that it interrupts."""
-BAND = 1 << 13
-"""Pixels of a band on numpy: few enough for Ctrl-C to be heard."""
-DEVICE_BAND = 1 << 16
-"""Pixels of a band on a device."""
 
 Layers = dict[str, Any]
-Progress = Callable[[int, int], None]
 
 
 def passes(
@@ -51,9 +47,9 @@ def passes(
     The layers are those of the picture's rows from `first_row` on.
     """
     height, width = layers["depth"].shape
-    band_size = BAND if backend == "numpy" else DEVICE_BAND
-    at_once = at_once or max(1, min(SAMPLES_AT_ONCE, BANDS_AT_ONCE * band_size // (width * height)))
-    rows = max(1, band_size // width)
+    kind = "paths on numpy" if backend == "numpy" else "paths on a device"
+    at_once = at_once or max(1, min(SAMPLES_AT_ONCE, BANDS_AT_ONCE * BANDS[kind] // (width * height)))
+    rows = rows_at_once(kind, width)
     starts = range(first, past, at_once)
     for number, start in enumerate(starts):
         end = min(start + at_once, past)

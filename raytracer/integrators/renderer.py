@@ -25,8 +25,18 @@ from raytracer.accel.choice import MOVABLE
 from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
-from raytracer.integrators.integrator import Given, Options, Path, Staged, Whitted, check_scene, chosen
-from raytracer.integrators.layers import check_rows, checked_size, clear, take_samples, unscale, unset, whole_size
+from raytracer.integrators.integrator import Choice, Options, Path, Staged, Whitted, check_scene, chosen
+from raytracer.integrators.layers import (
+    Progress,
+    check_rows,
+    checked_size,
+    clear,
+    rows_at_once,
+    take_samples,
+    unscale,
+    unset,
+    whole_size,
+)
 from raytracer.integrators.motion import Motion, all_or_nothing, follow, has_cubes, object_cubes, scene_cube
 from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
@@ -43,16 +53,8 @@ from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Scene
 
-Progress = Callable[[int, int], None]
-"""Called with the rows that are done and all rows, after each band."""
 Resume = Image | str | PathLike[str] | None
 
-_BAND = 1 << 14
-"""Rays of a band on numpy: few enough for progress to be seen and Ctrl-C to be heard."""
-_DEVICE_BAND = 1 << 19
-"""Rays of a band on a device: enough to keep it busy."""
-_STAGED_BAND = 1 << 18
-"""Rays of a band of the staged tracer, whose streams take about 300 bytes for each."""
 _PASSING = 36
 """Bytes of a pixel that path tracing needs besides the layers: those of the pass before."""
 
@@ -67,7 +69,7 @@ class Renderer:
     """
 
     def __init__(
-        self, scene: Scene, *, integrator: Given = "whitted", backend: str | None = None, **options: Unpack[Options]
+        self, scene: Scene, *, integrator: Choice = "whitted", backend: str | None = None, **options: Unpack[Options]
     ) -> None:
         self.integrator = chosen(integrator, options)
         check_scene(scene, self.integrator)
@@ -441,12 +443,6 @@ class Renderer:
             alive=() if self.staged is None else tuple(self.staged.log.alive),
         )
 
-    @property
-    def _rays_at_once(self) -> int:
-        if self.staged is not None:
-            return _STAGED_BAND
-        return _BAND if self.backend == "numpy" else _DEVICE_BAND
-
     def _aim(self, camera: Camera | None, width: int, height: int, seen: bool = False) -> None:
         """Set the eye rays of a camera, None for the scene's."""
         camera = checked_camera(self.scene.camera if camera is None else camera)
@@ -470,9 +466,10 @@ class Renderer:
     ) -> None:
         """Trace the rows of layers, those of the picture from `top` on, band by band; `seen` is all of a G-buffer."""
         height, width = layers["depth"].shape
+        kind = "numpy" if self.backend == "numpy" else "device"
         if self.staged is not None:
-            self.staged.log = Log()
-        rows = max(1, self._rays_at_once // (width * fine * fine))
+            kind, self.staged.log = "staged", Log()
+        rows = rows_at_once(kind, width * fine * fine)
         for first in range(0, height, rows):
             past = min(first + rows, height)
             inputs = [array[top + first : top + past] for array in seen]

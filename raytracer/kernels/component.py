@@ -24,9 +24,9 @@ from raytracer.accel.bounds import far
 from raytracer.accel.space import WORKING, Rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
-from raytracer.kernels.queries import GivenRay
+from raytracer.kernels.queries import QueryRay
 from raytracer.kernels.triangle import AheadBound, Walk
-from raytracer.kernels.walk import Found
+from raytracer.kernels.walk import HitValue
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
 from shpy import SH_IF
@@ -258,7 +258,7 @@ class Component:
         """Return the normal, the normal of the triangle and the point of a hit, as in `TracedHit`."""
         eye, ray = self.place.own(origin, direction)
         eye, ray = (eye - self.place.origin) * self.place.scale, ray * nearest.shrink
-        hit: Any = Found(nearest.t * (self.place.scale / nearest.shrink), nearest.triangle, nearest.uv)
+        hit: Any = HitValue(nearest.t * (self.place.scale / nearest.shrink), nearest.triangle, nearest.uv)
         corners = self.walk.triangles[hit.id]
         front = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(front, ray) > 0, -1.0, 1.0)
@@ -274,7 +274,7 @@ class Component:
         return self.place.turned(normal), outward, self.place.world(position, outward)
 
     def _lerp(self, table: Any, nearest: Any) -> Any:
-        hit: Any = Found(nearest.t, nearest.triangle, nearest.uv)
+        hit: Any = HitValue(nearest.t, nearest.triangle, nearest.uv)
         return barylerp(hit, *rows_of(table, hit))
 
 
@@ -289,7 +289,7 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
         origin: sh.Point3f, direction: sh.Vector3f, t_min: sh.Attrib1f, t_max: sh.Attrib1f, any_hit: sh.Attrib1b
     ) -> FoundHit:
         eye, ray = place.own(origin, direction)
-        converted = GivenRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
+        converted = QueryRay(eye, ray, t_min, t_max, place.origin, place.scale, exact=False, keeps_unit=True)
         limit = sh.cond(~converted.wrong & (t_max >= UNLIMITED), far(), converted.limit)
         hit = walk(converted.ray, converted.eye, converted.near, limit, any_hit)
         return FoundHit(converted.outside(hit.l, hit.id), hit.id, hit.uv, converted.shrink)
@@ -297,7 +297,7 @@ def _finder(walk: Walk, place: ScenePlace) -> Callable[..., Any]:
     return find_hit
 
 
-def given_ray(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Any, Any, Any, Any]:
+def ray_values(name: str, origin: Any, direction: Any, t_min: Any, t_max: Any) -> tuple[Any, Any, Any, Any]:
     """Return the arguments of a call as values; SceneError, with the user's line, for those that make no ray.
 
     An infinite number as `t_max` becomes `UNLIMITED`. Values of 64 bits are refused, since nothing narrows by itself.

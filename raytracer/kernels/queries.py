@@ -9,7 +9,7 @@ their largest component is in [1/4, 1/2). So they are shorter than 1, as bounds 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import shpy as sh
@@ -37,14 +37,14 @@ class NearestHit(NamedTuple):
     wrong: sh.Attrib1b
 
 
-class Met(NamedTuple):
+class AnyHit(NamedTuple):
     """The result of `occluded`: `met`, and whether the ray was none."""
 
     met: sh.Attrib1b
     wrong: sh.Attrib1b
 
 
-class Counted(NamedTuple):
+class HitNumber(NamedTuple):
     """The result of `count`: the triangles that a ray meets, and whether it was none."""
 
     number: sh.Attrib1i
@@ -60,7 +60,7 @@ class Four(NamedTuple):
     v: sh.Attrib4f
 
 
-class GivenRay:
+class QueryRay:
     """A ray in a kernel's coordinates, made of a user's: `(eye - origin) * scale`, and distances in `pace` of theirs.
 
     `wrong` holds for NaN and infinity, and for directions that are too long or too short for f32, 0 included. Such rays
@@ -169,47 +169,48 @@ class HitList:
         return (t < self.t[place]) | ((t == self.t[place]) & (number < self.id_of[place]))
 
 
-def intersect(walk: Walk, exact: bool) -> Any:
-    """Record the program that finds the nearest hit of a ray at a distance in [near, limit)."""
+def _recorded(name: str, answer: Callable[[QueryRay], Any], outputs: Any, exact: bool) -> Any:
+    """Record a program of this name, which answers a query of a ray at distances in [near, limit)."""
 
-    @sh.program
-    def intersect(
+    def query(
         eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
-    ) -> NearestHit:
-        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+    ) -> outputs:
+        return answer(QueryRay(eye, ray, near, limit, origin, scale, exact))
+
+    query.__name__ = name
+    query.__annotations__["return"] = outputs
+    return sh.program(query)
+
+
+def intersect(walk: Walk, exact: bool) -> Any:
+    """Record the program that finds the nearest hit of a ray."""
+
+    def answer(query: QueryRay) -> NearestHit:
         hit = walk(query.ray, query.eye, query.near, query.limit, False)
         return NearestHit(query.outside(hit.l, hit.id), hit.id, hit.uv, query.wrong)
 
-    return intersect
+    return _recorded("intersect", answer, NearestHit, exact)
 
 
 def occluded(walk: Walk, exact: bool) -> Any:
-    """Record the program that tells whether a ray meets anything at a distance in [near, limit)."""
+    """Record the program that tells whether a ray meets anything."""
 
-    @sh.program
-    def occluded(
-        eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
-    ) -> Met:
-        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+    def answer(query: QueryRay) -> AnyHit:
         hit = walk(query.ray, query.eye, query.near, query.limit, True)
-        return Met(sh.Attrib1b(hit.id >= 0), query.wrong)
+        return AnyHit(sh.Attrib1b(hit.id >= 0), query.wrong)
 
-    return occluded
+    return _recorded("occluded", answer, AnyHit, exact)
 
 
 def count(walk: Walk, exact: bool) -> Any:
-    """Record the program that counts the triangles that a ray meets at a distance in [near, limit)."""
+    """Record the program that counts the triangles that a ray meets."""
 
-    @sh.program
-    def count(
-        eye: sh.Point3f, ray: sh.Vector3f, near: sh.Attrib1f, limit: sh.Attrib1f, origin: sh.Point3f, scale: sh.Attrib1f
-    ) -> Counted:
-        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+    def answer(query: QueryRay) -> HitNumber:
         hits = HitCount(query.limit)
         walk.collect(hits, query.ray, query.eye, query.near, query.near, False)
-        return Counted(hits.count, query.wrong)
+        return HitNumber(hits.count, query.wrong)
 
-    return count
+    return _recorded("count", answer, HitNumber, exact)
 
 
 def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
@@ -233,7 +234,7 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
         after: sh.Attrib1f,
         number: sh.Attrib1i,
     ) -> outputs:
-        query = GivenRay(eye, ray, near, limit, origin, scale, exact)
+        query = QueryRay(eye, ray, near, limit, origin, scale, exact)
         hits = HitList(size, query.limit, after, number)
         begin = higher(query.near, after - REACH * abs(after))
         walk.collect(hits, query.ray, query.eye, query.near, begin, False)

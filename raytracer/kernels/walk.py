@@ -66,7 +66,7 @@ class SplitWalk:
         return self.exact.triangles
 
 
-class Found(NamedTuple):
+class HitValue(NamedTuple):
     """The nearest hit of a ray: distance `l`, triangle `id` (-1 for no hit) and `uv`, named as in `RayHit`."""
 
     l: sh.Attrib1f  # noqa: E741 - as in RayHit
@@ -81,9 +81,9 @@ class AloneWalk:
         self.walk = walk
 
         @sh.subroutine(alone=True)
-        def find(ray: sh.Vector3f, eye: sh.Point3f, limit: sh.Attrib1f, any_hit: sh.Attrib1b) -> Found:
+        def find(ray: sh.Vector3f, eye: sh.Point3f, limit: sh.Attrib1f, any_hit: sh.Attrib1b) -> HitValue:
             hit = walk(ray, eye, 0.0, limit, any_hit)
-            return Found(hit.l, hit.id, hit.uv)
+            return HitValue(hit.l, hit.id, hit.uv)
 
         self.find = find
 

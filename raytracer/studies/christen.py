@@ -17,11 +17,12 @@ from operator import attrgetter
 from typing import Any
 
 from raytracer.integrators.integrator import THRESHOLD, chosen
+from raytracer.integrators.layers import Progress
 from raytracer.integrators.renderer import Renderer
 from raytracer.kernels import stages
 from raytracer.scene.scene import Scene
 from raytracer.studies import report
-from raytracer.studies.report import Clock, Told, counted_on, curves, devices_of, measure
+from raytracer.studies.report import Clock, counted_on, curves, devices_of, measure
 
 SCENES = {"A": "boxes", "B": "cubes", "C": "mixed"}
 """Our scenes that are nearest to those of the thesis, and have as many triangles: 36, 2,064 and 61,562."""
@@ -64,7 +65,7 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Measurement:
     """The cost of a case: `seconds` of the fastest picture, calls of each kernel, rays and seconds of each round."""
 
     case: Case
@@ -81,7 +82,7 @@ class Study(report.Study):
 
     size: tuple[int, int] = SIZE
 
-    def find(self, **values: Any) -> list[Measured]:
+    def find(self, **values: Any) -> list[Measurement]:
         """Return the measurements whose case has these values, and the default ones for those that are not named.
 
         Those of one scene are together, and among them those of one backend.
@@ -93,9 +94,9 @@ class Study(report.Study):
             "at_once": AT_ONCE[-1],
             "way": WAYS[0],
         } | values
-        found = [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
+        matches = [m for m in self.measured if all(getattr(m.case, k) == v for k, v in full.items() if v is not ...)]
         backends = list(self.backends)
-        return sorted(found, key=lambda m: (m.case.scene, backends.index(m.case.backend), WAYS.index(m.case.way)))
+        return sorted(matches, key=lambda m: (m.case.scene, backends.index(m.case.backend), WAYS.index(m.case.way)))
 
     def pictures(self) -> str:
         """Return what was rendered."""
@@ -134,11 +135,11 @@ class Study(report.Study):
         head += ["calls", "early-z passes", "copies", "milliseconds"]
         yield f"Early-z culling, {ITERATIONS[-1]} iterations", head, culled
 
-    def _compared(self) -> list[Measured]:
+    def _compared(self) -> list[Measurement]:
         """Return the measurements in all ways."""
         return self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
 
-    def _counted(self, **values: Any) -> list[Measured]:
+    def _counted(self, **values: Any) -> list[Measurement]:
         """Return the measurements of calls against the threshold."""
         return self.find(threshold=..., tracer="staged", backend=counted_on(self.backends), **values)
 
@@ -146,8 +147,8 @@ class Study(report.Study):
         """Draw time, calls and rays."""
         for column, backend in enumerate(list(self.backends)[:3]):
             for axis, key in zip(axes[:, column], ("grid", "iterations"), strict=False):
-                found = self.find(backend=backend, **{key: ...})
-                curves(axis, found, attrgetter(f"case.{key}"), attrgetter("seconds"), _style_of_tracer)
+                line = self.find(backend=backend, **{key: ...})
+                curves(axis, line, attrgetter(f"case.{key}"), attrgetter("seconds"), _style_of_tracer)
                 axis.set(yscale="log", xlabel=key, ylabel="seconds a picture", title=f"{backend}: time against {key}")
         calls, alive, cost = axes[2]
         for at_once, dashes in zip(AT_ONCE, ("-", "--"), strict=True):
@@ -170,22 +171,22 @@ class Study(report.Study):
         cost.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
 
 
-def _milliseconds(m: Measured) -> str:
+def _milliseconds(m: Measurement) -> str:
     return f"{1e3 * m.seconds:.0f}"
 
 
-def _style(m: Measured, name: str, dashes: str = "-", colored: Sequence[str] = ()) -> dict[str, Any]:
+def _style(m: Measurement, name: str, dashes: str = "-", colored: Sequence[str] = ()) -> dict[str, Any]:
     """Return the label and looks of a line; `colored` are the backends, where the color tells these."""
     scene = list(SCENES).index(m.case.scene)
     color = colored.index(m.case.backend) if colored else scene
     return {"label": f"{m.case.scene}, {name}", "linestyle": dashes, "marker": _MARKS[scene], "color": f"C{color}"}
 
 
-def _style_of_tracer(m: Measured) -> dict[str, Any]:
+def _style_of_tracer(m: Measurement) -> dict[str, Any]:
     return _style(m, m.case.tracer, "-" if m.case.tracer == TRACERS[0] else "--")
 
 
-def eye_rounds(measured: Measured) -> tuple[list[int], list[float]]:
+def eye_rounds(measured: Measurement) -> tuple[list[int], list[float]]:
     """Return the rays and the seconds of each iteration's first round; its other rounds are for shadow rays."""
     every = 1 + len(Scene.builtin(SCENES[measured.case.scene]).lights)
     return list(measured.alive[::every]), list(measured.round_seconds[::every])
@@ -234,7 +235,7 @@ def study(
     minutes: float = 9.0,
     size: tuple[int, int] = SIZE,
     cpu: bool = False,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Study:
     """Measure the cases on `backends`, by default on all that are available, until `minutes` are over.
 
@@ -245,7 +246,7 @@ def study(
     devices = devices_of(backends)
     last: dict[tuple[Any, ...], Renderer] = {}
 
-    def bench(case: Case, clock: Clock) -> Measured:
+    def bench(case: Case, clock: Clock) -> Measurement:
         kernels = case.scene, case.backend, case.tracer, case.grid, case.iterations, case.way == "masked"
         renderer = last.pop(kernels, None) or _renderer(case)  # the last one does where its kernels are the same
         last.clear()
@@ -269,14 +270,14 @@ def _renderer(case: Case) -> Renderer:
     return renderer
 
 
-def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measured:
-    best: Measured | None = None
+def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measurement:
+    best: Measurement | None = None
     for taken_before in range(_OFTEN):
         started = clock()
         stats = renderer.render(size).stats
         duration = clock() - started
         seconds = () if renderer.staged is None else tuple(renderer.staged.log.seconds)
-        measurement = Measured(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
+        measurement = Measurement(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
         best = measurement if best is None or measurement.seconds < best.seconds else best
         # OpenCL may try another width of packets within the first picture, which takes a compilation.
         once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (duration > _LATE and case.backend != "opencl")

@@ -19,11 +19,12 @@ from typing import Any, ClassVar
 
 import shpy as sh
 from raytracer.errors import SceneError
+from raytracer.integrators.layers import Progress
 from raytracer.layered.cube import HITS
 from raytracer.meshes import Mesh
 from raytracer.studies import report
-from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measured, Model, models, unit
-from raytracer.studies.report import Clock, Told, counted_on, curves, devices_of, measure
+from raytracer.studies.layered_measuring import KINDS, SMALLER, Bench, Case, Measurement, Model, models, unit
+from raytracer.studies.report import Clock, counted_on, curves, devices_of, measure
 
 _TESTS = ("plane", "triangle", "sample")
 """The hit tests, those first without which the others mean little."""
@@ -88,13 +89,13 @@ class Study(report.Study):
             head = ["block", "build ms", "MiB", "secondary rays", *(f"{kind} ms" for kind in KINDS)]
             yield f"Blocks of the coarse level, {name}, {self.plan.framed[0]}² plane, {backend}", head, rows
 
-    def _of(self, backend: str) -> list[Measured]:
+    def _of(self, backend: str) -> list[Measurement]:
         return [m for m in self.measured if m.case.backend == backend]
 
-    def _framed(self, backend: str) -> list[Measured]:
+    def _framed(self, backend: str) -> list[Measurement]:
         return [m for m in self._of(backend) if m.frame_seconds is not None]
 
-    def studied(self, backend: str) -> list[Measured]:
+    def studied(self, backend: str) -> list[Measurement]:
         """Return the cubes of the model whose errors are studied, by test and resolution."""
         cubes = [m for m in self._of(backend) if (m.case.model, m.case.accel) == (self.plan.studied, "ldc")]
         return sorted(
@@ -118,19 +119,19 @@ class Study(report.Study):
     def draw(self, axes: Any) -> None:
         """Draw times over triangles, and errors over resolution, time and memory."""
         backend = next(iter(self.backends))
-        framed, found = self._framed(backend), self.studied(backend)
+        framed, cubes = self._framed(backend), self.studied(backend)
         (build, trace, shares), (times, memory, pictures) = axes
         style = _colored(framed, lambda m: str(m.case))
         curves(build, framed, lambda m: m.triangles, lambda m: m.build_seconds, style)
         build.set(xscale="log", yscale="log", xlabel="triangles", ylabel="seconds", title="build")
         curves(trace, framed, lambda m: m.triangles, lambda m: m.frame_seconds / m.bvh_seconds, style)
         trace.set(xscale="log", yscale="log", xlabel="triangles", ylabel="times that of the BVH", title="picture")
-        name, style = self.plan.studied, _colored(found, lambda m: m.case.test)
+        name, style = self.plan.studied, _colored(cubes, lambda m: m.case.test)
         for kind, dashes in zip(KINDS[::2], ("-", "--"), strict=True):
             look = {"linestyle": dashes}
             curves(
                 shares,
-                found,
+                cubes,
                 lambda m: m.case.resolution,
                 lambda m: max(m.wrong[kind].all, _TINY),  # noqa: B023  # which is called here
                 lambda m: style(m) | look | {"label": f"{m.case.test}, {kind}"},  # noqa: B023
@@ -138,9 +139,9 @@ class Study(report.Study):
         shares.set(yscale="log", xlabel="texels along a side", ylabel="share of rays", title=f"{name}: wrong hits")
         shares.set_xscale("log", base=2)
         cost, rmse = "secondary rays: times that of the BVH", "RMSE, 255ths"
-        seen = [m for m in found if "flip" in m.errors]
-        curves(times, found, lambda m: m.cost, lambda m: max(m.errors["rmse"], _TINY), style)
-        curves(memory, found, lambda m: m.nbytes / 2**20, lambda m: max(m.errors["rmse"], _TINY), style)
+        seen = [m for m in cubes if "flip" in m.errors]
+        curves(times, cubes, lambda m: m.cost, lambda m: max(m.errors["rmse"], _TINY), style)
+        curves(memory, cubes, lambda m: m.nbytes / 2**20, lambda m: max(m.errors["rmse"], _TINY), style)
         curves(pictures, seen, lambda m: m.cost, lambda m: max(m.errors["flip"], _TINY), style)
         for axis, x, y in ((times, cost, rmse), (memory, "MiB", rmse), (pictures, cost, "mean FLIP")):
             axis.set(xscale="log", yscale="log", xlabel=x, ylabel=y, title=f"{name}: error")
@@ -173,7 +174,9 @@ class Study(report.Study):
             figure.savefig(temporary, dpi=100)
 
 
-def _colored(measured: Sequence[Measured], label: Callable[[Measured], str]) -> Callable[[Measured], dict[str, Any]]:
+def _colored(
+    measured: Sequence[Measurement], label: Callable[[Measurement], str]
+) -> Callable[[Measurement], dict[str, Any]]:
     """Return what gives the label and looks of a measurement's line: a color for each label, a mark for the test."""
     labels = list(dict.fromkeys(map(label, measured)))
     return lambda m: {
@@ -183,7 +186,7 @@ def _colored(measured: Sequence[Measured], label: Callable[[Measured], str]) -> 
     }
 
 
-def _table_row(m: Measured) -> list[str]:
+def _table_row(m: Measurement) -> list[str]:
     assert m.frame_seconds is not None
     assert m.bvh_seconds is not None
     return [
@@ -193,19 +196,19 @@ def _table_row(m: Measured) -> list[str]:
     ]  # fmt: skip
 
 
-def _error_row(m: Measured) -> list[str]:
+def _error_row(m: Measurement) -> list[str]:
     shares = [f"{w.missed:.2%} / {w.false:.2%} / {w.misplaced:.2%}" for w in m.wrong.values()]
     build, memory = f"{1e3 * m.build_seconds:.0f}", f"{m.nbytes / 2**20:.1f}"
     return [m.case.test, str(m.case.resolution), build, memory, f"{m.cost:.2f} x", *_error(m), *shares]
 
 
-def _block_row(m: Measured) -> list[str]:
+def _block_row(m: Measurement) -> list[str]:
     times = [f"{1e3 * w.seconds:.0f}" for w in m.wrong.values()]
     build, memory = f"{1e3 * m.build_seconds:.0f}", f"{m.nbytes / 2**20:.1f}"
     return [str(m.case.block), build, memory, f"{m.cost:.2f} x", *times]
 
 
-def _error(m: Measured) -> list[str]:
+def _error(m: Measurement) -> list[str]:
     return [f"{m.errors['rmse']:.3g}", f"{m.errors['flip']:.4f}" if "flip" in m.errors else ""]
 
 
@@ -243,7 +246,7 @@ def study(
     files: Sequence[str | Path] = (),
     quick: bool = False,
     cpu: bool = False,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Study:
     """Measure the cases on `backends`, by default on OpenCL if it is available, until `minutes` are over.
 
@@ -261,7 +264,7 @@ def study(
     all_models = [*models(quick), *(_loaded(path) for path in files)]
     benches = {(m.name, name): Bench(m, name, plan.size) for m in all_models for name in devices}
 
-    def bench(case: Case, clock: Clock) -> Measured:
+    def bench(case: Case, clock: Clock) -> Measurement:
         framed = case.accel != "ldc" or (
             case.resolution in plan.framed and case.tolerance is None and case.block is None
         )

@@ -103,7 +103,7 @@ class Wrong:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Measurement:
     """The cost of a case and its errors.
 
     `build_seconds` is the least of some builds; `frame_seconds` that of some pictures, None if there was none, beside
@@ -222,7 +222,7 @@ class Bench:
         """The exact answers to the rays."""
         return {kind: self._ask(self.exact_rays, kind) for kind in KINDS}
 
-    def measure(self, case: Case, *, framed: bool) -> Measured:
+    def measure(self, case: Case, *, framed: bool) -> Measurement:
         """Measure a case; `framed` adds the time to render whole pictures."""
         rounds = max(ROUNDS, len(self.scenes)) if framed else 2
         built = [self._build(case, self.scenes[k % len(self.scenes)]) for k in range(rounds)]
@@ -232,7 +232,7 @@ class Bench:
         frame, bvh = self._frames(renderers) if framed else (None, None)
         cube = structure if isinstance(structure, LayeredCube) else None
         shoot = Intersector(self.scenes[0], cube or case.accel, self.backend)
-        return Measured(
+        return Measurement(
             case,
             self.scenes[0].triangles,
             min(seconds for seconds, _ in built),

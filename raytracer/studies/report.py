@@ -24,9 +24,8 @@ import numpy as np
 
 import shpy as sh
 from raytracer.errors import SceneError
+from raytracer.integrators.layers import Progress
 
-Told = Callable[[int, int], None]
-"""Called with the measurements that are done and all measurements."""
 Clock = Callable[[], float]
 
 
@@ -104,17 +103,17 @@ def measure(
     bench: Callable[[Any, Clock], Any],
     minutes: float,
     cpu: bool,
-    progress: Told | None,
+    progress: Progress | None,
 ) -> dict[str, Any]:
     """Measure cases until `minutes` are over, the last one to its end; return the fields of a `Study`."""
-    told: Told = progress or (lambda done, total: None)
+    tell: Progress = progress or (lambda done, total: None)
     end, measured = time.monotonic() + 60 * minutes, []
     for done, case in enumerate(cases):
-        told(done, len(cases))
+        tell(done, len(cases))
         if time.monotonic() > end:
             break
         measured.append(bench(case, time.process_time if cpu else time.perf_counter))
-    told(len(cases), len(cases))
+    tell(len(cases), len(cases))
     left = tuple(cases[len(measured) :])
     return {"machine": machine(), "backends": backends, "measured": tuple(measured), "skipped": left, "cpu": cpu}
 
@@ -157,8 +156,8 @@ def counted_on(backends: Iterable[str]) -> str:
 def machine() -> str:
     """Return the processor, as the system names it, and how many cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    told = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
-    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    tell = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in tell if line.startswith("model name")]
     return f"{[*names, platform.processor() or platform.machine()][0]}, {cores} cores"
 
 

@@ -27,10 +27,10 @@ from raytracer.accel.choice import ACCELERATORS
 from raytracer.errors import SceneError, warn
 from raytracer.image import Image, encoded
 from raytracer.integrators.integrator import Whitted, check_scene
+from raytracer.integrators.layers import Progress
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
 from raytracer.scene.scene import Scene
-from raytracer.studies.report import Told
 
 Pixels = NDArray[np.float64]
 """(H, W, 3), as sRGB in [0, 1]."""
@@ -230,12 +230,17 @@ def _flip(seen: Pixels, expected: Pixels) -> dict[str, float]:
 
 
 def tradeoff(
-    scene: Scene, *, max_error: float = 1.0, backend: str | None = None, bounces: int = 3, progress: Told | None = None
+    scene: Scene,
+    *,
+    max_error: float = 1.0,
+    backend: str | None = None,
+    bounces: int = 3,
+    progress: Progress | None = None,
 ) -> Tradeoff:
     """Measure every variant of rendering `scene` on one backend.
 
     `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`.
-    `progress` is told how many of the reference's pictures and of the variants are done, and how many there are.
+    `progress` is tell how many of the reference's pictures and of the variants are done, and how many there are.
     Raises SceneError for a scene without triangles, and for an error that is not positive.
     """
     return _measured(scene, max_error, backend, bounces, progress)[0]
@@ -248,7 +253,7 @@ def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -
 
 
 def _measured(
-    scene: Scene, max_error: float, backend: str | None, bounces: int, progress: Told | None
+    scene: Scene, max_error: float, backend: str | None, bounces: int, progress: Progress | None
 ) -> tuple[Tradeoff, dict[Variant, Renderer]]:
     check_scene(scene, Whitted())
     if not (isinstance(max_error, int | float | np.number) and max_error > 0):
@@ -259,23 +264,23 @@ def _measured(
     cameras = (scene.camera, beside(scene.camera), *(turned(scene.camera, angle) for angle in AROUND))
     exact = reference(scene, backend, bounces)
     variants = list(_variants(scene, bounces))
-    told: Told = progress or (lambda done, total: None)
+    tell: Progress = progress or (lambda done, total: None)
     total = len(cameras) + len(variants)
     references: list[Image] = []
     for camera in cameras:
-        told(len(references), total)
+        tell(len(references), total)
         references.append(exact.render(SIZE, camera=camera))
     built_renderers: list[tuple[Variant, Renderer]] = []
     skipped = []
     for done, variant in enumerate(variants, len(cameras)):
-        told(done, total)
+        tell(done, total)
         try:
             built_renderers.append((variant, Renderer(scene, integrator=variant.integrator, backend=backend)))
         except sh.CompileError as error:
             skipped.append((str(variant), error.message))
         except SceneError as error:  # of a cube that memory does not hold
             skipped.append((str(variant), str(error)))
-    told(total, total)
+    tell(total, total)
     candidates = [
         _candidate(v, r, t, cameras, references)
         for (v, r), t in zip(built_renderers, _times(built_renderers), strict=True)

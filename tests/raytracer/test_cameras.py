@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_surfaces import BACKENDS, same
 
-import raytracer.integrators.renderer
 from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, SceneError, Surface, render
+from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, sphere
 
 AWRY = {"position": (1, 2, 5), "target": (0.5, 0.3, -1), "up": (0.1, 1, 0.2)}
@@ -175,7 +175,7 @@ def test_backends_bands_and_tracers_agree_to_the_last_bit(name, monkeypatch):
     for backend in BACKENDS[1:]:
         same(first, render(scene, (32, 20), backend=backend, samples=4))
     same(first, render(scene, (32, 20), backend="numpy", samples=4, tracer="staged"))
-    monkeypatch.setattr(raytracer.integrators.renderer, "_BAND", 300)
+    monkeypatch.setitem(BANDS, "numpy", 300)
     same(first, render(scene, (32, 20), backend="numpy", samples=4))
 
 

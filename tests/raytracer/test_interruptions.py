@@ -13,6 +13,7 @@ from patience import HANGING
 
 from raytracer import Image, Renderer, Scene, cli, render
 from raytracer.integrators import progressive
+from raytracer.integrators.layers import BANDS
 
 LINE = ["render", "cornell", "--integrator", "path", "--size", "6x5", "--bounces", "2", "--backend", "numpy"]
 ENDLESS = """
@@ -122,7 +123,7 @@ def test_passes_of_large_pictures_have_fewer_samples(monkeypatch):
     """An interruption loses a pass at most, which therefore takes seconds, not minutes."""
     renderer = Renderer(Scene.builtin("cornell"), backend="numpy", integrator="path", bounces=1)
     expected = renderer.render((4, 3), samples=20)
-    monkeypatch.setattr(progressive, "BAND", 4)
+    monkeypatch.setitem(BANDS, "paths on numpy", 4)
     for bands, counts in ((15, [5, 10, 15, 20]), (1, list(range(1, 21))), (64, [16, 20])):
         monkeypatch.setattr(progressive, "BANDS_AT_ONCE", bands)
         images = list(renderer.passes((4, 3), samples=20))

@@ -31,6 +31,7 @@ from raytracer.cluster import connection, partitioned, records
 from raytracer.cluster.partitioned import _groups
 from raytracer.cluster.records import Records, next_part
 from raytracer.integrators.integrator import Whitted
+from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, sphere
 
 
@@ -160,7 +161,7 @@ def test_a_camera_too_far_away_for_f32_is_named(client):
 
 
 def test_the_parts_of_a_worker_that_is_killed_go_to_others(client, monkeypatch):
-    monkeypatch.setattr(partitioned, "BAND", 60)
+    monkeypatch.setitem(BANDS, "parts", 60)
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
     pids, killed = list(client.run(os.getpid).values()), []
 
@@ -192,7 +193,7 @@ def test_the_loss_of_workers_again_and_again_over_the_same_band_is_told(client, 
 @pytest.mark.slow
 def test_pictures_of_parts_with_workers_killed_at_twenty_moments_are_the_same(client, monkeypatch):
     """Each run loses a worker after another number of milliseconds."""
-    monkeypatch.setattr(partitioned, "BAND", 4000)
+    monkeypatch.setitem(BANDS, "parts", 4000)
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
     wanted, counts = render(mirrors(), (160, 120), **given), []
     random = np.random.default_rng(5)

@@ -25,6 +25,7 @@ from raytracer import (
     render,
 )
 from raytracer.integrators import progressive
+from raytracer.integrators.layers import BANDS
 from raytracer.kernels import walk
 from raytracer.kernels.emitters import Chances, alias_table, probabilities_of
 from raytracer.kernels.eye_rays import EyeRays
@@ -263,7 +264,7 @@ def test_backends_bands_and_parts_give_the_same_bits(monkeypatch, tmp_path):
     same(first, render(scene, (12, 9), backend="glsl", **options))
     renderer = Renderer(scene, backend="opencl", integrator="path", bounces=5, seed=7)
     same(first, renderer.render((12, 9), samples=3))
-    monkeypatch.setattr(progressive, "DEVICE_BAND", 30)
+    monkeypatch.setitem(BANDS, "paths on a device", 30)
     monkeypatch.setattr(progressive, "SAMPLES_AT_ONCE", 2)
     same(first, renderer.render((12, 9), samples=3))
     for ending in (".npy", ".exr"):
@@ -342,7 +343,7 @@ def test_a_picture_of_something_else_is_not_continued(small, tmp_path):
 
 
 def test_progress_counts_the_rows_of_all_passes(small, monkeypatch):
-    monkeypatch.setattr(progressive, "BAND", 8)
+    monkeypatch.setitem(BANDS, "paths on numpy", 8)
     monkeypatch.setattr(progressive, "SAMPLES_AT_ONCE", 2)
     seen = []
     counts = [image.samples for image in small.passes((4, 3), samples=3, progress=lambda *rows: seen.append(rows))]

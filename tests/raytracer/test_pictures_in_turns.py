@@ -10,7 +10,7 @@ import pytest
 from scene_pictures import same
 
 from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, Staged, Whitted
-from raytracer.integrators import renderer
+from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import floor
 
 CAMERAS = [Camera((0.2, 1, 3.0), (0, 1, 0)), Camera((0, 1, 3.0), (0, 1, 0), aperture=0.1)]
@@ -64,7 +64,7 @@ def test_passes_do_not_change_pictures_that_were_given(small):
 
 def test_threads_that_share_a_renderer_take_turns(monkeypatch):
     """While a picture is half done, another thread asks for one from another camera, and waits."""
-    monkeypatch.setattr(renderer, "_BAND", 8)
+    monkeypatch.setitem(BANDS, "numpy", 8)
     both = Renderer(Scene([floor(9)], camera=CAMERAS[0]), backend="numpy")
     wanted = [both.render((4, 4), camera=camera) for camera in CAMERAS]
     found, threads = {}, []

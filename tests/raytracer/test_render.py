@@ -25,6 +25,7 @@ from raytracer import (
     render,
 )
 from raytracer.animation import animate
+from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from raytracer.scenes import SCENES
 
@@ -230,7 +231,7 @@ def test_an_empty_scene_is_background():
 
 
 def test_progress_counts_rows(monkeypatch):
-    monkeypatch.setattr("raytracer.integrators.renderer._BAND", 64)
+    monkeypatch.setitem(BANDS, "numpy", 64)
     seen = []
     whole = render(small(), (16, 10), backend="numpy", progress=lambda *rows: seen.append(rows))
     assert seen == [(4, 10), (8, 10), (10, 10)]

@@ -6,6 +6,7 @@ from scene_pictures import same
 
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, Staged, render
 from raytracer.cli import main
+from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 BACKENDS = ["numpy", "opencl", "glsl"]
@@ -97,7 +98,7 @@ def test_another_camera_and_size_need_no_new_kernels():
 def test_bands_of_rows_make_the_same_picture(monkeypatch):
     renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
     whole = renderer.render((16, 12))
-    monkeypatch.setattr("raytracer.integrators.renderer._STAGED_BAND", 16 * 5)
+    monkeypatch.setitem(BANDS, "staged", 16 * 5)
     same(renderer.render((16, 12)), whole)
 
 
