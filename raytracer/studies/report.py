@@ -1,4 +1,4 @@
-"""What studies of papers share: devices, the end in time, tables of Markdown, lines of CSV, and figures.
+"""The common parts of studies of papers: devices, the end in time, tables of Markdown, lines of CSV, and figures.
 
 Stage: measure. A study derives from `Study`: its tables, and how its measurements are drawn.
 
@@ -15,6 +15,7 @@ import io
 import os
 import platform
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,7 @@ Clock = Callable[[], float]
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(ABC):
     """The measurements, the machine on which they were made, and the cases `skipped` for lack of time.
 
     With `cpu` all seconds are those of the processor's cores together.
@@ -46,17 +47,17 @@ class Study:
     """Rows and columns of plots, each 5 inches wide and a little less high."""
     legend: ClassVar[dict[str, Any]] = {"fontsize": 6}
 
+    @abstractmethod
     def pictures(self) -> str:
         """Return what was rendered, as a part of a sentence."""
-        raise NotImplementedError
 
+    @abstractmethod
     def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
         """Return the title, head and rows of each table."""
-        raise NotImplementedError
 
+    @abstractmethod
     def draw(self, axes: Any) -> None:
         """Draw the measurements into `grid` axes."""
-        raise NotImplementedError
 
     def markdown(self) -> str:
         """Return all numbers as tables of Markdown."""
