@@ -363,26 +363,10 @@ def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
     machine = machine_of(None)
     monkeypatch.delitem(vars(machine), "_succeeded", raising=False)
     asked = machine._succeeded
-    assert {"shuffle", "floats4", "floats8", "floats16"} <= asked
+    assert {"shuffle", "elementwise", "wide32"} <= asked
     monkeypatch.delitem(vars(machine), "_succeeded")
     monkeypatch.setattr(device, "works", None)  # not to be called again
     assert machine._succeeded == asked
-
-
-def test_a_width_at_which_a_driver_fails_is_not_taken(monkeypatch):
-    machine = machine_of(None)
-    monkeypatch.setitem(vars(machine), "abilities", device.Abilities(wider=frozenset({32})))
-    monkeypatch.setitem(vars(machine), "_succeeded", frozenset({"shuffle", "floats4"}))
-    assert machine.widths == (4,)
-    assert machine.lanes == 4
-    native = min(machine.device.native_vector_width_float, 16)
-    assert f"fails at vectors of {native}: packets of 4 take their place" in machine.notes[-1]
-    assert quotient.compile("opencl", lanes=4)(6, 2)[0] == 3
-    with pytest.raises(sh.CompileError, match="has no vectors of 8") as error:
-        compiled(quotient, "opencl", lanes=8)
-    assert error.value.cure == 'lanes="auto", or 4'
-    monkeypatch.setitem(vars(machine), "_succeeded", frozenset())  # no trial could be made
-    assert machine.lanes >= 8
 
 
 def test_zeros_are_hidden_from_a_compiler_that_folds_them(wrong: Any) -> None:

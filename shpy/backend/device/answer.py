@@ -50,10 +50,9 @@ class Answer(Generic[T]):
             seconds -= HEARD
         return self.ended
 
-    def result(self, seconds: float = math.inf) -> T:
-        """Return the result, or raise the error; TimeoutError if there is no answer after so many seconds."""
-        if not self.wait(seconds):
-            raise TimeoutError
+    def result(self) -> T:
+        """Wait for the answer; return the result, or raise the error."""
+        self.wait()
         if self._error is None:
             return cast(T, self._result)
         try:

@@ -28,6 +28,10 @@ class Recent(Generic[K, T]):
         """Return the number of things that are kept."""
         return len(self._kept)
 
+    def __contains__(self, key: K) -> bool:
+        """Return whether the thing of this key is kept."""
+        return key in self._kept
+
     def get(self, key: K, make: Callable[[], T]) -> T:
         """Return the thing of this key, made if there is none."""
         value = self._kept.get(key)

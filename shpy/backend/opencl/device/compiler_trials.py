@@ -20,7 +20,7 @@ from shpy.backend.opencl.device.declarations import GUARD, declarations
 from shpy.backend.opencl.device.trial import DECLARES, Trial
 from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS
 from shpy.backend.opencl.packets.prologue_wide import try_wide
-from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
+from shpy.backend.opencl.packets.widen import WIDER
 from shpy.backend.opencl.text.operations import ELEMENTWISE
 
 SIZES: Final = tuple(96 << 10 << 2 * k for k in range(4))
@@ -104,15 +104,6 @@ _TRIALS: Final = {
     **{
         f"guess{n}": Trial(f"float{n}", f"a[0] = floor({text.format('a[0]')} + 0.5f);", (0.0625,) * n, (4.0,) * n)
         for n, text in GUESSES.items()
-    },
-    **{
-        f"floats{n}": Trial(
-            f"float{n}",
-            f"float{n} x = a[0]; a[0] = fma(floor(sqrt(x)), x, convert_float{n}(clamp(convert_int{n}_sat(x), 0, 3)));",
-            tuple(k + 0.5 for k in range(n)),
-            tuple(math.floor(math.sqrt(k + 0.5)) * (k + 0.5) + min(k, 3) for k in range(n)),
-        )
-        for n in WIDTHS
     },
     **{
         f"wide{n}": Trial(

@@ -294,11 +294,10 @@ class Machine:
 
     @property
     def lanes(self) -> int:
-        """The elements of a CPU's vector register, as far as packets of them work; 1 on any other device."""
+        """The elements of a CPU's vector register; 1 on any other device."""
         if not self.device.type & self.cl.device_type.CPU:
             return 1
-        widths = [w for w in self.widths if w <= self.device.native_vector_width_float]
-        return max((w for w in widths if w in WIDTHS), default=1)
+        return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
 
     @once_of_each
     def wrong(self) -> frozenset[str]:
@@ -323,14 +322,7 @@ class Machine:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return facts about this device for the user."""
-        native = min(self.device.native_vector_width_float, max(WIDTHS))
-        notes = notes_of(self.wrong, binary64="exact" in self.binary64)
-        if self.lanes < native and self.device.type & self.cl.device_type.CPU:
-            return (
-                *notes,
-                f"this device fails at vectors of {native}: packets of {self.lanes} take their place",
-            )
-        return notes
+        return notes_of(self.wrong, binary64="exact" in self.binary64)
 
     @in_ieee_arithmetic
     def _asked(self) -> frozenset[str]:
@@ -423,15 +415,8 @@ class Machine:
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """The widths that packets may have on this device: some drivers crash on functions of some vectors.
-
-        All widths are allowed where no trial could be run.
-        """
-        names = self._succeeded
-        if not names:
-            return WIDTHS
-        halves = sorted(self.abilities.wider) if "floats16" in names else ()
-        return (*(n for n in WIDTHS if f"floats{n}" in names), *halves)
+        """The widths that packets may have on this device: those of OpenCL C's vectors, and of clang's."""
+        return (*WIDTHS, *sorted(self.abilities.wider))
 
     def _place(self) -> tuple[int, int]:
         """Return the indices of the platform and of its device, as the driver lists them."""

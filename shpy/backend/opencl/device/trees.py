@@ -16,7 +16,6 @@ import numpy as np
 
 from shpy.backend.base import Array, NodeTypes, Options
 from shpy.backend.device.probe import refuse_wrong
-from shpy.backend.opencl.device.driver import Machine
 from shpy.backend.opencl.device.memory import OpenCLMemory, OpenCLSpace
 from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
 from shpy.backend.opencl.packets.trees import print_trees
@@ -132,7 +131,10 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     kernel = print_trees(prepared.module, types, lanes, machine.abilities, joins=joins, faults=machine.wrong)
     if kernel is None or (kernel.doubles and not machine.doubles):
         return None
-    if not _builds(machine, kernel.text):
+    try:
+        with machine.lock:
+            space.kernel(kernel.text, FOLD)
+    except machine.cl.Error:  # the program itself, which runs otherwise, explains a refusal
         warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
         return None
     dtypes = dtypes_at(precision)
@@ -145,16 +147,6 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
     brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
     return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
-
-
-def _builds(machine: Machine, text: str) -> bool:
-    """Return whether the driver builds a text. The program itself, which runs otherwise, explains a refusal."""
-    try:
-        with machine.lock:
-            machine.build(text)
-    except machine.cl.Error:
-        return False
-    return True
 
 
 def _buffers(memories: Sequence[Any]) -> list[Any]:
