@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import shpy as sh
-from shpy.backend.device.recent import Recent
+from shpy.backend.device.pool import Recent
 from shpy.backend.glsl.device import memory as glsl_memory
 from shpy.backend.opencl.device import memory as opencl_memory
 from shpy.backend.registry import backend as backend_named

@@ -23,7 +23,7 @@ from collectives.definition import (
 )
 
 import shpy as sh
-from shpy.backend.opencl.device import trees as opencl_trees
+from shpy.backend.opencl.device import collective as opencl_trees
 from shpy.backend.opencl.device.driver import Machine
 from shpy.backend.opencl.device.memory import OpenCLSpace
 from shpy.collectives.trees import own_tree
@@ -438,7 +438,7 @@ def summed(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
 
 
 def test_a_driver_that_refuses_the_kernel_of_a_tree_runs_the_program(monkeypatch):
-    build = opencl_trees.Machine.build
+    build = Machine.build
 
     def refuse(machine, text, math="strict"):
         if opencl_trees.FOLD in text:
@@ -448,7 +448,7 @@ def test_a_driver_that_refuses_the_kernel_of_a_tree_runs_the_program(monkeypatch
     x = np.random.default_rng(3).standard_normal(100).astype(np.float32)
     s = sh.Stream(x, sh.Attrib1f, backend="opencl")
     own_tree.cache_clear()
-    monkeypatch.setattr(opencl_trees.Machine, "build", refuse)
+    monkeypatch.setattr(Machine, "build", refuse)
     with pytest.warns(sh.ShpyWarning, match="summed reduces slower on OpenCL: the driver refuses"):
         assert sh.reduce(summed, s) == tree(x, add)
     own_tree.cache_clear()

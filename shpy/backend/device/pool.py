@@ -1,4 +1,4 @@
-"""A pool of a device's memory: a buffer or texture that is no longer used serves the next request of its kind.
+"""Things that are used again: unused memory of a device, by its kind, and things that take long to make, by their key.
 
 Stage: run. Objects of one kind are interchangeable, so sizes are rounded to few kinds. A run gives an object back when
 it ends. An object that a user holds comes back when the user's object is deleted, which may happen in any thread.
@@ -7,14 +7,20 @@ it ends. An object that a user holds comes back when the user's object is delete
     kind = Kind(4096)
     buffer = pool.take(kind, lambda: make(4096))
     pool.give_back(kind, buffer)                 # or else: pool.belong(memory, kind, buffer)
+
+    kernels = Recent[str, Any](256)              # those used last
+    kernel = kernels.get(text, lambda: build(text))
 """
 
 from __future__ import annotations
 
 import weakref
-from collections import defaultdict
+from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Hashable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+K = TypeVar("K")
+T = TypeVar("T")
 
 _MOST: Final = 256 << 20
 """The largest number of unused bytes that a pool keeps."""
@@ -64,6 +70,34 @@ class Pool:
         finalizer = weakref.finalize(owner, self._dropped.append, (kind, thing))
         finalizer.atexit = False
         return finalizer
+
+
+class Recent(Generic[K, T]):
+    """The things used last, at most so many, by their keys. One thread at a time calls `get`."""
+
+    def __init__(self, most: int, release: Callable[[T], None] = lambda _: None) -> None:
+        """Keep at most `most`; `release` frees one beyond that, by default by dropping the reference."""
+        self._most, self._release = most, release
+        self._kept: OrderedDict[K, T] = OrderedDict()
+
+    def __len__(self) -> int:
+        """Return the number of things that are kept."""
+        return len(self._kept)
+
+    def __contains__(self, key: K) -> bool:
+        """Return whether the thing of this key is kept."""
+        return key in self._kept
+
+    def get(self, key: K, make: Callable[[], T]) -> T:
+        """Return the thing of this key, made if there is none."""
+        value = self._kept.get(key)
+        if value is None:
+            value = self._kept[key] = make()
+            if len(self._kept) > self._most:
+                self._release(self._kept.popitem(last=False)[1])
+        else:
+            self._kept.move_to_end(key)
+        return value
 
 
 def rounded(extent: int) -> int:

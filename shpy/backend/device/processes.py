@@ -1,23 +1,32 @@
-"""Keep a forked child from using the driver of its parent: it lacks the driver's threads, and would hang.
+"""Processes and threads beside a driver: forked children, which lack its threads, and answers of other threads.
 
 Stage: compile, run. A backend calls `use` before it calls its driver, and before it takes a lock that another thread of
-the parent may have held at the time of the fork.
+the parent may have held at the time of the fork. An `Answer` waits by a lock of Python's own, which Ctrl-C leaves taken
+or not: the Condition of a `concurrent.futures.Future` is written in Python, so an interrupted thread may hold it for
+ever, and the thread that answers would wait for it.
 
     OPENCL = Driver("opencl")
     OPENCL.use()           # BackendUnavailable in a child of a process that has used OpenCL
     at_exit(end)           # `end` waits for threads, which a child does not have
+    answer = Answer()
+    answer.give(3)         # on one thread
+    answer.result()        # on another: 3
 """
 
 from __future__ import annotations
 
 import atexit
 import ctypes
+import math
 import os
+import threading
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final, Generic, TypeVar, cast
 
 from shpy.backend.device.once import once
 from shpy.errors import BackendUnavailable
+
+T = TypeVar("T")
 
 HEARD: Final = 0.1
 """Seconds after which a wait of the caller wakes up, so that Ctrl-C is heard.
@@ -54,6 +63,51 @@ class Driver:
     def release(self) -> None:
         """Forget that the driver was used: it was not there."""
         self._process = None
+
+
+class Answer(Generic[T]):
+    """A result or an error, given once by one thread; `ended` tells whether it is there."""
+
+    __slots__ = ("__weakref__", "_error", "_lock", "_result", "ended")
+
+    def __init__(self) -> None:
+        self.ended = False
+        self._result: Any = None
+        self._error: BaseException | None = None
+        self._lock = threading.Lock()
+        self._lock.acquire()
+
+    def give(self, result: T) -> None:
+        """Answer with a result."""
+        self._result = result
+        self._end()
+
+    def refuse(self, error: BaseException) -> None:
+        """Answer with an error, which `result` raises."""
+        self._error = error
+        self._end()
+
+    def wait(self, seconds: float = math.inf) -> bool:
+        """Wait for the answer, at most so many seconds; return whether it is there. Ctrl-C ends the wait."""
+        while not self.ended and seconds > 0:
+            if self._lock.acquire(timeout=min(seconds, HEARD)):
+                self._lock.release()  # for others that wait
+            seconds -= HEARD
+        return self.ended
+
+    def result(self) -> T:
+        """Wait for the answer; return the result, or raise the error."""
+        self.wait()
+        if self._error is None:
+            return cast(T, self._result)
+        try:
+            raise self._error
+        finally:
+            del self  # the traceback of the error holds this frame
+
+    def _end(self) -> None:
+        self.ended = True
+        self._lock.release()
 
 
 def at_exit(end: Callable[[], None]) -> None:

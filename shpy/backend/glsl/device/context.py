@@ -20,10 +20,9 @@ import numpy as np
 
 from shpy.backend.base import Array
 from shpy.backend.device import store
-from shpy.backend.device.answer import Answer
 from shpy.backend.device.once import once
 from shpy.backend.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_binary64, wrong_operations
-from shpy.backend.device.processes import Driver, at_exit
+from shpy.backend.device.processes import Answer, Driver, at_exit
 from shpy.backend.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
 from shpy.backend.glsl.text.interface import Limits
 from shpy.backend.glsl.text.prologue import Prologue

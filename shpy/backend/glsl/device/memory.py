@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.base import Array, Collectives, Counts
-from shpy.backend.device.recent import Recent
+from shpy.backend.device.pool import Recent
 from shpy.backend.glsl.device.context import VERTEX, Context, check
 from shpy.backend.glsl.device.textures import (
     FORMATS,

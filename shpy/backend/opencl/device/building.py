@@ -189,7 +189,7 @@ def group_of(machine: Machine, kernel: KernelText) -> int:
     work = "an element" if kernel.lanes == 1 else f"a packet of {kernel.lanes} elements"
     cure = 'smaller arrays, or compile("numpy")' if kernel.lanes == 1 else 'lanes="auto", or smaller arrays'
     check_private(kernel.private, most, work, machine.device.name.strip(), cure)
-    while machine.shares_stack and group * size > most:
+    while machine.is_cpu and group * size > most:
         group //= 2
     return group
 

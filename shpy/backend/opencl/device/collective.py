@@ -1,7 +1,9 @@
-"""Collective operations on an OpenCL device: lists of marked elements, gathers, scatters, sorting and counting.
+"""Collective operations on an OpenCL device: lists of marked elements, gathers, scatters, sorting, counting and trees.
 
 Stage: run. Each work item takes a chunk of neighbouring elements, and there are a few chunks for each compute unit:
-a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest first, with stable passes.
+a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest first, with stable passes. Folds and scans
+on a processor are a dispatch of parts, each of which is a work item's: few elements are one part (see `prologue_trees`
+for the text).
 
     operations = collectives(space)
     operations.sort(memory, False)
@@ -9,18 +11,29 @@ a CPU runs each chunk as a loop. Sorting is by digits of the keys, the lowest fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Final
 
 import numpy as np
 
-from shpy.backend.base import Collectives, NodeTypes
+from shpy.backend.base import Array, Collectives, NodeTypes, Options
+from shpy.backend.device.probe import refuse_wrong
 from shpy.backend.opencl.device.driver import LOCAL_SIZE
 from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, buffer_dtype
-from shpy.backend.opencl.device.trees import OpenCLTree, tree_of
-from shpy.ir.nodes import Module, Status
+from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
+from shpy.backend.opencl.packets.trees import print_trees
+from shpy.errors import warn
+from shpy.ir.constants import dtypes_at
+from shpy.ir.nodes import Loop, Module, Status
+from shpy.ir.traverse import walk
 from shpy.ir.types import Base, vec
 from shpy.passes.modes import Precision
+from shpy.passes.pipeline import prepare
+from shpy.passes.precision import rebased
+from shpy.passes.private import private_memory
+from shpy.passes.size import inlined_sizes
 
 _CPU_DIGIT: Final = 11
 _DIGIT: Final = 8
@@ -29,6 +42,18 @@ _LEAST: Final = 1 << 14
 """Elements of a chunk at least, so that its tables cost less than its elements."""
 _MOST_COUNTERS: Final = 1 << 22
 """Counters of all chunks together."""
+_ALONE: Final = 1 << 16
+"""The most elements for a single work item: to start a second one would take longer than it saves."""
+_PARTS: Final = 32
+"""Parts for each core, enough for all cores to end at nearly the same time."""
+_LARGE: Final = 400
+"""Statements above which `folding` and `scanning` run a program instead, in dispatches of bounded length."""
+_SMALL_ARRAYS: Final = 256
+"""Bytes of local arrays above which the program runs, since its copies in the kernel of a tree each have their own."""
+_BRIEF: Final = 1 << 26
+"""Statements, those that read elements included, that run in a few milliseconds, too short to be interruptible."""
+_READING: Final = 4
+"""The cost, in statements, of reading an element and shuffling it beside its neighbour."""
 
 # In these files WORD is the unsigned word of a component, KEY one of _KEYS.
 _ORDER, _SELECT, _MOVE, _TALLY = (
@@ -58,7 +83,7 @@ _KEYS: Final = {
 def collectives(space: OpenCLSpace) -> Collectives:
     """Return the collective operations that run on this device."""
     own = _OpenCLCollectives(space)
-    tree = own.tree if own.on_cpu else None
+    tree = own.tree if space.machine.is_cpu else None
     return Collectives(own.select, own.take, own.put, own.place, own.mark, own.sort, own.order, own.tally, tree)
 
 
@@ -66,8 +91,7 @@ class _OpenCLCollectives:
     def __init__(self, space: OpenCLSpace) -> None:
         self._space = space
         machine = self._machine = space.machine
-        self.on_cpu = bool(machine.device.type & machine.cl.device_type.CPU)
-        self._digit = _CPU_DIGIT if self.on_cpu else _DIGIT
+        self._digit = _CPU_DIGIT if machine.is_cpu else _DIGIT
 
     def select(self, mask: Any) -> OpenCLMemory:
         """Return the indices of the elements whose mark is set, in order, as ints."""
@@ -125,7 +149,7 @@ class _OpenCLCollectives:
         counts = self._allocate(chunks * bins, Base.I)
         self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
-        return counts if chunks == 1 else self._space.part(counts, 0, bins)
+        return counts if chunks == 1 else self._space.view(counts, counts.type, bins)
 
     def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
         """Make the kernels that fold and scan with a program."""
@@ -172,7 +196,7 @@ class _OpenCLCollectives:
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
         """Return the number of chunks, and the elements of each chunk."""
-        each = 4 if self.on_cpu else 128
+        each = 4 if self._machine.is_cpu else 128
         chunks = max(1, min(self._machine.device.max_compute_units * each, n // _LEAST, most))
         return chunks, -(-n // chunks)
 
@@ -186,3 +210,112 @@ class _OpenCLCollectives:
         """Start a kernel over this number of work items, rounded up to whole groups by idle items."""
         arguments = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
         self._space.enqueue(text, name, items, arguments, group=group)
+
+
+@dataclass(frozen=True, slots=True)
+class OpenCLTree:
+    """A program of two elements in kernels of its own: see `base.Tree`."""
+
+    space: OpenCLSpace
+    text: str
+    block: int
+    cores: int
+    brief: int
+    """The most elements for which the wait need not be interruptible."""
+    parts: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of the result of each part."""
+    results: tuple[OpenCLMemory, ...]
+    """Memory for the leaves of the final result; the lock is held until it is read."""
+    done: OpenCLMemory
+    """The number of finished parts of the current run; 0 between runs."""
+
+    def each(self, count: int) -> int:
+        """Return the number of elements of a part, for this number of elements in all."""
+        if count <= _ALONE:
+            return max(self.block, 1 << (count - 1).bit_length())
+        return max(self.block, 1 << (count // (_PARTS * self.cores)).bit_length())
+
+    def fold(self, elements: Sequence[Any], totals: Sequence[Any]) -> None:
+        """Reduce each part to one element."""
+        self._fold(elements, totals, None, totals)
+
+    def reduce(self, elements: Sequence[Any]) -> list[Array]:
+        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7.
+
+        Where a work group may not see what another has stored, there are two.
+        """
+        count = elements[0].count
+        with self.space.machine.lock:
+            if count <= self.each(count):
+                self.fold(elements, self.results)
+            elif self.space.machine.orders_stores:
+                self._fold(elements, self.parts, self.done.buffer, self.results)
+            else:
+                self.fold(elements, self.parts)
+                parts = np.uint32(-(-count // self.each(count)))
+                self._run(JOIN, 1, int(parts), [*_buffers(self.parts), parts, *_buffers(self.results)])
+            return [memory.read() for memory in self.results]
+
+    def _fold(self, elements: Sequence[Any], parts: Sequence[Any], done: Any, totals: Sequence[Any]) -> None:
+        count = elements[0].count
+        each = self.each(count)
+        sizes = [np.uint64(count), np.uint64(each)]
+        args = [*_buffers(elements), *sizes, *_buffers(parts), done, *_buffers(totals)]
+        self._run(FOLD, -(-count // each), count, args)
+
+    def scan(
+        self, elements: Sequence[Any], above: Sequence[Any] | None, prefixes: Sequence[Any], exclusive: bool
+    ) -> None:
+        """Compute all prefixes; `above` holds the prefixes that end with each part."""
+        count = elements[0].count
+        each, parts = self.each(count), 1 if above is None else above[0].count
+        sizes = [np.uint64(count), np.uint64(each), np.int32(parts), np.int32(exclusive)]
+        args = [*_buffers(elements), *sizes, *_buffers(elements if above is None else above), *_buffers(prefixes)]
+        self._run(SCAN, parts, count, args)
+
+    def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
+        self.space.enqueue(self.text, name, parts, args, brief=count <= self.brief)
+
+
+def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
+    """Print and build the kernels.
+
+    Return None for a large program, for one that may discard or reads more, and if the driver refuses the kernels.
+    """
+    machine = space.machine
+    lanes = machine.lanes
+    if lanes == 1:
+        return None
+    options = Options(precision=precision)
+    if precision == "f64":  # at f16 the buffers of the working float have 32 bits, as at f32
+        element, part = (tuple(rebased(t, Base.F, Base.D) for t in side) for side in (types.element, types.part))
+        types = replace(types, element=element, part=part)
+    prepared = prepare(module, options, machine.target(lanes, options.math))
+    statements = inlined_sizes(prepared.module)[prepared.module.entry.name]
+    if prepared.status or statements > _LARGE or private_memory(prepared.module).size > _SMALL_ARRAYS:
+        return None
+    refuse_wrong(prepared.module, machine.wrong, machine.device.name.strip())
+    joins = not machine.orders_stores
+    kernel = print_trees(prepared.module, types, lanes, machine.abilities, joins=joins, faults=machine.wrong)
+    if kernel is None or (kernel.doubles and not machine.doubles):
+        return None
+    try:
+        with machine.lock:
+            space.kernel(kernel.text, FOLD)
+    except machine.cl.Error:  # the program itself, which runs otherwise, explains a refusal
+        warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
+        return None
+    dtypes = dtypes_at(precision)
+    cores = machine.device.max_compute_units
+    parts, results = (
+        tuple(space.allocate(count, t, np.dtype(dtypes[t.base])) for t in types.part) for count in (_PARTS * cores, 1)
+    )
+    done = space.allocate(1, vec(Base.U), np.dtype(np.uint32))
+    done.write(np.zeros(1, np.uint32))
+    loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
+    brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
+    return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
+
+
+def _buffers(memories: Sequence[Any]) -> list[Any]:
+    return [memory.buffer for memory in memories]

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from platform import machine as architecture
 from typing import Any, ClassVar, Final
 from weakref import WeakValueDictionary
@@ -203,7 +203,7 @@ class Machine:
 
     def pace(self, *, bounded: bool) -> Pace:
         """Return the pace of a new kernel. A CPU has no watchdog that ends long dispatches."""
-        if self.device.type & self.cl.device_type.CPU:
+        if self.is_cpu:
             return Pace(_CPU_SECONDS, bounded=bounded)
         return Pace(bounded=bounded)
 
@@ -233,7 +233,7 @@ class Machine:
     @cached_property
     def shares_memory(self) -> bool:
         """Return whether the device uses the host's memory, so that arrays need not be copied."""
-        return bool(self.device.type & self.cl.device_type.CPU and self.device.host_unified_memory)
+        return self.is_cpu and bool(self.device.host_unified_memory)
 
     def lend(self, array: Array, size: int, *, write: bool = False) -> Any:
         """Return a buffer that is the array's own memory; None if it has to be copied.
@@ -295,20 +295,21 @@ class Machine:
     @property
     def lanes(self) -> int:
         """The elements of a CPU's vector register; 1 on any other device."""
-        if not self.device.type & self.cl.device_type.CPU:
-            return 1
-        return max((w for w in WIDTHS if w <= self.device.native_vector_width_float), default=1)
+        native = self.device.native_vector_width_float if self.is_cpu else 1
+        return max((w for w in WIDTHS if w <= native), default=1)
 
     @once_of_each
     def wrong(self) -> frozenset[str]:
-        """Return the operations with wrong results on this device: probed once, and stored on disk.
+        """Return the operations with wrong results on this device: probed once."""
+        return self._answered(EXACTNESS, FAULTS, self._asked)
+
+    def _answered(self, text: str, possible: Container[str], ask: Callable[[], frozenset[str]]) -> frozenset[str]:
+        """Return what a probe's text tells, stored on disk.
 
         Where another library makes threads flush denormals, the driver's threads may flush them too; the result then
         holds for this process alone.
         """
-        if was_flushing():
-            return self._asked()
-        return store.known_names(self._key(EXACTNESS, self._options), FAULTS, self._asked)
+        return ask() if was_flushing() else store.known_names(self._key(text, self._options), possible, ask)
 
     def target(self, lanes: int, math: Math) -> Target:
         """Return the target of packets, or of single elements, with the abilities of this device.
@@ -355,16 +356,11 @@ class Machine:
 
     @once_of_each
     def binary64(self) -> frozenset[str]:
-        """Return the abilities of this device in binary64, of ABILITIES: probed once, and stored on disk."""
+        """Return the abilities of this device in binary64, of ABILITIES: probed once."""
         if not self.doubles:
             return frozenset()
-
-        def asked() -> frozenset[str]:
-            return abilities_in_binary64(self.probe, lanes=self.lanes, flushed="denormals" in self.wrong)
-
-        if was_flushing():
-            return asked()
-        return store.known_names(self._key(BINARY64, self.options("strict")), ABILITIES, asked)
+        ask = partial(abilities_in_binary64, self.probe, lanes=self.lanes, flushed="denormals" in self.wrong)
+        return self._answered(BINARY64, ABILITIES, ask)
 
     @once_of_each
     def _succeeded(self) -> frozenset[str]:
@@ -398,7 +394,7 @@ class Machine:
         A CPU's driver ends the process where a stack does not hold them; a GPU's refuses the kernel.
         """
         tried = max((size for size in SIZES if name_of(size) in self._succeeded), default=0)
-        return most_private(tried, thread_stack()) if self.shares_stack else max(tried, SIZES[0])
+        return most_private(tried, thread_stack()) if self.is_cpu else max(tried, SIZES[0])
 
     @property
     def orders_stores(self) -> bool:
@@ -406,11 +402,11 @@ class Machine:
 
         OpenCL 1.2 promises it for no device. x86 processors keep the order of stores, and so of `mem_fence`.
         """
-        return self.shares_stack and architecture().lower() in ("x86_64", "amd64", "i386", "i686")
+        return self.is_cpu and architecture().lower() in ("x86_64", "amd64", "i386", "i686")
 
     @property
-    def shares_stack(self) -> bool:
-        """Return whether the work items of a group have their local arrays on the stack of one thread."""
+    def is_cpu(self) -> bool:
+        """Return whether it is a processor, which has the local arrays of a work group on the stack of one thread."""
         return bool(self.device.type & self.cl.device_type.CPU)
 
     @property

@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
-from shpy.backend.device.answer import Answer
+from shpy.backend.device.processes import Answer
 from shpy.errors import BackendUnavailable
 from shpy.packages import install
 

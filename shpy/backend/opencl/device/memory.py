@@ -24,8 +24,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Collectives, Counts, too_large
 from shpy.backend.device.once import once
-from shpy.backend.device.pool import Kind
-from shpy.backend.device.recent import Recent
+from shpy.backend.device.pool import Kind, Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
@@ -221,19 +220,12 @@ class OpenCLSpace:
         """Return a view of the buffer as `count` elements of another type."""
         return OpenCLMemory(self, memory.buffer, count, type, memory.dtype, memory)
 
-    def copy(self, source: OpenCLMemory, target: OpenCLMemory, begin: int = 0) -> None:
-        """Copy as many elements as `target` has, from `begin` on."""
-        machine, size, offset = self.machine, target.count * target.each, begin * target.each
+    def copy(self, source: OpenCLMemory, target: OpenCLMemory) -> None:
+        """Copy as many elements as `target` has."""
+        machine, size = self.machine, target.count * target.each
         if size:
             with machine.lock:
-                buffers = target.buffer, source.buffer
-                machine.cl.enqueue_copy(machine.queue, *buffers, byte_count=size, src_offset=offset)
-
-    def part(self, source: Any, begin: int, count: int) -> OpenCLMemory:
-        """Return a copy of `count` elements from `begin` on."""
-        part = self.allocate(count, source.type, source.dtype)
-        self.copy(source, part, begin)
-        return part
+                machine.cl.enqueue_copy(machine.queue, target.buffer, source.buffer, byte_count=size)
 
     def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
         """Replace elements whose status is not WRITTEN by those of `old`, or by zeros."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Call, DeviceCall, TableMemory
 from shpy.backend.device.pace import Pace
-from shpy.backend.device.recent import Recent
+from shpy.backend.device.pool import Recent
 from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
 from shpy.backend.opencl.device.memory import MEMORY, own, tables_of
 from shpy.backend.opencl.text.kernel import KernelText

@@ -18,8 +18,7 @@ import threading
 from queue import SimpleQueue
 from typing import Any, Final
 
-from shpy.backend.device.answer import Answer
-from shpy.backend.device.processes import HEARD
+from shpy.backend.device.processes import HEARD, Answer
 
 _GRACE: Final = 1.0
 """Seconds that the end of an interrupted process waits for the device: most dispatches take less."""
