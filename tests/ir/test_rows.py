@@ -15,6 +15,7 @@ from shpy.ir.constants import DTYPES
 from shpy.ir.ops import COMMUTATIVE, OPS, STRUCTURAL
 from shpy.ir.types import Base, vec
 from shpy.lang.mistakes.foreign import OTHER_NAMES
+from shpy.passes.formulas.edges import DEFINITIONS
 from shpy.passes.library import CORRECTABLE, PARTS, definition
 from shpy.testing.conformance.cases import SPECIAL
 
@@ -112,7 +113,7 @@ def words(node):
     return []
 
 
-KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE}
+KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE, *DEFINITIONS}
 OPENCL = "prologue_wide.py"
 """Its lists name functions of OpenCL C: `tests/backends/test_packets_wide.py` checks them."""
 

@@ -2,11 +2,9 @@
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return 0;
-    }
-    int r = a % b;
-    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    return rest != 0 && (rest ^ by) < 0 ? (int)(rest + (uint)by) : rest;
 }
 
 // The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.
@@ -14,9 +12,10 @@ uint sh_at(int i, int size) {
     return __builtin_expect((uint)i < (uint)size, 1) ? (uint)i : (uint)clamp(i, 0, size - 1);
 }
 
-// a % b; 0 for b = 0.
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
 uint sh_floormod_u(uint a, uint b) {
-    return b == 0u ? 0u : a % b;
+    uint by = max(b, 1u);
+    return b == 0u ? 0u : a % by;
 }
 
 float push(float4 *stack, float value) {  // test_opencl_text.py:37

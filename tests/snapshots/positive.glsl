@@ -16,20 +16,20 @@ layout(location = 1) out int out_status;
 
 // The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
-    precise bool second = b < a || a != a;
-    return second ? b : a;
+    precise float result = b < a || a != a ? b : a;
+    return result;
 }
 
-void positive(precise float x, int n, precise out float result, out int status) {  // test_glsl_text.py:47
+void positive(precise float x, int n, precise out float result, out int status) {  // test_glsl_text.py:46
     result = zero;
     status = 1;
-    precise float total = zero;  // test_glsl_text.py:49
-    precise bool t = x < 0.0;  // test_glsl_text.py:50
+    precise float total = zero;  // test_glsl_text.py:48
+    precise bool t = x < 0.0;  // test_glsl_text.py:49
     if (t) {
-        status = 0;  // test_glsl_text.py:51
+        status = 0;  // test_glsl_text.py:50
         return;
     } else {
-        precise bool ended = false;  // test_glsl_text.py:53
+        precise bool ended = false;  // test_glsl_text.py:52
         int iterations = 0;
         while (true) {
             if (n <= 0) {
@@ -41,17 +41,17 @@ void positive(precise float x, int n, precise out float result, out int status) 
                 status = 2;
                 break;
             }
-            total += sh_min(x, 1.0) / (float(n) + zero);  // test_glsl_text.py:54
-            n -= 1;  // test_glsl_text.py:55
+            total += sh_min(x, 1.0) / (float(n) + zero);  // test_glsl_text.py:53
+            n -= 1;  // test_glsl_text.py:54
         }
-        if (!ended) {  // test_glsl_text.py:53
+        if (!ended) {  // test_glsl_text.py:52
             if (status != 2) {
                 status = -1;
             }
             return;
         }
     }
-    result = total;  // test_glsl_text.py:56
+    result = total;  // test_glsl_text.py:55
 }
 
 void main() {

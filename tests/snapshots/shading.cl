@@ -2,11 +2,9 @@
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return 0;
-    }
-    int r = a % b;
-    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    return rest != 0 && (rest ^ by) < 0 ? (int)(rest + (uint)by) : rest;
 }
 
 // The place of an element, the nearest one for an index that is out of range.
@@ -22,12 +20,12 @@ uint sh_at(int i, int size) {
 
 // The greater argument; if one is NaN, the other.
 float sh_max(float a, float b) {
-    return !(a >= b) & (b == b) ? b : a;
+    return a < b || a != a ? b : a;
 }
 
 // The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
-    return !(a <= b) & (b == b) ? b : a;
+    return b < a || a != a ? b : a;
 }
 
 float dot3(float3 a, float3 b) {

@@ -38,9 +38,9 @@ ivec2 sh_grid_index2() {
     return sh_split(i, sh_grid_shape.y);
 }
 
-void terrain(ivec2 cell, precise out vec3 result0, out ivec2 result1) {  // test_glsl_text.py:25
-    precise float h = heights_at(cell);  // test_glsl_text.py:27
-    result0 = sky * h;  // test_glsl_text.py:28
+void terrain(ivec2 cell, precise out vec3 result0, out ivec2 result1) {  // test_glsl_text.py:24
+    precise float h = heights_at(cell);  // test_glsl_text.py:26
+    result0 = sky * h;  // test_glsl_text.py:27
     result1 = sh_grid_index2();
 }
 

@@ -2,7 +2,7 @@
 
 // The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
-    return !(a <= b) & (b == b) ? b : a;
+    return b < a || a != a ? b : a;
 }
 
 void walk_element(float x, int n, float *result, int *status) {  // test_opencl_text.py:70

@@ -57,9 +57,9 @@ float sin_strict(precise float x) {
     return result;
 }
 
-vec2 wave(precise float x, precise vec2 k) {  // test_glsl_text.py:19
-    precise vec2 y = sin_strict(x) * k + zero;  // test_glsl_text.py:21
-    precise vec2 result = mix(-k, y, greaterThan(y, vec2(0.0)));  // test_glsl_text.py:22
+vec2 wave(precise float x, precise vec2 k) {  // test_glsl_text.py:18
+    precise vec2 y = sin_strict(x) * k + zero;  // test_glsl_text.py:20
+    precise vec2 result = mix(-k, y, greaterThan(y, vec2(0.0)));  // test_glsl_text.py:21
     return result;
 }
 

@@ -12,9 +12,10 @@ uniform int each_x;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out int out_status;
 
+// The greater argument; if one is NaN, the other.
 float sh_max(precise float a, precise float b) {
-    precise bool second = a < b || a != a;
-    return second ? b : a;
+    precise float result = a < b || a != a ? b : a;
+    return result;
 }
 
 void bisection(precise float x, precise out float result, out int status) {  // snapshot_programs.py:185

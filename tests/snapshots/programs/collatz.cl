@@ -2,20 +2,17 @@
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return 0;
-    }
-    int r = a % b;
-    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    return rest != 0 && (rest ^ by) < 0 ? (int)(rest + (uint)by) : rest;
 }
 
-// floor(a / b); 0 for b = 0, and INT_MIN for INT_MIN / -1.
+// floor(a / b); 0 for b = 0, and the least int for itself by -1.
 int sh_floordiv_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return b == 0 ? 0 : (int)(0u - (uint)a);
-    }
-    int q = a / b;
-    return q * b != a && (a < 0) != (b < 0) ? q - 1 : q;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    int q = a / by;
+    return b == 0 ? 0 : (b == -1 ? (int)(0u - (uint)a) : (int)(q - (uint)(rest != 0 && (rest ^ by) < 0 ? 1 : 0)));
 }
 
 void collatz_element(int n, int *result, int *status) {  // snapshot_programs.py:61

@@ -11,20 +11,21 @@ uniform int each_n;  // 0 where one value serves all elements
 layout(location = 0) out int out_0;
 layout(location = 1) out int out_status;
 
-// floor(a / b) from a division that truncates; 0 for b = 0.
-int sh_floordiv(int a, int b) {
-    int by = b == 0 || b == -1 ? 1 : b;
-    int q = a / by;
-    int rest = a - q * by;
-    q -= rest != 0 && (rest ^ by) < 0 ? 1 : 0;
-    return b == 0 ? 0 : b == -1 ? -a : q;
-}
-
-// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod(int a, int b) {
     int by = b == 0 || b == -1 ? 1 : b;
     int rest = a - a / by * by;
-    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    int result = rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    return result;
+}
+
+// floor(a / b); 0 for b = 0, and the least int for itself by -1.
+int sh_floordiv(int a, int b) {
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a - a / by * by;
+    int q = a / by;
+    int result = b == 0 ? 0 : (b == -1 ? int(0u - uint(a)) : q - (rest != 0 && (rest ^ by) < 0 ? 1 : 0));
+    return result;
 }
 
 void collatz(int n, out int result, out int status) {  // snapshot_programs.py:61

@@ -2,11 +2,9 @@
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return 0;
-    }
-    int r = a % b;
-    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    return rest != 0 && (rest ^ by) < 0 ? (int)(rest + (uint)by) : rest;
 }
 
 void counting_element(float x, int n, float *result, int *status) {  // snapshot_programs.py:70

@@ -15,11 +15,12 @@ uniform int each_n;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out int out_status;
 
-// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod(int a, int b) {
     int by = b == 0 || b == -1 ? 1 : b;
     int rest = a - a / by * by;
-    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    int result = rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    return result;
 }
 
 void counting(precise float x, int n, precise out float result, out int status) {  // snapshot_programs.py:70

@@ -2,17 +2,17 @@
 
 // The smaller argument; if one is NaN, the other.
 float sh_min(float a, float b) {
-    return !(a <= b) & (b == b) ? b : a;
+    return b < a || a != a ? b : a;
 }
 
 // The greater argument; if one is NaN, the other.
 float sh_max(float a, float b) {
-    return !(a >= b) & (b == b) ? b : a;
+    return a < b || a != a ? b : a;
 }
 
 // The bits of x; every NaN gives the same bits.
 uint sh_bits(float x) {
-    return x != x ? 0x7fc00000u : as_uint(x);
+    return x != x ? 2143289344u : as_uint(x);
 }
 
 float mod1(float x, float y) {

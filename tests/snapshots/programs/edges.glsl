@@ -19,42 +19,50 @@ layout(location = 4) out float out_4;
 layout(location = 5) out float out_5;
 layout(location = 6) out uint out_6;
 
+// Whether x is infinite, by its bits.
+bool sh_isinf(precise float x) {
+    precise bool result = (floatBitsToUint(x) & 2147483647u) == 2139095040u;
+    return result;
+}
+
 // The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
-    precise bool second = b < a || a != a;
-    return second ? b : a;
+    precise float result = b < a || a != a ? b : a;
+    return result;
 }
 
-float sh_max(precise float a, precise float b) {
-    precise bool second = a < b || a != a;
-    return second ? b : a;
-}
-
-float sh_clamp(precise float x, precise float low, precise float high) {
-    return sh_min(sh_max(x, low), high);
-}
-
-// Truncates and saturates; 0 for NaN.
-int sh_int(precise float x) {
-    precise bool inside = x > -2147483648.0 && x < 2147483648.0;
-    precise bool above = x >= 2147483648.0;
-    precise bool below = x <= -2147483648.0;
-    return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
-}
-
-uint sh_bits(precise float x) {
-    precise bool nan = x != x;
-    return nan ? 0x7fc00000u : floatBitsToUint(x);
-}
-
-bool sh_isinf(precise float x) {
-    return (floatBitsToUint(x) & 0x7fffffffu) == 0x7f800000u;
-}
-
+// The sign of a float; 0 for NaN and both zeros.
 float sh_sign(precise float x) {
-    precise bool above = x > 0.0;
-    precise bool below = x < 0.0;
-    return float(above) - float(below);
+    precise float result = (x > 0.0 ? 1.0 : zero) - (x < 0.0 ? 1.0 : zero);
+    return result;
+}
+
+// The float truncated; the nearest int where it is out of range, and 0 for NaN.
+int sh_to_int(precise float x) {
+    precise bool t = x > -2.1474836e+09 && x < 2.1474836e+09;
+    precise bool t2 = x >= 2.1474836e+09;
+    precise bool t3 = x < 0.0;
+    int result = t ? int(t ? x : zero) : (t2 ? 2147483647 : (t3 ? (-2147483647 - 1) : 0));
+    return result;
+}
+
+// The greater argument; if one is NaN, the other.
+float sh_max(precise float a, precise float b) {
+    precise float result = a < b || a != a ? b : a;
+    return result;
+}
+
+// min(max(x, low), high).
+float sh_clamp(precise float x, precise float low, precise float high) {
+    precise float result = sh_min(sh_max(x, low), high);
+    return result;
+}
+
+// The bits of x; every NaN gives the same bits.
+uint sh_bits(precise float x) {
+    precise bool t = x != x;
+    uint result = t ? 2143289344u : floatBitsToUint(x);
+    return result;
 }
 
 float mod1(precise float x, precise float y) {
@@ -76,7 +84,7 @@ void edges(  // snapshot_programs.py:160
     result0 = sh_min(x, y);  // snapshot_programs.py:162
     result1 = sh_sign(x);
     result2 = roundEven(x);
-    result3 = sh_int(x);
+    result3 = sh_to_int(x);
     result4 = mod1(x, y);
     result5 = sh_clamp(x, zero, y);
     result6 = sh_bits(x);

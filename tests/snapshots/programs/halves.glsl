@@ -13,15 +13,15 @@ uniform int each_f;  // 0 where one value serves all elements
 layout(location = 0) out float out_0;
 layout(location = 1) out float out_1;
 
-// The nearest binary16, half to even: by the bits, but for halves that are denormal, where 2^-24 is the last place.
+// The nearest binary16, half to even: by the bits, but for halves that are denormal.
 float sh_half(precise float x) {
     uint bits = floatBitsToUint(x);
-    uint size = bits & 0x7fffffffu;
-    uint rounded = (size + 0xfffu + ((size >> 13) & 1u)) & 0xffffe000u;
-    rounded = rounded >= 0x47800000u ? 0x7f800000u : rounded;
-    precise float small = (uintBitsToFloat(size) + 0.5) - 0.5;
-    rounded = size > 0x7f800000u ? 0x7fc00000u : size < 0x38800000u ? floatBitsToUint(small) : rounded;
-    return uintBitsToFloat(rounded | (bits & 0x80000000u));
+    uint size = bits & 2147483647u;
+    uint rounded = (size + 4095u + ((size >> 13u) & 1u)) & 4294959104u;
+    precise float t = uintBitsToFloat(size) + 0.5 - 0.5;
+    uint t2 = size > 2139095040u ? 2143289344u : (size < 947912704u ? floatBitsToUint(t) : (rounded >= 1199570944u ? 2139095040u : rounded));
+    precise float result = uintBitsToFloat(t2 | (bits & 2147483648u));
+    return result;
 }
 
 void halves(precise float x, precise float f, precise out float result0, precise out float result1) {  // snapshot_programs.py:180

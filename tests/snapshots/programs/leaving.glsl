@@ -14,8 +14,10 @@ layout(location = 0) out int out_0;
 layout(location = 1) out int out_1;
 layout(location = 2) out int out_status;
 
+// Whether x is NaN, by its bits.
 bool sh_isnan(precise float x) {
-    return (floatBitsToUint(x) & 0x7fffffffu) > 0x7f800000u;
+    precise bool result = (floatBitsToUint(x) & 2147483647u) > 2139095040u;
+    return result;
 }
 
 void leaving(precise float x, out int result0, out int result1, out int status) {  // snapshot_programs.py:82

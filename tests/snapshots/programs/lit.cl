@@ -2,7 +2,7 @@
 
 // The greater argument; if one is NaN, the other.
 float sh_max(float a, float b) {
-    return !(a >= b) & (b == b) ? b : a;
+    return a < b || a != a ? b : a;
 }
 
 float dot3(float3 a, float3 b) {

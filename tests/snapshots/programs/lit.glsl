@@ -18,9 +18,10 @@ uniform int each_n;  // 0 where one value serves all elements
 layout(location = 0) out vec3 out_0;
 layout(location = 1) out float out_1;
 
+// The greater argument; if one is NaN, the other.
 float sh_max(precise float a, precise float b) {
-    precise bool second = a < b || a != a;
-    return second ? b : a;
+    precise float result = a < b || a != a ? b : a;
+    return result;
 }
 
 float dot3(precise vec3 a, precise vec3 b) {

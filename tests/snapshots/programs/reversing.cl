@@ -2,7 +2,7 @@
 
 // The component at i, clamped.
 float sh_pick4(float4 v, int i) {
-    return i <= 0 ? v.x : i == 1 ? v.y : i == 2 ? v.z : v.w;
+    return i <= 0 ? v.x : (i == 1 ? v.y : (i == 2 ? v.z : v.w));
 }
 
 // The nearest index in range. Nearly all are in range: a predicted branch costs less than a clamp before the load.

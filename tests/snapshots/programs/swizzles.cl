@@ -2,7 +2,7 @@
 
 // The component at i, clamped.
 float sh_pick4(float4 v, int i) {
-    return i <= 0 ? v.x : i == 1 ? v.y : i == 2 ? v.z : v.w;
+    return i <= 0 ? v.x : (i == 1 ? v.y : (i == 2 ? v.z : v.w));
 }
 
 __kernel void swizzles(  // snapshot_programs.py:28

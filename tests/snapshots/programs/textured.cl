@@ -2,21 +2,19 @@
 
 // The greater argument; if one is NaN, the other.
 float2 sh_max2(float2 a, float2 b) {
-    return !(a >= b) & (b == b) ? b : a;
+    return (a < b) | (a != a) ? b : a;
 }
 
 // The smaller argument; if one is NaN, the other.
 float2 sh_min2(float2 a, float2 b) {
-    return !(a <= b) & (b == b) ? b : a;
+    return (b < a) | (a != a) ? b : a;
 }
 
 // a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod_i(int a, int b) {
-    if (b == 0 || b == -1) {
-        return 0;
-    }
-    int r = a % b;
-    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+    int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a % by;
+    return rest != 0 && (rest ^ by) < 0 ? (int)(rest + (uint)by) : rest;
 }
 
 // The place of an element, the nearest one for an index that is out of range.

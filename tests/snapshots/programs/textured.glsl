@@ -14,42 +14,49 @@ uniform sampler2D in_uv;
 uniform int each_uv;  // 0 where one value serves all elements
 layout(location = 0) out vec3 out_0;
 
+// The greater argument; if one is NaN, the other.
+float sh_max(precise float a, precise float b) {
+    precise float result = a < b || a != a ? b : a;
+    return result;
+}
+
 // The smaller argument; if one is NaN, the other.
 float sh_min(precise float a, precise float b) {
-    precise bool second = b < a || a != a;
-    return second ? b : a;
+    precise float result = b < a || a != a ? b : a;
+    return result;
 }
 
-float sh_max(precise float a, precise float b) {
-    precise bool second = a < b || a != a;
-    return second ? b : a;
-}
-
+// min(max(x, low), high).
 float sh_clamp(precise float x, precise float low, precise float high) {
-    return sh_min(sh_max(x, low), high);
+    precise float result = sh_min(sh_max(x, low), high);
+    return result;
 }
 
-vec2 sh_clamp(precise vec2 x, precise vec2 low, precise vec2 high) {
-    return vec2(sh_clamp(x.x, low.x, high.x), sh_clamp(x.y, low.y, high.y));
+vec2 sh_clamp(precise vec2 a, precise vec2 b, precise vec2 c) {
+    precise vec2 result = vec2(sh_clamp(a.x, b.x, c.x), sh_clamp(a.y, b.y, c.y));
+    return result;
 }
 
-// Truncates and saturates; 0 for NaN.
-int sh_int(precise float x) {
-    precise bool inside = x > -2147483648.0 && x < 2147483648.0;
-    precise bool above = x >= 2147483648.0;
-    precise bool below = x <= -2147483648.0;
-    return inside ? int(x) : above ? 2147483647 : below ? (-2147483647 - 1) : 0;
+// The float truncated; the nearest int where it is out of range, and 0 for NaN.
+int sh_to_int(precise float x) {
+    precise bool t = x > -2.1474836e+09 && x < 2.1474836e+09;
+    precise bool t2 = x >= 2.1474836e+09;
+    precise bool t3 = x < 0.0;
+    int result = t ? int(t ? x : zero) : (t2 ? 2147483647 : (t3 ? (-2147483647 - 1) : 0));
+    return result;
 }
 
-ivec2 sh_int(precise vec2 x) {
-    return ivec2(sh_int(x.x), sh_int(x.y));
+ivec2 sh_to_int(precise vec2 a) {
+    ivec2 result = ivec2(sh_to_int(a.x), sh_to_int(a.y));
+    return result;
 }
 
-// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod(int a, int b) {
     int by = b == 0 || b == -1 ? 1 : b;
     int rest = a - a / by * by;
-    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    int result = rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    return result;
 }
 
 // An element of image, the nearest where the index is out of range.
@@ -75,7 +82,7 @@ vec3 sample_image(precise vec2 uv) {  // library.py:254
     precise vec2 corner = floor(t2);
     precise vec2 t_3 = t2 - corner;  // library.py:231
     precise vec2 t_4 = linear ? t_3 : vec2(zero);  // library.py:233
-    ivec2 cell = sh_int(corner);  // library.py:234
+    ivec2 cell = sh_to_int(corner);  // library.py:234
     precise vec3 t5 = image_at(ivec2(repeat ? sh_floormod(cell.y, t) : cell.y, repeat ? sh_floormod(cell.x, extents) : cell.x));  // library.py:264
     ivec2 t6 = cell + ivec2(1, 0);  // library.py:239
     precise vec3 t7 = mix3(t5, image_at(ivec2(repeat ? sh_floormod(t6.y, t) : t6.y, repeat ? sh_floormod(t6.x, extents) : t6.x)), vec3(t_4.x));  // library.py:241

@@ -20,20 +20,21 @@ layout(location = 3) out uint out_3;
 layout(location = 4) out float out_4;
 layout(location = 5) out int out_5;
 
-// floor(a / b) from a division that truncates; 0 for b = 0.
+// floor(a / b); 0 for b = 0, and the least int for itself by -1.
 int sh_floordiv(int a, int b) {
     int by = b == 0 || b == -1 ? 1 : b;
+    int rest = a - a / by * by;
     int q = a / by;
-    int rest = a - q * by;
-    q -= rest != 0 && (rest ^ by) < 0 ? 1 : 0;
-    return b == 0 ? 0 : b == -1 ? -a : q;
+    int result = b == 0 ? 0 : (b == -1 ? int(0u - uint(a)) : q - (rest != 0 && (rest ^ by) < 0 ? 1 : 0));
+    return result;
 }
 
-// a - b * floor(a / b); 0 for b = 0. Drivers' own % is unsigned.
+// a - b * floor(a / b), which has b's sign; 0 for b = 0.
 int sh_floormod(int a, int b) {
     int by = b == 0 || b == -1 ? 1 : b;
     int rest = a - a / by * by;
-    return rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    int result = rest != 0 && (rest ^ by) < 0 ? rest + by : rest;
+    return result;
 }
 
 uint scramble(uint state) {  // library.py:31

@@ -25,10 +25,9 @@ from shpy.backend.device.probe import COUNT, FAULTS, hard_inputs, is_exact_in_bi
 from shpy.backend.device.processes import Answer, Driver, at_exit
 from shpy.backend.glsl.device.probes import DOUBLES, PROBE, QUESTIONS, ROOTS, decimal_doubles
 from shpy.backend.glsl.text.interface import Limits
-from shpy.backend.glsl.text.prologue import Prologue
+from shpy.backend.glsl.text.prologue import ROOT
 from shpy.errors import BackendUnavailable, ShpyError
 from shpy.ieee import set_ieee_arithmetic
-from shpy.ir.types import Base, vec
 from shpy.packages import install
 
 T = TypeVar("T")
@@ -248,9 +247,7 @@ class Context:
 
     def _binary64(self, about: tuple[str, ...], *, flushed: bool) -> frozenset[str]:
         """Return what the device is capable of in binary64, by the words above: asked once, and kept on disk."""
-        prologue = Prologue()
-        prologue.use("sh_sqrt", (vec(Base.D),))
-        roots = ROOTS.replace("PROLOGUE", prologue.text())
+        roots = ROOTS.replace("PROLOGUE", ROOT)
         key = store.key("glsl binary64", *about, DOUBLES, roots, decimal_doubles())
 
         def ask() -> frozenset[str]:

@@ -12,6 +12,7 @@ Stage: emit. What GLSL does in its own way:
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
@@ -26,11 +27,12 @@ from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Exit, Expr, Index
 from shpy.backend.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backend.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
 from shpy.backend.glsl.text.nesting import sheltered_functions
-from shpy.backend.glsl.text.prologue import Prologue, grid_function, grid_name, reader
+from shpy.backend.glsl.text.prologue import KEEP, ROOT, SPLIT, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
-from shpy.ir.nodes import Let, Loop, Module
+from shpy.ir.nodes import Function, Let, Loop, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.formulas.edges import componentwise, edge, remark
 from shpy.passes.nesting import is_shelter
 
 NATIVE: Final = frozenset({"clamp"})
@@ -62,8 +64,12 @@ _OWN: Final[Mapping[str, str]] = {
     "rsqrt": "inversesqrt",
 }
 _OWN_OF_INTS: Final = frozenset({"min", "max", "clamp", "sign"})
-_PROLOGUE: Final[Mapping[str, str]] = {"bits_from_float": "sh_bits"}
-"""Operations whose function in the prologue is not called `sh_` and the operation's name."""
+_SHORT: Final[Mapping[str, str]] = {"bits_from_float": "sh_bits", "cond": "sh_select"}
+"""Functions that are not called `sh_` and the operation's name."""
+_TEXTS: Final[Mapping[str, str]] = {"keep": KEEP, "sqrt": ROOT, "split": SPLIT}
+_GIVES: Final[Mapping[str, Base]] = {
+    "bits_from_float": Base.U, "isnan": Base.B, "isinf": Base.B, "to_int": Base.I, "to_uint": Base.U,
+}  # fmt: skip
 _OF_VECTORS: Final[Mapping[str, str]] = {
     "eq": "equal",
     "ne": "notEqual",
@@ -94,7 +100,8 @@ class GlslUnit(Unit):
         self.flagged, self.limited, self.sheltered = flagged, limited, sheltered_functions(module)
         self.leaves_loops = limits.leaves_loops
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
-        self.prologue = Prologue(exact=exact, signs=limits.signs)
+        self.prologue: dict[tuple[str, tuple[Type, ...]], str] = {}
+        """The functions for what GLSL lacks, in the order in which they were asked for."""
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         take = self.globals.take
@@ -122,6 +129,26 @@ class GlslUnit(Unit):
         self.used.add(self.zero.text)
         return self.zero
 
+    def edge(self, op: str, *types: Type) -> str:
+        """Use a function that computes `op` for arguments of these types, vectors by component; return its name."""
+        name = _SHORT.get(op, f"sh_{op}")
+        if (op, types) not in self.prologue:
+            self.prologue[op, types] = self._edge_text(op, types, name)
+        return name
+
+    def _edge_text(self, op: str, types: tuple[Type, ...], name: str) -> str:
+        if max(t.size for t in types) > 1:
+            model = types[-1] if op == "cond" else types[0]
+            return self.printed(componentwise(op, types, _GIVES.get(op, model.base)), name)
+        if op == "keep":
+            self.used.add(NOTHING)
+        text = _TEXTS.get(op)
+        return remark(op) + self.printed(edge(op, types), name) if text is None else text
+
+    @abstractmethod
+    def printed(self, function: Function, name: str) -> str:
+        """Return the text of a function that the shader is to have."""
+
     def read_table(self, name: str) -> str:
         """Name the function that reads a table, which the text is to have."""
         if name not in self.read:
@@ -132,7 +159,7 @@ class GlslUnit(Unit):
         """Name the function that gives the place in the grid on `size` axes, which the text is to have."""
         if size not in self.placed:
             if size > 1:
-                self.prologue.use("sh_split", (INT, INT))
+                self.edge("split", INT)
             self.placed[size], names = grid_function(size)
             self.used |= names
         return grid_name(size)
@@ -170,7 +197,7 @@ class GlslBody(Body):
                 return tree.infix("!=", e, zero, type)
             return tree.call("notEqual", type, e, Construct(source, (zero,)))
         if source.is_float and type.is_int:
-            return tree.call(unit.prologue.use("sh_int" if type.base is Base.I else "sh_uint", (source,)), type, e)
+            return tree.call(unit.edge("to_int" if type.base is Base.I else "to_uint", source), type, e)
         if source.is_bool and type.is_float and unit.exact:
             # Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN.
             one, unknown = Literal(_FLOAT, 1.0), unit.zero_name()
@@ -196,7 +223,7 @@ class GlslBody(Body):
         """Return the expression of one Let; `sh_keep(a < b)` where the driver derives other conditions from it."""
         expression, type = super().operation(let), let.value.type
         if let.op in self.unit.hidden and self.types[let.args[0]].is_float:
-            return tree.call(self.unit.prologue.use("sh_keep", (type,)), type, expression)
+            return tree.call(self.unit.edge("keep", type), type, expression)
         return expression
 
     def function_of(self, op: str, types: tuple[Type, ...]) -> str:
@@ -205,7 +232,7 @@ class GlslBody(Body):
             return _OWN[op]
         if op == "fma" or (op in _OWN_OF_INTS and not types[0].is_float):
             return op
-        return self.unit.prologue.use(_PROLOGUE.get(op, f"sh_{op}"), types)
+        return self.unit.edge(op, *types)
 
     def infix(self, let: Let) -> Expr:
         """Return `a + b`; GLSL has no operators of vectors of bools, and shifts by less than 32 alone."""
@@ -233,7 +260,7 @@ class GlslBody(Body):
         """Return `abs(a)`; `sh_abs(a)` of an int that may be the least, and a uint is its own."""
         type, arg = let.value.type, let.args[0]
         if type.base is Base.I and self.ranges.span(arg)[0] == _LEAST:
-            return tree.call(self.unit.prologue.use("sh_abs", (type,)), type, self.arg(arg))
+            return tree.call(self.unit.edge("abs", type), type, self.arg(arg))
         return self.arg(arg) if type.base is Base.U else self.plain_call(let)
 
     def op_fma(self, let: Let) -> Expr:
@@ -261,7 +288,7 @@ class GlslBody(Body):
         """Return `mix(b, a, c)`, which GLSL has for floats alone."""
         if type.is_float:
             return tree.call("mix", type, b, a, c)
-        return tree.call(self.unit.prologue.use("sh_select", (type.based(Base.B), type, type)), type, c, a, b)
+        return tree.call(self.unit.edge("cond", type.based(Base.B), type, type), type, c, a, b)
 
     def not_vector(self, e: Expr) -> Expr:
         """Return `not(e)`."""
@@ -276,6 +303,27 @@ class GlslBody(Body):
     def in_range(self, index: Expr, length: int) -> Expr:
         """Return `clamp(i, 0, 7)`."""
         return tree.call("clamp", index.type, index, number(0), number(length - 1))
+
+    # What definitions are made of
+
+    def op_quot(self, let: Let) -> Expr:
+        """Return `a / b` of ints."""
+        a, b = self.args(let)
+        return tree.infix("/", a, b)
+
+    def op_rem(self, let: Let) -> Expr:
+        """Return `a - a / b * b` of ints, because drivers' own % is unsigned."""
+        a, b = self.args(let)
+        return tree.infix("-", a, tree.infix("*", tree.infix("/", a, b), b))
+
+    def op_bitcast(self, let: Let) -> Expr:
+        """Return `floatBitsToUint(x)`."""
+        name = "uintBitsToFloat" if let.value.type.is_float else "floatBitsToUint"
+        return tree.call(name, let.value.type, *self.args(let))
+
+    def op_whole(self, let: Let) -> Expr:
+        """Return `int(x)`."""
+        return Cast(let.value.type, self.arg(let.args[0]))
 
     # What the runtime gives
 

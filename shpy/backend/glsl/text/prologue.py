@@ -1,24 +1,12 @@
-r"""The prologue of a shader: hand-written functions for what GLSL 3.30 does not do, or not as the op table says.
+"""The rest of a shader around its functions: version, uniforms, and what the IR has no word for.
 
-Stage: emit. The functions stand in `edges.glsl`, for one component. The printer asks for those it uses; the text has
-these, the functions that they call, and their forms for vectors, in the order of the file.
-
->>> prologue = Prologue()
->>> prologue.use("sh_min", (vec(Base.F, 2),) * 2)
-'sh_min'
->>> print(prologue.text().split("\n\n")[1])
-vec2 sh_min(precise vec2 a, precise vec2 b) {
-    return vec2(sh_min(a.x, b.x), sh_min(a.y, b.y));
-}
+Stage: emit. Functions for what GLSL 3.30 does not do, or not as the op table says, are definitions of
+`passes/formulas/edges.py`; those that hide something from the driver, or correct one, are texts here.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from typing import Final
 
 from shpy.backend.emit.spell_c import row_major
@@ -40,121 +28,35 @@ SCALARS: Final = {Base.F: "float", Base.D: "double", Base.I: "int", Base.U: "uin
 """GLSL's name of one component."""
 
 _VECTORS: Final = {Base.F: "vec", Base.D: "dvec", Base.I: "ivec", Base.U: "uvec", Base.B: "bvec"}
-_ROUNDED: Final = ("float", "double", "bool")
-_PRECISE: Final = "precise "
-_HEAD: Final = re.compile(r"^(\w+) (sh_\w+)\((.*)\) \{$", re.MULTILINE)
+
+KEEP: Final = f"""\
+// x, from which the driver cannot derive other conditions.
+bool sh_keep(precise bool x) {{
+    return (uint(x) ^ {NOTHING}) != 0u;
+}}"""
+ROOT: Final = """\
+// The square root of a device that rounds it wrong: one step of Newton's method, with the exact remainder.
+double sh_sqrt(precise double x) {
+    precise double root = sqrt(x);
+    precise double rest = fma(-root, root, x);
+    precise double exact = fma(rest, 0.5lf / root, root);
+    precise bool finite = x > 0.0lf && x < 1e300lf;
+    return finite ? exact : root;
+}"""
+SPLIT: Final = """\
+// i / n and i % n for i >= 0, n > 0, by way of floats: drivers divide the integers of each fragment on its own.
+ivec2 sh_split(int i, int n) {
+    int q = int(float(i) / float(n));
+    q += int(floor(float(i - q * n) / float(n)));
+    int r = i - q * n;
+    return r < 0 ? ivec2(q - 1, r + n) : r < n ? ivec2(q, r) : ivec2(q + 1, r - n);
+}"""
 
 
 def spelled(type: Type) -> str:
     """GLSL's name of a type; KeyError for the bases it has not."""
     return SCALARS[type.base] if type.size == 1 else f"{_VECTORS[type.base]}{type.size}"
 
-
-@dataclass(frozen=True, slots=True)
-class Helper:
-    """One function of the prologue: its head, taken apart, and its whole text with the comment above it."""
-
-    name: str
-    result: str
-    types: tuple[str, ...]
-    parameters: tuple[str, ...]
-    source: str
-
-    @property
-    def words(self) -> frozenset[str]:
-        """The names in it that are ours."""
-        return frozenset(re.findall(r"\bsh_\w+", self.source))
-
-    @property
-    def calls(self) -> frozenset[str]:
-        """The functions of the prologue that it calls."""
-        return frozenset(re.findall(r"\b(sh_\w+)\(", self.source[self.source.index("{") :]))
-
-    def sized(self, size: int) -> str:
-        """Return the same function of vectors, component by component."""
-        wide = {scalar: f"{_VECTORS[base]}{size}" for base, scalar in SCALARS.items()}
-        takes = ", ".join(
-            f"{_PRECISE if t in _ROUNDED else ''}{wide[t]} {p}"
-            for t, p in zip(self.types, self.parameters, strict=True)
-        )
-        each = [f"{self.name}({', '.join(f'{p}.{c}' for p in self.parameters)})" for c in "xyzw"[:size]]
-        result = wide[self.result]
-        return f"{result} {self.name}({takes}) {{\n    return {result}({', '.join(each)});\n}}"
-
-
-@cache
-def helpers(signs: bool = True) -> tuple[Helper, ...]:
-    """Return every function of the prologue in the order of the file; functions stand below those that they call.
-
-    Those of signs.glsl take the place of their namesakes where the choices of a device lose the signs of zeros.
-    """
-    others = {} if signs else {(h.name, h.types): h for h in _read("signs.glsl")}
-    return tuple(others.get((h.name, h.types), h) for h in _read("edges.glsl"))
-
-
-def _read(file: str) -> tuple[Helper, ...]:
-    text = (resources.files(__package__) / file).read_text()
-    functions = []
-    for paragraph in text.split("\n\n"):
-        head = _HEAD.search(paragraph)
-        if head is None:
-            continue
-        result, name, inside = head.groups()
-        pairs = [p.removeprefix(_PRECISE).rsplit(" ", 1) for p in inside.split(", ")]
-        functions.append(
-            Helper(name, result, tuple(t for t, _ in pairs), tuple(p for _, p in pairs), paragraph.strip("\n"))
-        )
-    return tuple(functions)
-
-
-class Prologue:
-    """The functions that one shader uses.
-
-    `exact`: the operations of their arguments keep their order; `signs`: the device's choices keep the signs of zeros.
-    """
-
-    def __init__(self, *, exact: bool = True, signs: bool = True) -> None:
-        self._exact = exact
-        self._helpers = helpers(signs or not exact)
-        self._used: set[Helper] = set()
-        self._sized: set[tuple[Helper, int]] = set()
-
-    def use(self, name: str, types: tuple[Type, ...]) -> str:
-        """Ask for the function of this name that takes these types; return the name."""
-        scalars = tuple(SCALARS[t.base] for t in types)
-        helper = next(h for h in self._helpers if h.name == name and h.types == scalars)
-        self._used.add(helper)
-        size = max(t.size for t in types)
-        if size > 1:
-            self._sized.add((helper, size))
-        return name
-
-    def _with_callees(self) -> set[Helper]:
-        """Return the functions asked for and those that they call."""
-        functions: set[Helper] = set()
-        pending = set(self._used)
-        while pending:
-            functions |= pending
-            called = frozenset().union(*(h.calls for h in pending))
-            pending = {h for h in self._helpers if h.name in called} - functions
-        return functions
-
-    def words(self) -> frozenset[str]:
-        """Return the names in the text that are ours."""
-        return frozenset().union(*(h.words for h in self._with_callees()))
-
-    def text(self) -> str:
-        """Return the functions asked for and those that they call, one empty line between them."""
-        functions, parts = self._with_callees(), []
-        for helper in self._helpers:
-            if helper in functions:
-                parts.append(helper.source)
-                parts += [helper.sized(size) for size in (2, 3, 4) if (helper, size) in self._sized]
-        text = "\n\n".join(parts)
-        return text if self._exact else _HEAD.sub(lambda head: head[0].replace(_PRECISE, ""), text)
-
-
-# The rest of a shader around its functions
 
 VERSION: Final = """\
 #version 330 core

@@ -68,15 +68,15 @@ class _ShaderMaker(GlslUnit):
     def shader(self, *, rejects: bool) -> Shader:
         """Return the whole text, with the names that the runtime needs."""
         module = self.module
-        self.speller = GlslSpeller(exact=self.exact, reads=self.limits.reads)
+        self.speller = self.own_speller()
         for function in module.functions:
-            self.add(function)
+            self.add(function, self.functions[function.name])
         inputs, outputs = self.add_main(rejects=rejects)
-        own = uniforms(self.params.values(), self.tables.values(), self.used | self.prologue.words(), self.zero.text)
+        own = uniforms(self.params.values(), self.tables.values(), self.used, self.zero.text)
         declared = [*own, *(line for i in inputs for line in input_uniforms(i)), *outputs]
         functions = [*self.read.values(), *self.placed.values(), text_of(self.speller.lines[1:])]
         return Shader(
-            whole_text(declared, self.prologue.text(), functions, doubles=Base.D in bases_of(module)),
+            whole_text(declared, "\n\n".join(self.prologue.values()), functions, doubles=Base.D in bases_of(module)),
             inputs,
             {p.name: (self.params[p.name].text, p.type) for p in module.params},
             tuple(self.tables.values()),
@@ -85,7 +85,7 @@ class _ShaderMaker(GlslUnit):
 
     # Functions
 
-    def add(self, function: Function) -> None:
+    def add(self, function: Function, name: str) -> None:
         """Add a function to the text."""
         body, alone = GlslBody(self, function), len(function.outputs) == 1
         parameters = [self.parameter(body, port) for port in function.inputs]
@@ -94,8 +94,19 @@ class _ShaderMaker(GlslUnit):
         body.begin(returns=True)
         body.statements()
         result = function.outputs[0].type if alone else None
-        name = self.functions[function.name]
         self.speller.function(tree.Function(name, result, tuple(parameters), tuple(body.out), function.loc))
+
+    def printed(self, function: Function, name: str) -> str:
+        """Return the text of a function that the shader is to have."""
+        outer, self.speller = self.speller, self.own_speller()
+        self.add(function, name)
+        text = text_of(self.speller.lines[1:]).rstrip("\n")
+        self.speller = outer
+        return text
+
+    def own_speller(self) -> GlslSpeller:
+        """Return a speller of functions."""
+        return GlslSpeller(exact=self.exact, reads=self.limits.reads)
 
     def parameter(self, body: GlslBody, port: Value | Variable) -> Parameter:
         """Name a parameter."""

@@ -46,14 +46,16 @@ from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
 from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backend.opencl.packets.spell_packets import PacketSpeller
-from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen
+from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen, widened
 from shpy.backend.opencl.text.kernel import SIZE, ULONG, KernelMaker, KernelText
 from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
 from shpy.backend.opencl.text.prologue import NOINLINE
+from shpy.backend.opencl.text.spell_cl import ClSpeller
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.components import take_apart
+from shpy.passes.formulas.edges import edge, remark
 from shpy.passes.hide import hide_derivable
 from shpy.passes.inline import inline_calls
 from shpy.passes.modes import Math
@@ -157,7 +159,6 @@ class PacketMaker(KernelMaker):
         super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
         self.listed = columns == lanes and not self.grid_of(module.entry.name)
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
-        self.speller = PacketSpeller(self.prologue.struct)
         self.grid[INDEX] = Name(rows_of(Base.I, max(self.grid_rank, 1), lanes), self.grid[INDEX].text)
         for base in Base:
             for size in (2, 3, 4):
@@ -199,9 +200,19 @@ class PacketMaker(KernelMaker):
         one = array.type.scalar if isinstance(array.type, Lanes) else vec(array.type.base, array.type.size)
         return bytes_of(replace(array, type=one, length=(array.length or 0) + 1)) * self.lanes
 
-    def needs_doubles(self) -> bool:
-        """Return whether a double occurs."""
-        return super().needs_doubles() or self.prologue.doubles
+    def own_speller(self) -> ClSpeller:
+        """Return a speller of functions of packets."""
+        return PacketSpeller(lambda type: self.prologue.struct(type))
+
+    def edge_text(self, op: str, types: tuple[Type, ...], name: str) -> str:
+        """Return the function that computes `op`: a text, or a definition."""
+        if not isinstance(types[0], Lanes):
+            return super().edge_text(op, types, name)
+        written = self.prologue.written(op, types[0])
+        if written is not None:
+            return written
+        function = edge(op, tuple([t.scalar for t in types]), by_doubles=True)
+        return remark(op, by_doubles=True) + self.printed(widened(function, self.lanes), name)
 
     def declared(self) -> Sequence[str]:
         """Return declarations of vectors longer than OpenCL C's."""

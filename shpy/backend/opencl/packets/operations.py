@@ -101,8 +101,12 @@ class PacketBody(ClBody):
         ours = ours or (op == "pow" and type.base is Base.D)
         fast = self.unit.math == "fast" and (op in NATIVE or op == "ldexp")
         if isinstance(type, Lanes) and ours and not fast:
-            return self.unit.prologue.use(op, type)
+            return self.unit.edge(op, types)
         return super().function_of(op, types)
+
+    def is_wrong(self, op: str, type: Type) -> bool:
+        """Return whether OpenCL's own function differs for this type."""
+        return not isinstance(type, Lanes) and super().is_wrong(op, type)
 
     def not_vector(self, e: Expr) -> Expr:
         """Return `~mask`: every lane is 0 or -1."""
@@ -117,7 +121,7 @@ class PacketBody(ClBody):
 
     def op_lane_any(self, let: Let) -> Expr:
         """Return `sh_any(mask)`."""
-        return self.ours(let.op, self.types[let.args[0]], BOOL, self.arg(let.args[0]))
+        return tree.call(self.unit.prologue.any_lane(), BOOL, self.arg(let.args[0]))
 
     def op_lane_mask(self, let: Let) -> Expr:
         """Return the mask of the lanes that hold an element: of all lanes in a tree, where no packet is read."""
@@ -151,7 +155,8 @@ class PacketBody(ClBody):
         name, unit = str(let.attr), self.unit
         table, rank = unit.tables[name], unit.tables[name].rank
         args, wraps = self.args(let), len(let.args) > rank
-        near = unit.prologue.near(rank, table.type.base, table.type.size, wraps=wraps)
+        modulo = unit.edge("floormod", (lanes_of(Base.I, unit.prologue.lanes),) * 2) if wraps else ""
+        near = unit.prologue.near(rank, table.type.base, table.type.size, modulo)
         pairs = [args[:rank], *([args[rank:]] if wraps else [])]
         by = [pair[0] if rank == 1 else Construct(INT.sized(rank), tuple(pair)) for pair in pairs]
         return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)

@@ -5,7 +5,7 @@ the type of a comparison of two T. Only functions that are used are printed. Cla
 fewer instructions than OpenCL's own (`Abilities`); a trial, made once, shows whether a device has them.
 
 >>> prologue = PacketPrologue(8, Abilities())
->>> prologue.use("lane_any", lanes_of(Base.B, 8))
+>>> prologue.any_lane()
 'sh_any'
 >>> print(prologue.text())
 // True if any lane is set.
@@ -25,8 +25,8 @@ from typing import Final
 
 from shpy.backend.emit.spell_c import row_major
 from shpy.backend.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
-from shpy.backend.opencl.packets.widen import Lanes, lanes_of, rows_of
-from shpy.backend.opencl.text.prologue import ANY_SIZE, HALF, SCALARS, Prologue, filled, name_of
+from shpy.backend.opencl.packets.widen import Lanes, rows_of
+from shpy.backend.opencl.text.prologue import SCALARS, Prologue, filled, name_of
 from shpy.ir.types import Base, Type
 
 IN_REGISTERS: Final = 8
@@ -96,58 +96,16 @@ class Abilities:
     guesses: frozenset[int] = frozenset()
 
 
-_TEXTS: Final = {
-    **ANY_SIZE,
-    ("abs", Base.I): """\
-// |a|, but INT_MIN for INT_MIN.
-INT {name}(INT a) {
-    return a < 0 ? as_INT(-as_UINT(a)) : a;
-}""",
-    ("floordiv", Base.I): """\
-// floor(a / b), by way of doubles, which are exact enough; 0 for b = 0, and INT_MIN for INT_MIN / -1.
-INT {name}(INT a, INT b) {
-    INT q = convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
-    q = b == -1 ? as_INT(-as_UINT(a)) : q;
-    return b == 0 ? (INT)(0) : q;
-}""",
-    ("floormod", Base.I): """\
-// a - b * floor(a / b), which has b's sign; 0 for b = 0. Doubles are exact enough.
-INT {name}(INT a, INT b) {
-    UINT q = as_UINT(convert_INT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b))));
-    return (b == 0) | (b == -1) ? (INT)(0) : as_INT(as_UINT(a) - as_UINT(b) * q);
-}""",
-    ("floordiv", Base.U): """\
-// a / b, by way of doubles, which are exact enough; 0 for b = 0.
-UINT {name}(UINT a, UINT b) {
-    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
-    return b == 0 ? (UINT)(0) : q;
-}""",
-    ("floormod", Base.U): """\
-// a % b, by way of doubles, which are exact enough; 0 for b = 0.
-UINT {name}(UINT a, UINT b) {
-    UINT q = convert_UINT(FLOOR(convert_DOUBLE(a) / convert_DOUBLE(b)));
-    return b == 0 ? (UINT)(0) : a - b * q;
-}""",
-    ("bits_from_float", Base.F): """\
-// The bits of x; every NaN gives the same bits.
-UINT {name}(FLOAT x) {
-    return x != x ? (UINT)(0x7fc00000u) : as_UINT(x);
-}""",
-    ("half", Base.F): HALF,
-}
-"""Texts of functions by operation and base; those of F serve D too."""
-
 _TRIGONOMETRIC: Final = """\
 // Computes lanes near zero and lanes far from it apart: PoCL gives wrong results for near lanes beside a far one.
-T {name}(T x) {
+$T $name($T x) {
     MASK far = fabs(x) >= 125;
-    T y = {op}(far ? (T)(0) : x);
-    if (sh_any(convert_INT(far))) {
-        y = far ? {op}(far ? x : (T)(125)) : y;
+    $T y = $op(far ? ($T)(0) : x);
+    if (sh_any(convert_$INT(far))) {
+        y = far ? $op(far ? x : ($T)(125)) : y;
     }
     return y;
 }"""
-_SIGN_LOST: Final = frozenset({"sin", "cos", "tan"})
 
 
 class PacketPrologue(Prologue):
@@ -160,33 +118,23 @@ class PacketPrologue(Prologue):
         super().__init__()
         self.lanes = lanes
         self.abilities = abilities
-        self.doubles = False
         self._memory = PacketMemory(lanes, abilities.shuffle, columns, listed)
 
-    def use(self, op: str, type: Type) -> str:
-        """Add the function that computes `op` for a first argument of `type`; return its name."""
+    def any_lane(self) -> str:
+        """Add the function that tells whether any lane is set; return its name."""
+        return self.ask("sh_any", self._any)
+
+    def written(self, op: str, type: Type) -> str | None:
+        """Return the function that computes `op`, or None where its definition is to be printed."""
         if not isinstance(type, Lanes):
-            return super().use(op, type)
-        if op == "lane_any":
-            return self._ask("sh_any", lambda _: self._any())
-        name = name_of(op, type)
-        if op in _SIGN_LOST:
-            self.use("lane_any", lanes_of(Base.B, self.lanes))
-            return self._ask(name, lambda n: self._filled(_TRIGONOMETRIC.replace("{op}", op), n, type))
+            return super().written(op, type)
+        if op in ("sin", "cos", "tan"):
+            self.any_lane()
+            mask = "long" if type.base is Base.D else "int"
+            return filled(_TRIGONOMETRIC.replace("MASK", f"{mask}{self.lanes}"), op, type)
         if op == "pow":
-            return self._ask(name, lambda n: _each_lane(n, op, spelled_wide(type), self.lanes))
-        text = _TEXTS.get((op, type.base)) or _TEXTS[op, Base.F]
-        return self._ask(name, lambda n: self._filled(text, n, type))
-
-    def wants(self, op: str, type: Type) -> bool:
-        """Return whether `op` needs a function of the prologue, because OpenCL's own differs for this type."""
-        return not isinstance(type, Lanes) and super().wants(op, type)
-
-    def _filled(self, text: str, name: str, type: Type) -> str:
-        self.doubles = self.doubles or "DOUBLE" in text
-        mask = f"{'long' if type.base is Base.D else 'int'}{self.lanes}"
-        floor = "__builtin_elementwise_floor" if self.abilities.elementwise else "floor"
-        return filled(text, name, spelled_wide(type), str(self.lanes), MASK=mask, FLOOR=floor)
+            return _each_lane(name_of(op, type), op, spelled_wide(type), self.lanes)
+        return super().written(op, type)
 
     def _any(self) -> str:
         head = f"// True if any lane is set.\nbool sh_any(int{self.lanes} mask) {{\n"
@@ -217,20 +165,20 @@ class PacketPrologue(Prologue):
             total = " + ".join(f"lack{part}" for part in parts)
             rare = f"{SIGNS[length].replace('(mask)', f'({total} != {total})')} != 0"
         else:
-            rare = f"{self.use('lane_any', lanes_of(Base.B, self.lanes))}(lack != lack)"
+            rare = f"{self.any_lane()}(lack != lack)"
         text = _RSQRT.replace("GUESS", guess).replace("RARE", rare).replace("{name}", name)
-        self._ask(name, lambda _: re.sub(r"\bT\b", f"float{self.lanes}", text))
+        self.ask(name, lambda: re.sub(r"\bT\b", f"float{self.lanes}", text))
         return True
 
     # Types and memory
 
     def struct(self, type: Type) -> str:
         """Add the struct of a packet of vectors; return its name."""
-        return self._ask(spelled_wide(type), lambda _: struct_text(type))
+        return self.ask(spelled_wide(type), lambda: struct_text(type))
 
     def packet(self) -> None:
         """Add the struct of a work item's packet."""
-        self._ask("sh_packet", lambda _: self._memory.packet())
+        self.ask("sh_packet", self._memory.packet)
 
     def memory(self, way: str, base: Base, size: int) -> str:
         """Add the function for a `way` of `read`, `write` or `gather`; return its name."""
@@ -238,29 +186,25 @@ class PacketPrologue(Prologue):
             self.struct(rows_of(base, size, self.lanes))
         name = f"sh_{way}_{base.value}{size if size > 1 else ''}"
         text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
-        return self._ask(name, lambda n: text(n, base, size))
+        return self.ask(name, lambda: text(name, base, size))
 
-    def near(self, rank: int, base: Base, size: int, *, wraps: bool) -> str:
+    def near(self, rank: int, base: Base, size: int, modulo: str) -> str:
         """Add the function that reads a table at an offset from the packet's own place; return its name.
 
-        If it `wraps`, it takes the indices modulo an argument.
+        It takes the indices modulo an argument by the function `modulo`, unless that is "".
         """
         self.packet()
         gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
-        wrap = self._wrap() if wraps else ""
-        name = f"sh_{'around' if wraps else 'near'}{rank}_{base.value}{size if size > 1 else ''}"
-        return self._ask(name, lambda n: self._memory.near(n, rank, base, size, gather, flat, wrap))
-
-    def _wrap(self) -> str:
-        """Add the function that takes indices of neighbours modulo a number; return its name."""
-        modulo = self.use("floormod", rows_of(Base.I, 1, self.lanes))
-        return self._ask("sh_wrap_lanes", lambda n: _wrap(n, modulo, self.lanes))
+        wrap = self.ask("sh_wrap_lanes", lambda: _wrap("sh_wrap_lanes", modulo, self.lanes)) if modulo else ""
+        name = f"sh_{'around' if modulo else 'near'}{rank}_{base.value}{size if size > 1 else ''}"
+        return self.ask(name, lambda: self._memory.near(name, rank, base, size, gather, flat, wrap))
 
     def flat_lanes(self, rank: int) -> str:
         """Add the function that computes flat indices in a table of two or three axes; return its name."""
         index = rows_of(Base.I, rank, self.lanes)
         self.struct(index)
-        return self._ask(f"sh_at{rank}_lanes", lambda n: _flat(n, spelled_wide(index), rank, self.lanes))
+        name = f"sh_at{rank}_lanes"
+        return self.ask(name, lambda: _flat(name, spelled_wide(index), rank, self.lanes))
 
     # Local arrays
 
@@ -272,8 +216,8 @@ class PacketPrologue(Prologue):
         name = f"sh_{way}_{base.value}{length}{'' if varies else '_uniform'}"
         scalar = SCALARS[Base.I if base is Base.B and varies else base]
         if way == "pick":
-            return self._ask(name, lambda n: _pick(n, scalar, length, self.lanes, varies=varies))
-        return self._ask(name, lambda n: _put(n, scalar, length, self.lanes))
+            return self.ask(name, lambda: _pick(name, scalar, length, self.lanes, varies=varies))
+        return self.ask(name, lambda: _put(name, scalar, length, self.lanes))
 
 
 def _each(lanes: int) -> list[str]:

@@ -91,6 +91,11 @@ def widen(vector: VectorModule, lanes: int) -> Module:
     return remove_unused_functions(replace(vector.module, functions=tuple(wide_functions)))
 
 
+def widened(function: Function, lanes: int) -> Function:
+    """Return the form for packets of a pure function that calls no other."""
+    return _Widener(function, {}, _everything_varies(function), lanes, {}, set()).run()
+
+
 class _Uniform(Rewriter):
     """The form of a pure function for uniform arguments: it calls other such forms, and `lane_any` is its operand."""
 

@@ -35,7 +35,7 @@ from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hi
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller, element_type
 from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
-from shpy.ir.traverse import bases_of
+from shpy.ir.traverse import bases_of, defined
 from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
@@ -98,7 +98,7 @@ class KernelMaker(ClUnit):
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
         self.place: dict[Name, AnyType] = {}
         """The arguments that pass the place in the grid to the entry's own function, with their parameters' types."""
-        self.speller: ClSpeller = ClSpeller()
+        self.speller, self.doubles = self.own_speller(), Base.D in bases_of(module)
 
     # Methods that a kernel of packets overrides
 
@@ -126,7 +126,7 @@ class KernelMaker(ClUnit):
     def finished(self, inputs: tuple[int, ...]) -> KernelText:
         """Return the kernel with all text that was added; `inputs` are the positions of the inputs that it reads."""
         entry = self.module.entry
-        doubles, prologue, needs = self.needs_doubles(), self.prologue.text(), self.needs[entry.name]
+        doubles, prologue, needs = self.doubles, self.prologue.text(), self.needs[entry.name]
         head = [f"#pragma OPENCL FP_CONTRACT {'OFF' if self.math in REPRODUCIBLE else 'ON'}"]
         head += ["#pragma OPENCL EXTENSION cl_khr_fp64 : enable"] if doubles else []
         lines: list[Line] = [(text, None) for text in [*head, *self.declared(), "", *prologue.splitlines()]]
@@ -146,10 +146,6 @@ class KernelMaker(ClUnit):
     def private_bytes(self, array: Variable) -> int:
         """Return the bytes of a local array of a work item."""
         return bytes_of(array)
-
-    def needs_doubles(self) -> bool:
-        """Return whether a double occurs."""
-        return Base.D in bases_of(self.module)
 
     # The extra arguments of functions
 
@@ -177,6 +173,19 @@ class KernelMaker(ClUnit):
         qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
         block = tuple(body.out)
         self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
+
+    def printed(self, function: Function, name: str) -> str:
+        """Return the text of a function that the prologue is to have."""
+        outer, self.speller = self.speller, self.own_speller()
+        self.doubles |= any(v.type.base is Base.D for v in defined(function))
+        self.add(function, name)
+        text = "\n".join([line for line, _ in self.speller.lines[1:]])
+        self.speller = outer
+        return text
+
+    def own_speller(self) -> ClSpeller:
+        """Return a speller of functions."""
+        return ClSpeller()
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function."""

@@ -12,6 +12,7 @@ Stage: emit. OpenCL C differs from the IR in these points:
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -39,11 +40,12 @@ from shpy.backend.emit.tree import (
     number,
 )
 from shpy.backend.opencl.text.addresses import steady_parts
-from shpy.backend.opencl.text.prologue import NAN_LOST, Prologue, spelled
+from shpy.backend.opencl.text.prologue import BY_COMPONENT, NAN_LOST, Prologue, name_of, spelled
 from shpy.errors import CompileError
-from shpy.ir.nodes import Let, Loc, Module, Variable
+from shpy.ir.nodes import Function, Let, Loc, Module, Variable
 from shpy.ir.traverse import walk
 from shpy.ir.types import Base, Type, vec
+from shpy.passes.formulas.edges import componentwise, edge, remark
 from shpy.passes.modes import REPRODUCIBLE, Math
 
 FUNCTIONS: Final[Mapping[str, str]] = {
@@ -119,6 +121,22 @@ class ClUnit(Unit):
         self.arrays: dict[int, Name] = {}
         """The arrays of the entry's outputs."""
 
+    def edge(self, op: str, types: tuple[Type, ...]) -> str:
+        """Add the function that computes `op` for arguments of these types to the prologue; return its name."""
+        name = name_of(op, types[0])
+        return self.prologue.ask(name, lambda: self.edge_text(op, types, name))
+
+    def edge_text(self, op: str, types: tuple[Type, ...], name: str) -> str:
+        """Return the function that computes `op`: a text, or a definition."""
+        type = types[0]
+        if type.size > 1 and op in BY_COMPONENT:
+            return self.printed(componentwise(op, types, type.base), name)
+        return self.prologue.written(op, type) or remark(op) + self.printed(edge(op, types), name)
+
+    @abstractmethod
+    def printed(self, function: Function, name: str) -> str:
+        """Return the text of a function that the prologue is to have."""
+
     def needed(self, let: Let) -> Needs:
         """Return the tables, params and grid variables that an operation reads."""
         return needed_by(let)
@@ -129,7 +147,7 @@ class ClUnit(Unit):
 
     def grid_of(self, function: str) -> list[Name]:
         """Return the grid variables that a function reads."""
-        return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs[function]]
+        return [self.grid[op] for op in (INDEX, SHAPE) if (op, "") in self.needs.get(function, ())]
 
     def split(self, flat: Expr, axes: int) -> list[Expr]:
         """Return the index on each of the first axes of the grid, of which the last one runs fastest."""
@@ -142,7 +160,7 @@ class ClUnit(Unit):
 
     def handed(self, function: str) -> tuple[Name, ...]:
         """Return the extra arguments of a function: the grid variables, tables and params that it reads."""
-        needs = self.needs[function]
+        needs = self.needs.get(function, frozenset())
         names = self.grid_of(function)
         for table in self.module.tables:
             if ("table", table.name) in needs:
@@ -180,7 +198,7 @@ class ClBody(Body):
 
     def ours(self, op: str, takes: Type, gives: Type, *args: Expr) -> Expr:
         """Return a call of a function of the prologue."""
-        return tree.call(self.unit.prologue.use(op, takes), gives, *args)
+        return tree.call(self.unit.edge(op, (takes,)), gives, *args)
 
     def component(self, e: Expr) -> Expr:
         """Return a scalar as an operand beside a vector: a bool becomes -1 or 0."""
@@ -190,11 +208,6 @@ class ClBody(Body):
         """Return `v.xy`; one component of a vector of bools is converted to a bool."""
         component = super().picked(e, components, type)
         return as_bool(component) if type is BOOL else component
-
-    def op_component(self, let: Let) -> Expr:
-        """Return the component at a run-time index."""
-        component = self.ours("component", self.types[let.args[0]], let.value.type, *self.args(let))
-        return as_bool(component) if let.value.type.is_bool else component
 
     def in_range(self, index: Expr, length: int) -> Expr:
         """Return `sh_at(i, 8)`."""
@@ -220,9 +233,13 @@ class ClBody(Body):
             return op
         if op in ELEMENTWISE and unit.elementwise:
             return f"__builtin_elementwise_{ELEMENTWISE[op]}"
-        if op in FUNCTIONS and not unit.prologue.wants(op, type):
+        if op in FUNCTIONS and not self.is_wrong(op, type):
             return FUNCTIONS[op]
-        return op if op in ("min", "max") and type.is_int else unit.prologue.use(op, type)
+        return op if op in ("min", "max") and type.is_int else unit.edge(op, types)
+
+    def is_wrong(self, op: str, type: Type) -> bool:
+        """Return whether OpenCL's own function differs for this type."""
+        return op in NAN_LOST or (type.size > 1 and op in BY_COMPONENT)
 
     def as_typed(self, e: Expr, type: Type) -> Expr:
         """Return `(int)(a + 1u)` for an int that was computed as a uint."""
@@ -279,7 +296,7 @@ class ClBody(Body):
         e, type = self.arg(let.args[0]), let.value.type
         if type.base is Base.U:
             return e
-        return tree.call("fabs" if type.is_float else self.unit.prologue.use("abs", type), type, e)
+        return tree.call("fabs" if type.is_float else self.unit.edge("abs", (type,)), type, e)
 
     def op_sign(self, let: Let) -> Expr:
         """Return the sign; OpenCL's `sign` gives 0 for a NaN but -0 for -0, so 0.0 is added."""
@@ -345,6 +362,27 @@ class ClBody(Body):
             return tree.call(_conversion(spelled(type), rounding="_sat"), type, e)
         if type.is_int and source.is_int and type.size > 1:
             return tree.call(_view(type), type, e)
+        return Cast(type, e) if type.size == 1 else tree.call(_conversion(spelled(type)), type, e)
+
+    # What definitions are made of
+
+    def op_quot(self, let: Let) -> Expr:
+        """Return `a / b` of ints."""
+        a, b = self.args(let)
+        return tree.infix("/", a, b, let.value.type)
+
+    def op_rem(self, let: Let) -> Expr:
+        """Return `a % b` of ints."""
+        a, b = self.args(let)
+        return tree.infix("%", a, b, let.value.type)
+
+    def op_bitcast(self, let: Let) -> Expr:
+        """Return `as_uint(x)`."""
+        return tree.call(_view(let.value.type), let.value.type, self.arg(let.args[0]))
+
+    def op_whole(self, let: Let) -> Expr:
+        """Return `(int)x`, `convert_int3(x)`."""
+        e, type = self.arg(let.args[0]), let.value.type
         return Cast(type, e) if type.size == 1 else tree.call(_conversion(spelled(type)), type, e)
 
     # Tables and the grid
