@@ -16,6 +16,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -91,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
     command.add_argument("--error", type=_error, default=1.0, help="root mean square error allowed, in 255ths (1)")
     command.add_argument("-o", "--output", type=Path, help="draw time against error there; JSON goes beside it")
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    _add_backend(command, math=False)
     command.add_argument(
         "--bounces", type=sh.command.whole(0), default=3, help="how often the reference's rays may be mirrored (3)"
     )
@@ -103,8 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("folder", help="where the PNG files go")
     command.add_argument("--size", type=_size, default=SIZE, help="WIDTHxHEIGHT in pixels (640x480)")
     command.add_argument("--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (9)")
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
-    _add_math(command)
+    _add_backend(command)
     command.set_defaults(run=_gallery)
     command = commands.add_parser("animate", help="render the frames of a moving scene to a GIF, WebP or MP4 file")
     _add_animate_arguments(command)
@@ -150,12 +150,11 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
         help="frames of a second; frame k is at k / fps (24, or as --frames spread over the file's)",
     )
     command.add_argument("--size", type=_size, default=(320, 240), help="WIDTHxHEIGHT in pixels (320x240)")
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    _add_backend(command)
     command.add_argument("--integrator", choices=integrator.INTEGRATORS, default="whitted", help="as of render")
     command.add_argument("--bounces", type=_whole, help="as of render")
     command.add_argument("--samples", type=_positive, help="as of render")
     viewing.add_tracing(command)
-    _add_math(command)
     _add_cluster(command)
     command.add_argument("--resume", action="store_true", help="keep the frames of this size that the folder has")
     viewing.add_arguments(command)
@@ -164,10 +163,13 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
 
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
-    _add_time(command)
+    command.add_argument(
+        "--time", type=float, metavar="SECONDS", help="of what moves: a GLB or glTF file, a Python file, `animated`"
+    )
+    command.add_argument("--clip", metavar="NAME", help="with --time: which animation of the file (the first one)")
     command.add_argument("-o", "--output", type=Path, help="a .png, .jpg, .webp, .exr or .npy file (SCENE.png)")
     command.add_argument("--size", type=_size, default=(512, 512), help="WIDTHxHEIGHT in pixels (512x512)")
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    _add_backend(command)
     command.add_argument(
         "--integrator",
         choices=integrator.INTEGRATORS,
@@ -195,7 +197,6 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
         "--grid", type=_positive, help="cells of a grid along each axis (as many as suit the triangles)"
     )
     command.add_argument("--error", type=_error, help="render the fastest variant within this error, in 255ths")
-    _add_math(command)
     _add_cluster(command)
     command.add_argument(
         "--partitions", type=_positive, help="cluster: cut the scene into so many parts, each held by one worker"
@@ -204,17 +205,12 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_render)
 
 
-def _add_time(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--time", type=float, metavar="SECONDS", help="of what moves: a GLB or glTF file, a Python file, `animated`"
-    )
-    command.add_argument("--clip", metavar="NAME", help="with --time: which animation of the file (the first one)")
-
-
-def _add_math(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
-    )
+def _add_backend(command: argparse.ArgumentParser, *, math: bool = True) -> None:
+    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    if math:
+        command.add_argument(
+            "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
+        )
 
 
 def _add_cluster(command: argparse.ArgumentParser) -> None:
@@ -344,25 +340,17 @@ def _study(options: argparse.Namespace) -> int:
         sh.outputs.check_output(options.output)
     arguments: dict[str, Any] = {"minutes": options.minutes, "cpu": options.cpu}
     layered = {"files": options.mesh, "size": options.size, "quick": options.quick}
-    with progress_bar(f"{options.paper}: measurements") as progress:
-        study = _studied(options.paper, options.backend, arguments, layered, progress)
-    print(study.markdown())
-    if options.output is not None:
-        study.plot(options.output)
-    return 0
-
-
-def _studied(paper: str, backends: list[str] | None, arguments: Any, layered: Any, progress: Progress) -> Any:
-    """Run the study of a paper, whose module is imported here since few commands need it."""
-    if paper == "layered":
-        from raytracer.studies.layered import study as study_cubes
-
-        return study_cubes(backends, progress=progress, **arguments, **layered)
-    if any(layered.values()):
+    if options.paper == "layered":
+        arguments |= layered
+    elif any(layered.values()):
         raise SceneError("--mesh, --size and --quick are for `raytracer study layered`")
-    from raytracer.studies.christen import study
-
-    return study(backends, progress=progress, **arguments)
+    study = import_module(f"raytracer.studies.{options.paper}").study  # imported here since few commands need it
+    with progress_bar(f"{options.paper}: measurements") as progress:
+        measured = study(options.backend, progress=progress, **arguments)
+    print(measured.markdown())
+    if options.output is not None:
+        measured.plot(options.output)
+    return 0
 
 
 def _gallery(options: argparse.Namespace) -> int:

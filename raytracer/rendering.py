@@ -68,7 +68,8 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        _check_no_measuring(max_error)
+        if max_error is not None:
+            raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
         job = Job(scene, chosen_integrator, backend or sh.default_backend())
         return _by_workers(cluster, job, size, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
@@ -78,11 +79,6 @@ def render(
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary)
-
-
-def _check_no_measuring(max_error: float | None) -> None:
-    if max_error is not None:
-        raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
 
 
 def _by_workers(

@@ -1,7 +1,8 @@
-"""The BSDF of a surface in path tracing: a matt lobe and a glossy one, as functions and as densities.
+"""The BSDF of a surface: a matt lobe and a glossy one; in path tracing, as functions and as densities.
 
-Stage: kernel. The matt lobe is Lambert's. The glossy lobe is Phong's with the factor that keeps its energy at
-grazing light below `specular` (Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
+Stage: kernel. `diffuse_lobe` and `highlight` are those of Whitted's tracer (Phong 1975). In path tracing the matt lobe
+is Lambert's. The glossy lobe is Phong's with the factor that keeps its energy at grazing light below `specular`
+(Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from math import pi
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.surfaces import FAINT, Interaction
+
+FAINT = 2.0**-64
+"""A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
 
 class Bsdf:
@@ -19,7 +22,7 @@ class Bsdf:
     def __init__(self, highlights: bool) -> None:
         self.highlights = highlights
 
-    def evaluate(self, surface: Interaction, light: Any) -> tuple[Any, Any]:
+    def evaluate(self, surface: Any, light: Any) -> tuple[Any, Any]:
         """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and `sample`'s density there.
 
         The radiance is 0 for a light behind the surface or its triangle.
@@ -39,7 +42,7 @@ class Bsdf:
             density = density + share * ((shininess + 1) * power - density)
         return sh.cond(sh.dot(surface.face, light) > 0, value, 0.0), density
 
-    def sample(self, surface: Interaction, which: Any, turn: Any, away: Any) -> Any:
+    def sample(self, surface: Any, which: Any, turn: Any, away: Any) -> Any:
         """Sample a direction by three numbers in [0, 1): about the normal, or about the mirrored ray of the viewer."""
         if not self.highlights:
             return around(surface.normal, sh.sqrt(1 - away), turn)
@@ -48,7 +51,7 @@ class Bsdf:
         exponent = sh.cond(glossy, 1 / (surface.coefficients.z + 1), 0.5)
         return around(axis, sh.pow(1 - away, exponent), turn)
 
-    def glossy_share(self, surface: Interaction) -> Any:
+    def glossy_share(self, surface: Any) -> Any:
         """Return the probability of the glossy lobe: its part of what is scattered under light from everywhere."""
         diffuse, specular, _ = surface.coefficients
         matt = diffuse * largest(surface.color)
@@ -75,3 +78,16 @@ def frame(axis: Any) -> tuple[Any, Any]:
 def largest(color: Any) -> Any:
     """Return the largest of a colour's components."""
     return sh.max(color.x, color.y, color.z)
+
+
+def diffuse_lobe(normal: Any, light: Any) -> Any:
+    """Return the cosine between the unit vectors `normal` and `light`; 0 for a light behind the surface."""
+    return sh.max(sh.dot(normal, light), 0.0)
+
+
+def highlight(view: Any, normal: Any, light: Any, shininess: Any) -> Any:
+    """Return the share of a light that a shiny surface mirrors to the viewer; `view` and `light` point away from it."""
+    mirrored = sh.reflect(-light, normal)
+    along = sh.dot(mirrored, view)
+    strength = sh.pow(sh.saturate(along), shininess)  # a cosine that rounding makes greater than 1 has large powers
+    return sh.cond((sh.dot(normal, light) > 0) & (along > 0), strength, 0.0)

@@ -19,8 +19,8 @@ from raytracer.appearance import programs
 from raytracer.appearance.materials import CUTOFF
 from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
+from raytracer.kernels.bsdf import FAINT, diffuse_lobe, highlight
 from raytracer.kernels.media import Held, Media
-from raytracer.kernels.phong import diffuse_lobe, highlight
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
@@ -30,9 +30,6 @@ from shpy import SH_ELSE, SH_IF
 
 FLAT = 1 / 250
 """The slope up to which a normal map leaves the normal as it is: 8 bits say 0 by 127 or 128 of 255, which is 1/255."""
-
-FAINT = 2.0**-64
-"""A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
 
 @sh.struct
@@ -118,19 +115,11 @@ class SurfaceTables:
         self.triangles = triangles
         self.numbers: Any = None  # the table of the numbers by which programs know triangles, if not their places
         self.roundoff = layout.roundoff
-        self.normals = (
-            None if layout.normals is None else sh.Table(layout.table_rows(layout.normals), sh.Attrib4f, "normals")
-        )
-        self.colors = (
-            None if layout.colors is None else sh.Table(layout.table_rows(layout.colors), sh.Attrib4f, "colors")
-        )
+        self.normals = _table(layout, layout.normals, sh.Attrib4f, "normals")
+        self.colors = _table(layout, layout.colors, sh.Attrib4f, "colors")
         self.appearance = Appearance(layout)
         self.tints = any(map(is_programmed, layout.materials))
-        self.uvs = (
-            None
-            if layout.uvs is None or "uv" not in self.appearance.reads
-            else sh.Table(layout.table_rows(layout.uvs), sh.TexCoord2f, "uvs")
-        )
+        self.uvs = _table(layout, layout.uvs if "uv" in self.appearance.reads else None, sh.TexCoord2f, "uvs")
         self.layout = layout
         self.glow = glow_rows(layout, self.appearance)
         self.kinds = MaterialKinds.of(layout, self.appearance)
@@ -473,6 +462,10 @@ class SurfaceTables:
             shine = highlight(surface.view, surface.normal, light, shininess)
             shade += specular * (sh.cond(shine > FAINT, shine, 0.0) if self.black else shine)
         return shade
+
+
+def _table(layout: Layout, rows: Rows | None, kind: Any, name: str) -> Any:
+    return None if rows is None else sh.Table(layout.table_rows(rows), kind, name)
 
 
 def blank(interaction: Any = PlainInteraction) -> Interaction:

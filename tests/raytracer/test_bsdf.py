@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer.kernels.bsdf import Bsdf
-from raytracer.kernels.phong import highlight
+from raytracer.kernels.bsdf import Bsdf, highlight
 from raytracer.kernels.surfaces import blank
 
 COUNT = 100_000
