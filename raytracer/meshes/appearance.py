@@ -1,7 +1,7 @@
 """Materials of mesh files as materials of Phong's model.
 
 Stage: scene description. Takes a `MetallicRoughness`, the material of glTF 2.0 (section 3.9 and appendix B), or the
-words of an MTL file. No other file knows how they are translated.
+words of an MTL file, which `read_mtl` reads. No other file knows how they are translated.
 
 >>> metallic_roughness(MetallicRoughness(roughness=0.5)).shininess
 7.5
@@ -10,9 +10,10 @@ words of an MTL file. No other file knows how they are translated.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from raytracer.appearance.materials import CUTOFF, Material, Triple
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
+from raytracer.meshes.lines import name_of, plain, without_comment
 from raytracer.meshes.pictures import Picture, channel
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
@@ -28,14 +30,27 @@ WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
 SHARPEST = 1000.0
 """The largest exponent of a highlight: a roughness of about 0.15."""
-
-
 _SOFT = (0.05, 0.95)
 """The alpha between which a pixel is neither there nor not."""
 _EDGES = 0.1
 """The share of such pixels up to which they are edges."""
 _FAINTEST = 32
 """An alpha below 1 / _FAINTEST is taken for 0."""
+_MTL_READ = {
+    *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
+    *("map_kd", "map_d", "map_ke"),
+}
+_MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
+_TRANSPARENT = 4
+"""The first model of illumination with transparency."""
+_REFRACTING = (6, 7)
+"""The models of illumination with refraction."""
+Words = dict[str, list[str]]
+"""The statements of a material, by their names in lower case: what follows the name."""
+_PICTURES: Final = ("map_", "bump", "norm", "disp", "decal", "refl")
+"""The beginnings of statements that name pictures."""
+_OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
+"""Options of a picture that take numbers, up to so many; the others take one word."""
 
 
 class Alpha(NamedTuple):
@@ -185,17 +200,6 @@ def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, n
     return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.clear(opacity))
 
 
-_MTL_READ = {
-    *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
-    *("map_kd", "map_d", "map_ke"),
-}
-_MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
-_TRANSPARENT = 4
-"""The first model of illumination with transparency."""
-_REFRACTING = (6, 7)
-"""The models of illumination with refraction."""
-
-
 @dataclass(frozen=True)
 class MtlPictures:
     """The pictures of map_Kd and map_Ke, and the alpha or grey numbers of map_d."""
@@ -276,3 +280,51 @@ def _rgb(words: Mapping[str, list[str]], name: str, default: float) -> Triple:
     if len(channels) != 3 or not all(0 <= x < np.inf for x in channels):
         raise ValueError(f"{name} of a material is three numbers, not {words.get(name)}")
     return (channels[0], channels[1], channels[2])
+
+
+def read_mtl(data: bytes) -> dict[str, Words]:
+    """Read the materials of a library by name; of a statement that comes twice, the last one counts."""
+    materials: dict[str, Words] = {}
+    current: Words = {}
+    for line in plain(data).split(b"\n"):
+        line = without_comment(line).strip()
+        words = line.split()
+        if words[:1] == [b"newmtl"]:
+            current = materials.setdefault(name_of(line[len("newmtl") :].strip()), {})
+        elif words:
+            key = name_of(words[0]).lower()
+            after = name_of(line[len(words[0]) + 1 :])  # of a name spaces count, except those around it
+            current[key] = [after] if key.startswith(_PICTURES) and after else [name_of(word) for word in words[1:]]
+    return materials
+
+
+class PictureWords(NamedTuple):
+    """The file of a picture in a statement of an MTL file, and its options by name."""
+
+    file: str
+    options: dict[str, list[str]]
+
+
+def picture_words(words: list[str]) -> PictureWords:
+    """Split a statement such as map_Kd into options and a file, whose name may have spaces, and begin with some."""
+    text = " ".join(words)
+    spans = [match.span() for match in re.finditer(r"\S+", text)]
+    words = [text[begin:end] for begin, end in spans]
+    options: dict[str, list[str]] = {}
+    at = 0
+    while at < len(words) - 1 and words[at].startswith("-"):
+        option = words[at]
+        end = at + 2
+        while end - at <= _OPTIONS.get(option, 1) and end < len(words) - 1 and _is_number(words[end]):
+            end += 1
+        options[option] = words[at + 1 : end]
+        at = end
+    return PictureWords(text[spans[at - 1][1] + 1 if at else 0 :] if words else "", options)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        real(word)
+    except ValueError:
+        return False
+    return True

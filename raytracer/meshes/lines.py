@@ -161,3 +161,14 @@ def _float(word: bytes) -> float:
         return real(word.decode("ascii"))
     except ValueError:
         return float("nan")
+
+
+def lines_of(text: Bytes, begins: Ints, chosen: Ints) -> tuple[Bytes, Ints, Ints]:
+    """Return the text of some of the lines that begin at these places, where each begins in it, and their sizes."""
+    sizes = np.append(begins[1:], len(text)) - begins
+    if len(chosen) == len(begins):
+        return text.copy(), begins, sizes
+    mask = np.zeros(len(begins), bool)
+    mask[chosen] = True
+    own = sizes[chosen]
+    return text[np.repeat(mask, sizes)], np.cumsum(own) - own, own

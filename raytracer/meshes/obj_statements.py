@@ -25,6 +25,7 @@ from raytracer.meshes.lines import (
     Ints,
     blocks,
     line_begins,
+    lines_of,
     name_of,
     numbers_in,
     plain,
@@ -33,9 +34,19 @@ from raytracer.meshes.lines import (
     without_indents,
     word_begins,
 )  # fmt: skip
+from raytracer.meshes.polygons import (
+    AT_BROKEN,
+    BROKEN,
+    COLOR_BROKEN,
+    ILLEGIBLE,
+    NORMAL_BROKEN,
+    SMALL,
+    UV_BROKEN,
+    Mask,
+    faces_of,
+)
 
 Indices = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 MISSING, BAD = -1, -2
 """The index of a corner's texture vertex or normal where it has none, and of one that the file lacks."""
 ANGLE: Final = -1
@@ -46,15 +57,7 @@ _FACES, _OTHER, _EMPTY = 3, 4, 5
 _LACKING: Final = [
     Fault(f"face names a {kind} that the file lacks", f"faces name a {kind} that the file lacks") for kind in _WORDS
 ]
-_BROKEN: Final = [
-    Fault("vertex is not three finite numbers", "vertices are not three finite numbers"),
-    Fault("texture vertex is not finite numbers", "texture vertices are not finite numbers"),
-    Fault("normal is not three finite numbers", "normals are not three finite numbers"),
-]
-_COLOR: Final = Fault("colour of a vertex is not finite", "colours of vertices are not finite")
-_AT_BROKEN: Final = Fault("face has a corner at such a vertex", "faces have a corner at such a vertex")
-_SMALL: Final = Fault("face has fewer than three corners", "faces have fewer than three corners")
-_ILLEGIBLE: Final = Fault("face has a word that is not an index", "faces have a word that is not an index")
+_BROKEN: Final = (BROKEN, UV_BROKEN, NORMAL_BROKEN)
 _SKIPPED: Final = {
     b"l": "lines", b"p": "points", b"curv": "free-form curves", b"curv2": "free-form curves",
     b"surf": "free-form surfaces",
@@ -144,11 +147,11 @@ class _Reader:
         for kind in range(3):
             chosen = np.flatnonzero(kinds == kind)
             if len(chosen):
-                self._read_numbers(kind, block, *_gathered(text, begins, ends, chosen, kind), chosen)
+                self._read_numbers(kind, block, *_gathered(text, begins, chosen, kind), chosen)
         chosen = np.flatnonzero(kinds == _FACES)
         if len(chosen):
             before = np.stack([np.cumsum(kinds == kind)[chosen] for kind in range(3)], axis=1) + self.counts
-            self._read_faces(*_gathered(text, begins, ends, chosen, _FACES), chosen, before)
+            self._read_faces(*_gathered(text, begins, chosen, _FACES), chosen, before)
         others = np.flatnonzero(kinds == _OTHER)
         for line, place in zip(others.tolist(), np.searchsorted(chosen, others).tolist(), strict=True):
             self._read_statement(block[begins[line] : ends[line]].strip(), self.face_count + place)
@@ -166,7 +169,7 @@ class _Reader:
         if wide:
             rows[~colored, 3:] = np.nan
             odd = colored & ~np.isfinite(rows[:, 3:]).all(axis=1)
-            self._leave_out(_COLOR, odd, block, lines)
+            self._leave_out(COLOR_BROKEN, odd, block, lines)
             rows[odd, 3:] = np.nan
         broken = ~np.isfinite(rows[:, :3]).all(axis=1)
         self._leave_out(_BROKEN[kind], broken, block, lines)
@@ -241,12 +244,12 @@ class _Reader:
         """Return which faces stay; the indices of corners that the file lacks, or that are left out, become BAD."""
         face = np.repeat(np.arange(len(faces.sizes)), faces.sizes)
         kept = faces.legible & (faces.sizes >= 3)
-        self._leave_out_faces(_ILLEGIBLE, ~faces.legible, faces, self.causes.get(_FACES, ""))
-        self._leave_out_faces(_SMALL, faces.legible & ~kept, faces)
+        self._leave_out_faces(ILLEGIBLE, ~faces.legible, faces, self.causes.get(_FACES, ""))
+        self._leave_out_faces(SMALL, faces.legible & ~kept, faces)
         for column, table in enumerate(tables):
             index = faces.corners[:, column]
             beyond = index >= len(table)
-            lacking = _faces_of(beyond | (index == BAD), face, len(kept)) & kept
+            lacking = faces_of(beyond | (index == BAD), face, len(kept)) & kept
             if lacking.any():
                 own = index[face == np.argmax(lacking)]
                 past = own[own >= len(table)]
@@ -258,9 +261,9 @@ class _Reader:
                 at_broken = broken[index]
                 index[at_broken] = BAD
                 if column == 0:
-                    self._leave_out_faces(_AT_BROKEN, _faces_of(at_broken, face, len(kept)) & kept & ~lacking, faces)
+                    self._leave_out_faces(AT_BROKEN, faces_of(at_broken, face, len(kept)) & kept & ~lacking, faces)
             if column == 0:
-                kept &= ~_faces_of(index == BAD, face, len(kept))
+                kept &= ~faces_of(index == BAD, face, len(kept))
         return kept
 
     def _leave_out_faces(self, fault: Fault, wrong: Mask, faces: _Faces, cause: str = "") -> None:
@@ -293,13 +296,6 @@ def _indices(text: Bytes, is_word: Mask, words: Ints) -> tuple[Ints, Mask]:
     return indices, legible
 
 
-def _faces_of(corner: Mask, face: Ints, count: int) -> Mask:
-    """Return which of `count` faces have one of these corners, whose faces are given."""
-    mask = np.zeros(count, bool)
-    mask[face[corner]] = True
-    return mask
-
-
 def _cause(kind: int, index: int, count: int) -> str:
     end = "0; numbers begin at 1" if index == 0 else f"{index}, and there are {count}"
     return f"a face names {_WORDS[kind]} {end}"
@@ -319,16 +315,9 @@ def _kinds(text: Bytes, begins: Ints) -> NDArray[np.uint8]:
     return kinds
 
 
-def _gathered(text: Bytes, begins: Ints, ends: Ints, chosen: Ints, kind: int) -> tuple[Bytes, Ints]:
+def _gathered(text: Bytes, begins: Ints, chosen: Ints, kind: int) -> tuple[Bytes, Ints]:
     """Return the text of some lines, with spaces for their keywords, and where each of them begins in it."""
-    if len(chosen) == len(begins):
-        characters, starts = text.copy(), begins
-    else:
-        mask = np.zeros(len(begins), bool)
-        mask[chosen] = True
-        characters = text[np.repeat(mask, ends - begins)]
-        sizes = (ends - begins)[chosen]
-        starts = np.cumsum(sizes) - sizes
+    characters, starts, _ = lines_of(text, begins, chosen)
     characters[starts] = SPACE
     if kind in (1, 2):
         characters[starts + 1] = SPACE

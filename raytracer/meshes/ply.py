@@ -19,7 +19,16 @@ from raytracer.meshes.folder import Fault, Notices
 from raytracer.meshes.lines import Floats, Ints
 from raytracer.meshes.mesh import Mesh
 from raytracer.meshes.ply_elements import File, Lists, read_elements
-from raytracer.meshes.polygons import FaceTriangles, Mask, leave_out, leave_out_broken, triangles_of
+from raytracer.meshes.polygons import (
+    COLOR_BROKEN,
+    NORMAL_BROKEN,
+    UV_BROKEN,
+    FaceTriangles,
+    Mask,
+    leave_out,
+    leave_out_broken,
+    triangles_of,
+)
 
 Columns = dict[str, Any]
 ALL: Final = slice(None)
@@ -31,13 +40,11 @@ _READ: Final = {
 """The properties of each element that are read."""
 _RGB: Final = ("red", "green", "blue")
 _UV: Final = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
-_NORMAL: Final = Fault("normal is not three finite numbers", "normals are not three finite numbers")
-_COORDINATES: Final = Fault("texture vertex is not finite numbers", "texture vertices are not finite numbers")
 _TEXCOORD: Final = Fault(
     "face has not two texture coordinates for each corner", "faces have not two texture coordinates for each corner"
 )
 _COLORS: Final = {
-    "vertex": Fault("colour of a vertex is not finite", "colours of vertices are not finite"),
+    "vertex": COLOR_BROKEN,
     "face": Fault("colour of a face is not finite", "colours of faces are not finite"),
 }
 _PICTURE: Final = Fault("face names a picture that the file lacks", "faces name a picture that the file lacks")
@@ -83,9 +90,9 @@ def _note(file: File, notices: Notices) -> None:
 def _at_corners(file: File, faces: FaceTriangles, vertices: Ints, broken: Mask, notices: Notices) -> Columns:
     """Return normals, colours and uv coordinates at the corners of triangles, None where the file has none."""
     vertex, face = file.columns["vertex"], file.columns.get("face", {})
-    uv = [_of_vertices(vertex, names, broken, _COORDINATES, notices) for names in _UV if _has(vertex, names)]
+    uv = [_of_vertices(vertex, names, broken, UV_BROKEN, notices) for names in _UV if _has(vertex, names)]
     attributes = {
-        "normals": _of_vertices(vertex, ("nx", "ny", "nz"), broken, _NORMAL, notices),
+        "normals": _of_vertices(vertex, ("nx", "ny", "nz"), broken, NORMAL_BROKEN, notices),
         "colors": _colors(file, "vertex", broken, notices),
         "uv": uv[0] if uv else None,
     }
@@ -206,7 +213,7 @@ def _texcoord(lists: Lists, corners: Lists, faces: FaceTriangles, notices: Notic
     uv = np.where(right[faces.faces][:, None, None], values[np.stack([place, place + 1], axis=-1)], 0)
     wrong: Mask = np.asarray(~np.isfinite(uv).all(axis=(1, 2)))
     if wrong.any():
-        notices.leave_out(_COORDINATES, int(wrong.sum()), f"face {faces.faces[np.argmax(wrong)]:,}")
+        notices.leave_out(UV_BROKEN, int(wrong.sum()), f"face {faces.faces[np.argmax(wrong)]:,}")
     return np.where(wrong[:, None, None], 0, uv)
 
 

@@ -37,6 +37,9 @@ _CROSSED: Final = 1e-6
 """The share of a face's area by which the areas of its ears differ from it where it crosses itself."""
 LACKING: Final = Fault("face names a vertex that the file lacks", "faces name a vertex that the file lacks")
 BROKEN: Final = Fault("vertex is not three finite numbers", "vertices are not three finite numbers")
+UV_BROKEN: Final = Fault("texture vertex is not finite numbers", "texture vertices are not finite numbers")
+NORMAL_BROKEN: Final = Fault("normal is not three finite numbers", "normals are not three finite numbers")
+COLOR_BROKEN: Final = Fault("colour of a vertex is not finite", "colours of vertices are not finite")
 AT_BROKEN: Final = Fault("face has a corner at such a vertex", "faces have a corner at such a vertex")
 SMALL: Final = Fault("face has fewer than three corners", "faces have fewer than three corners")
 ILLEGIBLE: Final = Fault("face has a word that is not an index", "faces have a word that is not an index")
@@ -185,7 +188,7 @@ def triangles_of(
     face = np.repeat(np.arange(len(sizes)), sizes)
     with np.errstate(invalid="ignore"):
         index = np.where(np.isfinite(corners), corners, 0).astype(np.int64)
-        illegible = _faces_of(index != corners, face, len(sizes))
+        illegible = faces_of(index != corners, face, len(sizes))
     ends_early = np.zeros(len(sizes), bool)
     ends_early[short] = True
     kept = ~ends_early & ~illegible
@@ -194,13 +197,13 @@ def triangles_of(
     leave_out(SMALL, kept & (sizes < 3), "face", notices)
     kept &= sizes >= 3
     beyond = (index < 0) | (index >= len(vertices))
-    lacking = _faces_of(beyond, face, len(sizes)) & kept
+    lacking = faces_of(beyond, face, len(sizes)) & kept
     if lacking.any():
         number = index[beyond & (face == np.argmax(lacking))][0]
         leave_out(LACKING, lacking, "face", notices, f"a face names vertex {number}, and there are {len(vertices)}")
     kept &= ~lacking
     if broken.any():
-        at_broken = _faces_of(broken[np.where(beyond, 0, index)] & ~beyond, face, len(sizes)) & kept
+        at_broken = faces_of(broken[np.where(beyond, 0, index)] & ~beyond, face, len(sizes)) & kept
         leave_out(AT_BROKEN, at_broken, "face", notices)
         kept &= ~at_broken
     places = np.flatnonzero(np.repeat(kept, sizes))
@@ -211,7 +214,8 @@ def triangles_of(
     return FaceTriangles(index[of_file], of_file, numbers[triangulation.faces])
 
 
-def _faces_of(corner: Any, face: Ints, count: int) -> Mask:
+def faces_of(corner: Any, face: Ints, count: int) -> Mask:
+    """Return which of `count` faces have one of these corners, whose faces are `face`."""
     mask = np.zeros(count, bool)
     mask[face[corner]] = True
     return mask

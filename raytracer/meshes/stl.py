@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Fault, Notices
-from raytracer.meshes.lines import SPACE, Floats, Ints, line_begins, name_of, numbers_in, plain, without_indents
+from raytracer.meshes.lines import (
+    SPACE,
+    Floats,
+    Ints,
+    line_begins,
+    lines_of,
+    name_of,
+    numbers_in,
+    plain,
+    without_indents,
+)
 from raytracer.meshes.mesh import Mesh
 
 _HEAD: Final = 84
@@ -93,12 +103,7 @@ def _places(text: NDArray[np.uint8], begins: Ints, lines: Ints) -> Floats:
     """Return the numbers (N, 3) in lines of vertices."""
     if not len(lines):
         return np.zeros((0, 3))
-    ends = np.append(begins[1:], len(text))
-    mask = np.zeros(len(begins), bool)
-    mask[lines] = True
-    characters = text[np.repeat(mask, ends - begins)]
-    sizes = (ends - begins)[lines]
-    starts = np.cumsum(sizes) - sizes
+    characters, starts, sizes = lines_of(text, begins, lines)
     for k in range(len("vertex")):
         at = starts[sizes > k + 1] + k
         characters[at] = np.where(characters[at] > SPACE, SPACE, characters[at])

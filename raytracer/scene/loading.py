@@ -22,11 +22,10 @@ import numpy as np
 from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, mtl
+from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, Words, mtl, picture_words, read_mtl
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.mesh import LOADERS, Mesh, joined, placed_all, smoothed
-from raytracer.meshes.mtl import Words, picture_words, read_mtl
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.off import read_off
 from raytracer.meshes.pictures import Picture, Pictures

@@ -10,8 +10,7 @@ from ply_files import PLY
 import shpy as sh
 from raytracer import Material, Mesh, Scene, SceneError, Texture
 from raytracer.cli import main
-from raytracer.meshes.appearance import CLAY
-from raytracer.meshes.mtl import picture_words, read_mtl
+from raytracer.meshes.appearance import CLAY, picture_words, read_mtl
 
 CHAIR = """\
 mtllib chair parts.mtl
