@@ -12,6 +12,7 @@ import dataclasses
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -204,24 +205,12 @@ def openexr(purpose: str) -> Any:
     return OpenEXR
 
 
-def _openexr() -> Any:
-    return openexr("writing EXR")
-
-
-def _write_png(image: Image, name: str) -> None:
-    image.to_pil().save(name, "PNG", optimize=True)
-
-
-def _write_jpeg(image: Image, name: str) -> None:
-    image.to_pil().save(name, "JPEG", quality=95, subsampling=0)
-
-
-def _write_webp(image: Image, name: str) -> None:
-    image.to_pil().save(name, "WEBP", lossless=True)
+def _write_encoded(options: dict[str, Any], image: Image, name: str) -> None:
+    image.to_pil().save(name, **options)
 
 
 def _write_exr(image: Image, name: str) -> None:
-    exr = _openexr()
+    exr = openexr("writing EXR")
     channels = {"RGB": np.ascontiguousarray(image.pixels), "depth.Z": np.ascontiguousarray(image.depth)}
     channels |= {f"normal.{axis}": np.ascontiguousarray(image.normal[..., k]) for k, axis in enumerate("XYZ")}
     channels |= {"object.id": image.object_id.astype(np.float32), "rays.count": image.rays.astype(np.float32)}
@@ -269,15 +258,21 @@ def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
 
 _READERS: dict[str, Callable[[Path], tuple[dict[str, Array], int, str]]] = {".exr": _read_exr, ".npy": _read_npy}
 READING = tuple(_READERS)
-_EYE: dict[str, Callable[[Image, str], None]] = {
-    ".png": _write_png,
-    ".jpg": _write_jpeg,
-    ".jpeg": _write_jpeg,
-    ".webp": _write_webp,
+_JPEG: dict[str, Any] = {"format": "JPEG", "quality": 95, "subsampling": 0}
+_EYE: dict[str, dict[str, Any]] = {
+    ".png": {"format": "PNG", "optimize": True},
+    ".jpg": _JPEG,
+    ".jpeg": _JPEG,
+    ".webp": {"format": "WEBP", "lossless": True},
 }
+"""The options with which Pillow writes pictures for the eye."""
 _LONGEST = {".jpg": 65_500, ".jpeg": 65_500, ".webp": 16_383}
 """The longest side of a picture in pixels."""
-_WRITERS = _EYE | {".exr": _write_exr, ".npy": _write_npy}
+_WRITERS: dict[str, Callable[[Image, str], None]] = {
+    **{ending: partial(_write_encoded, options) for ending, options in _EYE.items()},
+    ".exr": _write_exr,
+    ".npy": _write_npy,
+}
 SAVING: Mapping[str, int] = {**dict.fromkeys(_EYE, 10), ".exr": 56, ".npy": 36}
 """Bytes of a pixel that saving needs besides the layers: the file's own copies of them."""
-_PACKAGES: dict[str, Callable[[], Any]] = {**dict.fromkeys(_EYE, _pillow), ".exr": _openexr}
+_PACKAGES: dict[str, Callable[[], Any]] = {**dict.fromkeys(_EYE, _pillow), ".exr": lambda: openexr("writing EXR")}

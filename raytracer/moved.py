@@ -14,15 +14,13 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.choice import MOVABLE
-from raytracer.accel.space import frame_of
 from raytracer.appearance.materials import Material
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Whitted
-from raytracer.integrators.motion import Motion, all_or_nothing, follow, object_cubes
+from raytracer.integrators.motion import Motion, all_or_nothing, moved_rows, object_cubes
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.triangle import Walk
 from raytracer.kernels.walk import QueryWalks, SplitWalk, Structure, renew_walk, walk_with
@@ -120,17 +118,13 @@ class MovedObjects:
 
     def _updated(self) -> bool:
         """Update the tables; return False where they have to be made anew."""
-        motion = self._motion
-        if not motion.changed <= set(self._moving):
+        if not self._moving:
             return False
-        origin, scale = frame_of(*motion.bounds, self.precision)
-        if not np.array_equal(origin, self.layout.origin) or scale != self.layout.scale:
+        changes = moved_rows(self._motion, self._moving, self.layout, self.precision)
+        if changes is None:
             return False
-        if not follow(motion, self.layout):
-            return False
-        meshes = motion.changes
-        changes = self.layout.put(self._moving, meshes, self.precision)
-        self.changed = {change.first: mesh for change, (mesh, _) in zip(changes, meshes.values(), strict=True)}
+        meshes = (mesh for mesh, _ in self._motion.changes.values())
+        self.changed = {change.first: mesh for change, mesh in zip(changes, meshes, strict=True)}
         renew_walk(self._split, self.layout, changes)
         return True
 

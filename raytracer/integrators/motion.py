@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raytracer.accel.space import frame_of
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Integrator
@@ -19,7 +20,7 @@ from raytracer.layered.cube import HasMeshes, LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import Meshes, PlacedCubes
 from raytracer.meshes.folder import named
 from raytracer.meshes.mesh import Mesh, affine
-from raytracer.scene.layout import Layout
+from raytracer.scene.layout import Change, Layout
 
 _AT_VERTICES = ("normals", "colors", "uv")
 _FLAT = 2.0**-20
@@ -168,6 +169,16 @@ def all_or_nothing(changed: object) -> Iterator[None]:
         changed.__dict__.clear()
         changed.__dict__.update(before)
         raise
+
+
+def moved_rows(motion: Motion, moving: Sequence[int], layout: Layout, precision: str) -> list[Change] | None:
+    """Move the objects `moving` in a layout; return what has changed, None where it has to be made anew.
+
+    Tables stay where these objects alone have moved, the scene's coordinates stay, and so do the cubes of objects.
+    """
+    origin, scale = frame_of(*motion.bounds, precision)
+    stays = motion.changed <= set(moving) and np.array_equal(origin, layout.origin) and scale == layout.scale
+    return layout.put(moving, motion.changes, precision) if stays and follow(motion, layout) else None
 
 
 def has_cubes(integrator: Integrator) -> bool:

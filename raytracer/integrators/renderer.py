@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 
 import shpy as sh
 from raytracer.accel.choice import MOVABLE
-from raytracer.accel.space import frame_of
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Choice, Options, Path, Staged, Whitted, check_scene, chosen
@@ -37,7 +36,7 @@ from raytracer.integrators.layers import (
     unset,
     whole_size,
 )
-from raytracer.integrators.motion import Motion, all_or_nothing, follow, has_cubes, object_cubes, scene_cube
+from raytracer.integrators.motion import Motion, all_or_nothing, has_cubes, moved_rows, object_cubes, scene_cube
 from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
@@ -215,17 +214,10 @@ class Renderer:
     def _move_tables(self) -> None:
         motion = self._motion
         self.scene = dataclasses.replace(self.scene, meshes=motion.meshes)
-        layout, precision = self.layout, self.integrator.precision
-        assert layout is not None  # a mesh with triangles has changed
-        origin, scale = frame_of(*motion.bounds, precision)
-        stays = np.array_equal(origin, layout.origin) and scale == layout.scale
-        if stays and motion.changed <= set(self._moving):
-            stays = follow(motion, layout)
-            stays = stays and self._tracer.renew(layout, layout.put(self._moving, motion.changes, precision))
-        else:
+        assert self.layout is not None  # a mesh with triangles has changed
+        changes = moved_rows(motion, self._moving, self.layout, self.integrator.precision)
+        if changes is None or not self._tracer.renew(self.layout, changes):
             self._moving = tuple(sorted(motion.changed | set(self._moving)))
-            stays = False
-        if not stays:
             self._prepare()
 
     def _tracer_of(self, layout: Layout) -> Tracer | PathTracer:

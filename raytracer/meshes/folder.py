@@ -28,7 +28,7 @@ LARGEST: Final = 1 << 30
 _LISTED = 16
 """Entries of a list in a message."""
 _NAMED = 20
-"""Names of meshes in a message."""
+"""Names of meshes or animations in a message."""
 _LONGEST = 60
 """Characters of a name from a file that are shown."""
 
@@ -185,7 +185,7 @@ def _listed(entries: Sequence[str]) -> str:
 
 
 def named(names: Sequence[str]) -> str:
-    """Return names of meshes in one line, each as it is shown; of many, the first ones."""
+    """Return names of meshes or animations in one line, each as it is shown; of many, the first ones."""
     return ", ".join(map(shown, names[:_NAMED])) + _rest(names, _NAMED)
 
 

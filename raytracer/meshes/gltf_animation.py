@@ -21,8 +21,6 @@ from raytracer.meshes.gltf import Document
 Array = NDArray[np.float64]
 _PATHS: Final = {"translation": 3, "rotation": 4, "scale": 3}
 """The properties of nodes that channels change, and how many numbers each has; "weights" has one for each target."""
-_LISTED: Final = 20
-"""Names of animations that a message shows."""
 _PARALLEL: Final = 1e-6
 """The sine of the angle between quaternions below which they are interpolated linearly."""
 
@@ -99,12 +97,6 @@ class Clip:
 def names_of(document: Document) -> list[str]:
     """Return the names of the animations; one without a name is called by its number."""
     return [str(entry.get("name") or number) for number, entry in enumerate(document.all("animations"))]
-
-
-def listed(names: list[str]) -> str:
-    """Return the names of animations in one line; of many, the first ones."""
-    more = len(names) - _LISTED
-    return ", ".join(map(shown, names[:_LISTED])) + (f" and {more:,} more" if more > 0 else "")
 
 
 def slerp(start: Array, end: Array, part: float) -> Array:

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.errors import SceneError
-from raytracer.meshes.folder import Folder, Notices, shown
+from raytracer.meshes.folder import Folder, Notices, named, shown
 from raytracer.meshes.gltf import Document
-from raytracer.meshes.gltf_animation import Clip, listed, names_of
+from raytracer.meshes.gltf_animation import Clip, names_of
 from raytracer.meshes.mesh import Instance, Mesh
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of, outermost
@@ -75,7 +75,7 @@ class AnimatedFile:
             self.clip = Clip(document, number)
         if self.clip.obstacle:
             others = [name for k, name in enumerate(names) if k != number]
-            cure = f"choose another one ({listed(others)}), or {_CURE}" if others else _CURE
+            cure = f"choose another one ({named(others)}), or {_CURE}" if others else _CURE
             obstacle = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
             raise SceneError(f"{self.path}: {obstacle}; nodes and morph weights alone can change: {cure}")
         with reading(self.path):
@@ -90,7 +90,7 @@ class AnimatedFile:
         if not names:
             raise SceneError(f"{self.path}: the file has no animations: {_CURE}")
         if clip is not None and clip not in names:
-            raise SceneError(f"{self.path}: there is no animation {clip!r}: choose one of {listed(names)}")
+            raise SceneError(f"{self.path}: there is no animation {clip!r}: choose one of {named(names)}")
         return 0 if clip is None else names.index(clip)
 
     def make(

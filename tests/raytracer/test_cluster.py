@@ -54,9 +54,9 @@ def test_tiles_of_any_size_make_the_same_picture(client):
 
 
 def renderers():
-    from raytracer.cluster import store
+    from raytracer.cluster import tasks
 
-    return {key: id(thing.renderer) for key, (thing, _) in store._things.items()}
+    return {key: id(thing.renderer) for key, (thing, _) in tasks._things.items()}
 
 
 def test_a_scene_is_compiled_once_in_a_process(client):
@@ -223,9 +223,9 @@ def test_without_dask_the_command_that_installs_it_is_named(monkeypatch):
 
 def changed(name):
     """Make this process one whose processor rounds differently; None: itself again."""
-    from raytracer.cluster import job, store
+    from raytracer.cluster import job, tasks
 
-    store.forget()
+    tasks.forget()
     own = job.__dict__.setdefault("own", job.probed)
     job.probed = (lambda *_: name) if name else own
 

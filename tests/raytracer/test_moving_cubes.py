@@ -8,7 +8,7 @@ import pytest
 from scene_pictures import SIZE, same, turned
 
 from raytracer import Camera, LayeredCube, Material, PointLight, Renderer, Scene
-from raytracer.integrators import cubes
+from raytracer.integrators import motion
 from raytracer.meshes.shapes import box, floor, sphere
 
 MIRROR = Material((0.8, 0.3, 0.2), reflectivity=0.4)
@@ -39,14 +39,14 @@ def exact():
 @pytest.fixture
 def made(monkeypatch):
     """The cubes that are made, as the numbers of their triangles."""
-    counts, own = [], cubes._build_cube
+    counts, own = [], motion._build_cube
 
     def counted(*given):
         found = own(*given)
         counts.append(len(found.triangles) // 3)
         return found
 
-    monkeypatch.setattr(cubes, "_build_cube", counted)
+    monkeypatch.setattr(motion, "_build_cube", counted)
     return counts
 
 

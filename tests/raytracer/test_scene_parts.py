@@ -22,7 +22,7 @@ from raytracer import (
     Texture,
     render,
 )
-from raytracer.meshes import instance
+from raytracer.meshes import mesh as meshing
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 TRIANGLE = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="sail")
@@ -239,7 +239,7 @@ def test_materials_are_replaced_by_the_names_of_meshes():
 def test_many_instances_are_announced_before_they_are_made(monkeypatch):
     leaf = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="leaf")
     leaves = [Instance(leaf, np.eye(4), f"leaf {k}") for k in range(8)]
-    monkeypatch.setattr(instance, "MANY", 8)
+    monkeypatch.setattr(meshing, "MANY", 8)
     said = "the scene: each of 8 instances of 1 mesh gets triangles of its own, 8 where 1 are different"
     with pytest.warns(sh.ShpyWarning, match=said):
         assert Scene(leaves).triangles == 8
