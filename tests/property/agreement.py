@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from backends.running import differs, flushes_denormals, kernel
+from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from stress.mode import stressed
 
 import shpy as sh
@@ -22,7 +23,6 @@ from shpy.ir.constants import DTYPES
 from shpy.passes.modes import Math
 from shpy.run.kernel import Kernel
 from shpy.testing.arrays import flat_leaves
-from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.generated.source import PARAMS, record, source
 from shpy.testing.generated.syntax import Const, Tree

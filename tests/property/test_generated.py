@@ -14,9 +14,9 @@ from backends.running import LANES, WIDE
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis.strategies import integers
 from property.agreement import Precision, check
+from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 
 from shpy.ir.ops import OPS
-from shpy.testing.conformance.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 from shpy.testing.generated.inputs import elements
 from shpy.testing.generated.operations import drawn
 from shpy.testing.generated.source import source

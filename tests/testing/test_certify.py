@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from testing.faults import op, with_fault
 from shpy import cli
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.text import print_module
-from shpy.testing.certify import __main__ as maker, command, functions, pictures, sections
+from shpy.testing.certify import command, functions, pictures, sections
 from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Section
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
@@ -238,7 +239,7 @@ def test_pictures_are_not_rendered_where_there_is_no_ray_tracer(monkeypatch: Any
     assert "the ray tracer is not installed here" in found.detail
 
 
-# The golden file: `python -m shpy.testing.certify --write-golden` writes it anew.
+# The golden file: `scripts/golden` writes it anew.
 
 
 def test_every_check_of_bits_has_a_hash() -> None:
@@ -251,7 +252,7 @@ def test_every_check_of_bits_has_a_hash() -> None:
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
     found = functions.sweep_of(name).run(DeviceChoice("numpy"))
-    assert digest(found) == golden()["functions"][name], "run python -m shpy.testing.certify --write-golden"
+    assert digest(found) == golden()["functions"][name], "run scripts/golden"
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
@@ -269,10 +270,10 @@ def test_the_hashes_of_pictures_are_those_of_numpy() -> None:
 
 def test_the_kernels_are_those_of_the_examples() -> None:
     # An assignment here would name the slot of a join, which then stays: the maker's line has none.
-    for name, program in maker.kernels(ROOT / "examples").items():
+    for name, program in runpy.run_path(str(ROOT / "scripts/golden"))["kernels"](ROOT / "examples").items():
         if name != "blur":  # its weights are constants that numpy computes, with errors of its own
             text = (KERNELS / f"{name}.ir").read_text()
-            assert text == print_module(program.ir, names=False, locations=False), f"{name}: run --write-golden"
+            assert text == print_module(program.ir, names=False, locations=False), f"{name}: run scripts/golden"
 
 
 def test_a_hash_tells_bits_apart_but_no_nan() -> None:

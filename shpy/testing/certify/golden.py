@@ -13,11 +13,10 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from shpy.pictures.outputs import write_json
 from shpy.testing.arrays import Array
 
 FILE: Final = Path(__file__).with_name("golden.json")
@@ -30,12 +29,6 @@ def golden() -> dict[str, dict[str, str]]:
     """Return the hashes of each section by name."""
     content: dict[str, dict[str, str]] = json.loads(FILE.read_text())
     return content
-
-
-def write(content: dict[str, Any]) -> None:
-    """Write the hashes that the package ships."""
-    write_json(FILE, content)
-    golden.cache_clear()
 
 
 def digest(arrays: Iterable[Array]) -> str:

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.errors import ShpyError
 from shpy.programs import Program, parse
 from shpy.testing.arrays import Array, differing
 from shpy.testing.certify.comparing import Work, compare
@@ -103,14 +102,3 @@ def picture(scene: str, backend: str) -> dict[str, Array]:
     raytracer: Any = importlib.import_module("raytracer")
     image = raytracer.render(raytracer.Scene.builtin(scene), size=_SIZE, backend=backend, bounces=2)
     return {layer: np.asarray(getattr(image, layer)) for layer in _LAYERS}
-
-
-def record_examples(names: dict[str, Program]) -> None:
-    """Write the examples' kernels; raises ShpyError unless each is given."""
-    from shpy.ir.text import print_module
-
-    if sorted(names) != sorted(EXAMPLES):
-        raise ShpyError(f"these are not the examples' kernels: {sorted(names)}", cure=", ".join(EXAMPLES))
-    KERNELS.mkdir(exist_ok=True)
-    for name, program in names.items():
-        (KERNELS / f"{name}.ir").write_text(print_module(program.ir, names=False, locations=False))

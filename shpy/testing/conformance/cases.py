@@ -1,7 +1,8 @@
 """The cases of the conformance list.
 
-A case is a program with the arrays to run it on. The interpreter says what it must give (and `expected`, where that is
-known without it); every target must agree, to the bit.
+A case is a program with the arrays to run it on. The interpreter says what it must give; every target must agree, to
+the bit. Where that is known without it, `expected` has the results, a function of the inputs, or the syntax of the
+program: tests compare the interpreter with these.
 
     @case(x=[1.0, -0.0, np.nan], expected=lambda x: np.sign(x))
     def signs(x: sh.Attrib1f) -> sh.Attrib1f:

@@ -1,4 +1,4 @@
-"""The result of a small program, evaluated directly from its syntax, element by element.
+"""The result of a small program, evaluated directly from its syntax, element by element: the oracle of tests.
 
 It shares nothing with recording, the IR's control flow and the passes; the meaning of each operation is the table's,
 and that of a transcendental its formula, operation by operation.
@@ -284,3 +284,10 @@ def floor_quotient(x: Any, y: Any) -> Any:
     quotient = np.floor(x / y)
     below = (quotient == 0) & (x != 0) & ((x < 0) != (y < 0)) & ~np.isinf(y)
     return np.where(below, quotient.dtype.type(-1), quotient)
+
+
+def evaluated(program: Tree, *inputs: Any) -> tuple[Any, ...]:
+    """Return the outputs for arrays of elements, zeros for elements that were discarded or stopped."""
+    ends = [Evaluator(program).run(list(element)) for element in zip(*inputs, strict=True)]
+    blank = [0] * len(program.results)
+    return tuple(map(np.array, zip(*(outputs if end == WRITTEN else blank for outputs, end in ends), strict=True)))
