@@ -119,7 +119,7 @@ def test_a_part_of_a_buffer_keeps_the_whole():
 def test_textures_that_nobody_holds_are_released():
     like = sh.Stream(0.0, sh.Attrib1f, "glsl")
     texture = sh.Stream(numbers(), sh.Attrib1f, "glsl").native()
-    of_gl, doomed = like.on_device(lambda _, texture=texture: texture.mglo), backend("glsl").space(0).doomed
+    of_gl, doomed = like.on_device(lambda _, texture=texture: texture.mglo), backend("glsl").space(0)._context.doomed
     gc.collect()
     assert of_gl not in doomed
     del texture

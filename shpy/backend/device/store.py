@@ -57,18 +57,15 @@ def _entry(name: str) -> Path | None:
     if folder == "":
         return None
     try:
-        place = Path(folder).expanduser() if folder else _users_cache() / "shpy"
+        home = os.environ.get("XDG_CACHE_HOME", "")
+        # The XDG base directory specification has relative paths ignored.
+        cache = Path(home) if os.path.isabs(home) else Path("~/.cache")
+        place = (Path(folder) if folder else cache / "shpy").expanduser()
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
     except (OSError, RuntimeError) as error:  # RuntimeError where there is no home
         _tell(f"the folder {folder or 'of the cache'} cannot be used", error)
         return None
     return place / f"{name}{_SUFFIX}"
-
-
-def _users_cache() -> Path:
-    home = os.environ.get("XDG_CACHE_HOME", "")
-    # The XDG base directory specification has relative paths ignored.
-    return Path(home) if os.path.isabs(home) else Path.home() / ".cache"
 
 
 def _read(entry: Path, name: str) -> list[str] | None:

@@ -10,6 +10,7 @@ there.
 
 from __future__ import annotations
 
+import importlib
 import sys
 import threading
 from collections.abc import Callable
@@ -47,14 +48,6 @@ _EXACT, _ROOTED, _READ = "exact", "rooted", "read"
 """The words kept on disk: a device computes exactly in binary64; its own square roots and decimal numbers, too."""
 
 
-def _moderngl() -> Any:
-    try:
-        import moderngl
-    except ImportError as e:
-        raise BackendUnavailable(f"glsl needs moderngl: {e}", cure=install("moderngl")) from e
-    return moderngl
-
-
 def check(gl: Any, what: str) -> None:
     """Raise ShpyError if GL has an error pending: moderngl itself stays silent."""
     error = gl.error
@@ -76,7 +69,10 @@ class Context:
     """A GL context with its thread. `gl` is moderngl's, to be touched inside `call` only."""
 
     def __init__(self, index: int | None) -> None:
-        self.moderngl = _moderngl()
+        try:
+            self.moderngl: Any = importlib.import_module("moderngl")
+        except ImportError as e:
+            raise BackendUnavailable(f"glsl needs moderngl: {e}", cure=install("moderngl")) from e
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         """Jobs for the thread; None ends it."""
         self._ending = False

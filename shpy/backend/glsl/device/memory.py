@@ -128,7 +128,7 @@ class GlslMemory:
     def _show(self) -> None:
         """Take the texture out of the pool for good, since the user now holds it."""
         if self.shown is None and self.pooling.detach():
-            doomed = self.space.doomed
+            doomed = self.space._context.doomed
             self.shown = shown_texture(self.texture, self.space.check_thread)
             weakref.finalize(self, doomed.append, self.target.framebuffer).atexit = False
             weakref.finalize(self.shown, doomed.append, self.texture.mglo).atexit = False
@@ -197,11 +197,6 @@ class GlslSpace:
                 context.settle()
 
         return context.call(job)
-
-    @property
-    def doomed(self) -> list[Any]:
-        """GL objects whose owner is gone."""
-        return self._context.doomed
 
     def check_thread(self) -> None:
         """Raise ShpyTypeError on another thread than the context's: GL would read or change another context."""

@@ -240,7 +240,8 @@ class NumpyExecutable:
         for table in module.tables:
             arguments["table", table.name] = self._view(call.tables[table.name], table.rank, table.type)
         if ("grid_shape", "") in self.printed.arguments:
-            arguments["grid_shape", ""] = _column(np.array(call.shape, np.int32))
+            extents = np.array(call.shape, np.int32)
+            arguments["grid_shape", ""] = extents[0] if len(extents) == 1 else extents[:, None]
         return arguments
 
     def _view(self, data: TableData, rank: int, type: Type) -> TableView:
@@ -254,11 +255,6 @@ class NumpyExecutable:
             view = TableView(np.asarray(data.array, DTYPES[type.base]), rank)
         self.views[data] = data.version, view
         return view
-
-
-def _column(values: Array) -> Any:
-    """Return one number for each axis as a uniform."""
-    return values[0] if len(values) == 1 else values[:, None]
 
 
 def _uniform(value: Array, type: Type) -> Any:

@@ -119,7 +119,7 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
             cure='precision="f32", or backend="numpy"',
             lacks="f64",
         )
-    group, whole = group_of(machine, kernel), whole_group(kernel.lanes)
+    group, whole = group_of(machine, kernel)
     remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
     if group < whole:
         remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
@@ -182,21 +182,20 @@ def _carried(function: Function, loop: Loop) -> int:
     return sum(v.type.size for v in variables_of(function) if v.id in stored) or 1
 
 
-def group_of(machine: Machine, kernel: KernelText) -> int:
-    """Return the work items of a group; CompileError if the local arrays of a single one do not fit."""
-    group, size = whole_group(kernel.lanes), kernel.private.size
+def group_of(machine: Machine, kernel: KernelText) -> tuple[int, int]:
+    """Return the work items of a group, and how many it would have if its kernel had no local arrays.
+
+    Raise CompileError if the local arrays of a single work item do not fit.
+    """
+    whole, size = LOCAL_SIZE if kernel.lanes == 1 else _PACKETS, kernel.private.size
+    group = whole
     most = machine.most_private if size else 0
     work = "an element" if kernel.lanes == 1 else f"a packet of {kernel.lanes} elements"
     cure = 'smaller arrays, or compile("numpy")' if kernel.lanes == 1 else 'lanes="auto", or smaller arrays'
     check_private(kernel.private, most, work, machine.device.name.strip(), cure)
     while machine.is_cpu and group * size > most:
         group //= 2
-    return group
-
-
-def whole_group(lanes: int) -> int:
-    """Return the work items of a group of a kernel without large local arrays."""
-    return LOCAL_SIZE if lanes == 1 else _PACKETS
+    return group, whole
 
 
 backend = OpenCLBackend()

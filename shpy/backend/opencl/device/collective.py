@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import resources
 from typing import Any, Final
 
@@ -83,7 +84,7 @@ _KEYS: Final = {
 def collectives(space: OpenCLSpace) -> Collectives:
     """Return the collective operations that run on this device."""
     own = _OpenCLCollectives(space)
-    tree = own.tree if space.machine.is_cpu else None
+    tree = partial(tree_of, space) if space.machine.is_cpu else None
     return Collectives(own.select, own.take, own.put, own.place, own.mark, own.sort, own.order, own.tally, tree)
 
 
@@ -150,10 +151,6 @@ class _OpenCLCollectives:
         self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
         return counts if chunks == 1 else self._space.view(counts, counts.type, bins)
-
-    def tree(self, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
-        """Make the kernels that fold and scan with a program."""
-        return tree_of(self._space, module, types, precision)
 
     def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
         """Sort scalars digit by digit; return them and, if `indexed`, the indices that they had."""
@@ -278,7 +275,7 @@ class OpenCLTree:
 
 
 def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Precision) -> OpenCLTree | None:
-    """Print and build the kernels.
+    """Print and build the kernels that fold and scan with a program.
 
     Return None for a large program, for one that may discard or reads more, and if the driver refuses the kernels.
     """

@@ -31,7 +31,7 @@ from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_
 from shpy.backend.device.processes import Driver, at_exit
 from shpy.backend.opencl.device.compiler_trials import SIZES, TRIALS, most_private, name_of, thread_stack
 from shpy.backend.opencl.device.declarations import GUARD, declarations
-from shpy.backend.opencl.device.loading import explain_absence, explain_cache, pyopencl, reads_header
+from shpy.backend.opencl.device.loading import POCL, explain_absence, explain_cache, pyopencl
 from shpy.backend.opencl.device.probes import ABILITIES, BINARY64, EXACTNESS, abilities_in_binary64
 from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
@@ -365,8 +365,8 @@ class Machine:
     @once_of_each
     def _succeeded(self) -> frozenset[str]:
         """Return the names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
-        skipped = set() if reads_header(self.device.platform.name.strip()) else {DECLARES}
-        trials = {name: trial for name, trial in TRIALS.items() if name not in skipped}
+        reads_header = self.device.platform.name.strip() == POCL  # anew for each program
+        trials = {name: trial for name, trial in TRIALS.items() if reads_header or name != DECLARES}
         texts = "".join(t.declarations + t.text(name) for name, t in trials.items())
         key = self._key(f"{texts} in threads of {thread_stack()} bytes", self._options)
         try:
@@ -376,7 +376,7 @@ class Machine:
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
                 f"not found out ({error})"
             )
-            return error.successes
+            return frozenset()
 
     @cached_property
     def abilities(self) -> Abilities:

@@ -22,7 +22,7 @@ from shpy.backend.device.processes import Answer
 from shpy.errors import BackendUnavailable
 from shpy.packages import install
 
-_POCL = "Portable Computing Language"
+POCL = "Portable Computing Language"
 _FILE = 1 << 18
 """Bytes of a file that a folder must have room for: those of a compiled kernel."""
 
@@ -89,7 +89,7 @@ def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
 
     Its disk may be full by the time that a kernel is compiled, which PoCL does not tell from a fault of the text.
     """
-    if _POCL not in platforms:
+    if POCL not in platforms:
         return None
     folder = _cache_of_pocl()
     reason = _fault_of(folder)
@@ -108,11 +108,6 @@ def can_keep_callers() -> bool:
         return _fault_of((Path(shared) if shared else Path.home() / ".cache") / "pytools") is None
     except RuntimeError:  # there is no home
         return False
-
-
-def reads_header(platform: str) -> bool:
-    """Return whether a platform's compiler reads the declarations of OpenCL C anew for each program."""
-    return platform == _POCL
 
 
 def _fault_of(folder: Path) -> str | None:

@@ -42,11 +42,7 @@ class Trial:
 
 
 class Unfinished(Exception):
-    """The trials could not be run, through no fault of the driver; `successes` names those that succeeded before."""
-
-    def __init__(self, reason: str, successes: frozenset[str]) -> None:
-        super().__init__(reason)
-        self.successes = successes
+    """The trials could not be run, through no fault of the driver; the message says why."""
 
 
 def works(place: tuple[int, int], options: list[str], trials: Mapping[str, Trial]) -> frozenset[str]:
@@ -84,12 +80,12 @@ def _works(place: tuple[int, int], options: list[str], trials: Mapping[str, Tria
         except subprocess.TimeoutExpired as late:
             done, why = _text(late.stdout), f"no answer after {_SECONDS} s"
         except OSError as error:
-            raise Unfinished(str(error), frozenset(successes)) from error
+            raise Unfinished(str(error)) from error
         told = [line.split() for line in done.splitlines() if line.startswith("trial ")]
         successes |= {name for _, name, outcome in told if outcome == "works"}
         begun = {name for _, name, _ in told}
         if not begun:
-            raise Unfinished(why, frozenset(successes))
+            raise Unfinished(why)
         left = {name: trial for name, trial in left.items() if name not in begun}
     return frozenset(successes)
 
