@@ -178,7 +178,9 @@ def write(
 ) -> None:
     """Write the files that were asked for."""
     if options.json:
-        command = " ".join(["python -m benchmarks", *sys.argv[1:]])
+        words = ["python -m benchmarks", *sys.argv[1:]]
+        files = {"--json", f"{options.json}", "--markdown", f"{options.markdown}"}
+        command = " ".join(word for word in words if word not in files)
         document = {"date": f"{date.today()}", "machine": report.processor(here), "command": command, "system": here}
         document |= {"missing": missing, "works": [report.as_json(m) for m in results]}
         document["tables"] = [vars(table) for table in (*map(report.table, results), *tables)]

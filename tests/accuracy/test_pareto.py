@@ -127,7 +127,10 @@ def picture(t):
     return figure, figure.axes[0]
 
 
-@pytest.mark.parametrize(("count", "seed"), [(1, 0), (5, 1), (40, 2), (40, 3), (200, 4)])
+@pytest.mark.parametrize(
+    ("count", "seed"),
+    [(1, 0), (40, 2), *(pytest.param(n, s, marks=pytest.mark.slow) for n, s in ((5, 1), (40, 3), (200, 4)))],
+)
 def test_labels_cover_neither_each_other_nor_a_point(count, seed):
     t = many(count, seed, EXTREMES if count > 5 else ())
     _, axes = picture(t)

@@ -108,7 +108,7 @@ def check(told):
     [
         ("Attrib1f", 4096, 2, {"lanes": 16}),
         ("Matrix3f", 4096, 1, {"lanes": 1}),
-        ("Matrix3f", 4096, 1, {"lanes": 16}),
+        pytest.param("Matrix3f", 4096, 1, {"lanes": 16}, marks=pytest.mark.slow),
         ("Attrib4f", 4096, 8, {}),
     ],
 )

@@ -146,7 +146,7 @@ def halve_both(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a - b * 0.5
 
 
-@pytest.mark.parametrize("parts", [1, 2, 37, 1 << 11])
+@pytest.mark.parametrize("parts", [2, 1 << 11, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 37))])
 def test_parts_of_any_number_have_the_bits_of_the_tree(monkeypatch, parts):
     """As on a device with another number of cores: more parts than a block has elements, among others."""
     monkeypatch.setattr(opencl_trees, "_PARTS", parts)
@@ -324,6 +324,7 @@ def test_other_floats_than_the_working_one(backend, type_, word):
     assert s.sum("exact") == word(math.fsum(x.tolist()))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib2h, "f32"), (sh.Attrib2f, "f16")])
 @pytest.mark.parametrize("n", [2049, 70_001])
@@ -336,6 +337,7 @@ def test_a_mean_divides_by_a_number_that_16_bits_do_not_hold(backend, type_, pre
     assert s.reshape(1, n).mean(axis=1).numpy().tobytes() == wanted.tobytes()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib1h, "f32"), (sh.Attrib1f, "f16")])
 def test_16_bits_are_added_in_32(backend, type_, precision):
