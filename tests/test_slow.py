@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.backend import slow
+from shpy.run import slow
 
 
 @sh.subroutine

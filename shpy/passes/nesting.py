@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from shpy.errors import CompileError
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Break, Call, Continue, Function, If, Loop, Module, Region, Return, Stmt
 from shpy.ir.traverse import regions_of, walk
@@ -31,6 +32,12 @@ RETURNS: Final[Kinds] = frozenset({Return})
 ALL: Final[Kinds] = frozenset({Return, Break, Continue})
 _FEW: Final = 8
 """The most exits of a loop that has no shelter."""
+MAX_NESTING: Final = 72
+"""A depth that is certain to be right: llvmpipe keeps the conditions of 79 blocks, and ignores deeper ones silently."""
+
+_MANY: Final = 24
+_MANY_WITH_LOOPS: Final = 8
+"""Depth, and number of loops, from which llvmpipe's time of compiling doubles with each loop that nests."""
 
 
 def depth_of(region: Region, depths: Mapping[str, int], exits: Kinds, in_loops: Kinds) -> int:
@@ -98,3 +105,33 @@ def _exits(statement: Stmt) -> list[Stmt]:
     if isinstance(statement, If):
         return [exit for r in regions_of(statement) for s in r for exit in _exits(s)]
     return [statement] if type(statement) in ALL else []
+
+
+def sheltered_functions(module: Module) -> frozenset[str]:
+    """Find the functions to put into a loop of one iteration; CompileError where even that nests too deep.
+
+    Compiling takes long where the returns of functions nest, so they get a shelter early. Other exits nest in some
+    versions of Mesa alone: these count for the greatest depth.
+    """
+    depths: dict[str, int] = {}
+    deepest: dict[str, int] = {}
+    loops: dict[str, int] = {}
+    sheltered = set()
+    for function in module.functions:
+        name, body = function.name, function.body
+        depth, inside = depth_of(body, depths, RETURNS, NONE), 1 + depth_of(body, depths, NONE, NONE)
+        calls = [s.function for s in walk(body) if isinstance(s, Call)]
+        loops[name] = sum(isinstance(s, Loop) for s in walk(body)) + sum(loops[c] for c in calls)
+        many = _MANY if loops[name] <= _MANY_WITH_LOOPS else _MANY_WITH_LOOPS
+        depths[name] = depth
+        if depth > many and inside < depth:
+            sheltered.add(name)
+            depths[name] = inside
+        inner = name in sheltered
+        deepest[name] = inner + depth_of(body, deepest, NONE if inner else RETURNS, ALL)
+        if deepest[name] > MAX_NESTING:
+            raise CompileError(
+                f"{deepest[name]} blocks inside each other, subroutines counted in; GLSL takes {MAX_NESTING}",
+                loc=function.loc,
+            )
+    return frozenset(sheltered)

@@ -28,7 +28,6 @@ from shpy.backend.glsl.device.context import open_context
 from shpy.backend.glsl.device.memory import GlslSpace
 from shpy.backend.glsl.device.run import DeviceRun, Program, Runtime
 from shpy.backend.glsl.text.interface import Limits, Shader
-from shpy.backend.glsl.text.nesting import MAX_NESTING
 from shpy.backend.glsl.text.operations import FAST, NATIVE
 from shpy.backend.glsl.text.shader import print_shader
 from shpy.errors import BackendUnavailable, CompileError
@@ -42,6 +41,7 @@ from shpy.passes.exits import few_turns
 from shpy.passes.hide import hide_derivable, hold_bools_as_ints
 from shpy.passes.library import CORRECTABLE
 from shpy.passes.modes import REPRODUCIBLE
+from shpy.passes.nesting import MAX_NESTING
 from shpy.passes.pipeline import PreparedModule, Target, prepare
 from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection

@@ -26,14 +26,13 @@ from shpy.backend.emit.structure import Body
 from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Exit, Expr, Index, Literal, Name, number
 from shpy.backend.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backend.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
-from shpy.backend.glsl.text.nesting import sheltered_functions
 from shpy.backend.glsl.text.prologue import KEEP, ROOT, SPLIT, grid_function, grid_name, reader
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Function, Let, Loop, Module
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.formulas.edges import componentwise, edge, remark
-from shpy.passes.nesting import is_shelter
+from shpy.passes.nesting import is_shelter, sheltered_functions
 
 NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""

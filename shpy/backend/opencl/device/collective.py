@@ -23,8 +23,7 @@ from shpy.backend.base import Array, Collectives, NodeTypes, Options
 from shpy.backend.device.probe import refuse_wrong
 from shpy.backend.opencl.device.driver import LOCAL_SIZE
 from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, buffer_dtype
-from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, tree_block
-from shpy.backend.opencl.packets.trees import print_trees
+from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, print_trees, tree_block
 from shpy.errors import warn
 from shpy.ir.constants import dtypes_at
 from shpy.ir.nodes import Loop, Module, Status

@@ -7,23 +7,26 @@ definition (`collectives.trees`), whatever the width, and a stream of few elemen
 Memory limits the speed of sums. A processor's own prefetcher does not keep up with the branches between blocks, so each
 loop prefetches what it reads some time later.
 
-    TreePrologue(maker.prologue, NodeTypes((F,), (F,), lifted=False)).text("add_pairs")
+    print_trees(prepared.module, NodeTypes((F,), (F,), lifted=False), 16, Abilities()).text
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import resources
 from typing import Final
 
 import numpy as np
 
 from shpy.backend.base import NodeTypes
-from shpy.backend.opencl.packets.prologue import PacketPrologue
+from shpy.backend.opencl.packets.kernel import PacketMaker, in_packets
+from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backend.opencl.packets.prologue_memory import INLINE, element_name, lane_of, spelled_wide
-from shpy.backend.opencl.packets.widen import lanes_of, rows_of
+from shpy.backend.opencl.packets.widen import Lanes, lanes_of, rows_of
+from shpy.backend.opencl.text.kernel import KernelText
 from shpy.ir.constants import DTYPES
+from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 
 FOLD: Final = "sh_fold"
@@ -252,3 +255,27 @@ def _filled(values: Sequence[str]) -> list[str]:
     """Return the lines that make a node of these values and return it."""
     stores = [f"    made.part{k} = {value};" for k, value in enumerate(values)]
     return ["    sh_node made;", *stores, "    return made;"]
+
+
+def print_trees(
+    module: Module,
+    types: NodeTypes,
+    lanes: int,
+    abilities: Abilities,
+    *,
+    joins: bool = False,
+    faults: Collection[str] = (),
+) -> KernelText | None:
+    """Return the kernels of a prepared program of two nodes; None with tables, params, binary16 or uniform outputs.
+
+    The inputs are the parts of two nodes, and the outputs are those of one. If elements are lifted, an element and its
+    index precede these inputs, and the node of that element precedes the result. `joins`: see `TreePrologue`;
+    `faults`: see `print_packets`.
+    """
+    if module.tables or module.params or any(t.base is Base.H for t in (*types.element, *types.part)):
+        return None
+    packets = in_packets(module, lanes, "strict", faults)
+    if not all(isinstance(o.type, Lanes) for o in packets.entry.outputs):
+        return None
+    maker = PacketMaker(packets, module.entry, lanes, lanes, abilities, faults=faults)
+    return maker.kernels_around(TreePrologue(maker.prologue, types, joins=joins).text)

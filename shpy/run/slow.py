@@ -1,6 +1,6 @@
 """Says that a compilation takes long, and what makes it long, while it lasts.
 
-Stage: emit. Takes a module that is being compiled; prints one line to standard error, or nothing. The live pages `hear`
+Stage: run. Takes a module that is being compiled; prints one line to standard error, or nothing. The live pages `hear`
 of every compilation.
 """
 
