@@ -1,6 +1,6 @@
 """Pictures that a material's colour or number is read from, by the uv coordinates of the surface.
 
-Stage: scene description. A `Texture` holds linear numbers; `kernels.textures` reads them.
+Stage: scene description. A `Texture` holds linear numbers; `kernels.appearance` reads them.
 
 >>> Texture([[0.0, 1.0]]).image.shape
 (1, 2, 3)

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from raytracer.appearance.programs import examine_sky
 from raytracer.arrays import is_whole
 from raytracer.cluster.job import Job, check_alike
-from raytracer.cluster.part import Part, PartData, Stepped
-from raytracer.cluster.records import Records, joined
+from raytracer.cluster.part import Part, PartData, Records, Stepped, joined
 from raytracer.cluster.tasks import KEPT, await_worker, is_loss, kept, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats

@@ -2,7 +2,8 @@
 
 Stage: scene description. `gltf_scene` makes meshes, materials, cameras and lights from it. trimesh is not used here: it
 ignores sparse accessors, normalized integers, meshes of nodes with a camera, samplers and lights, and keeps eight bits
-of a colour. Counts in the file are compared with the bytes that it has before memory is allocated for them.
+of a colour. Counts in the file are compared with the bytes that it has before memory is allocated for them. An entry is
+an object of JSON, and what is wrong with it is a SceneError that names the part.
 
     document = Document(path.read_bytes(), Folder(path))
     document.array(document.one("meshes", 0)["primitives"][0]["attributes"]["POSITION"])
@@ -13,19 +14,19 @@ from __future__ import annotations
 import base64
 import binascii
 import json
+import math
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.arrays import is_whole
+from raytracer.arrays import is_whole, one_float
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Folder, shown
-from raytracer.meshes.gltf_entries import BROKEN, count_of, needed, reason_of, rows, table
 from raytracer.meshes.lines import text_of
 
 _COMPONENTS: Final = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -41,6 +42,8 @@ _TRANSLATED = (
     *("KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"),
     *("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"),
 )
+BROKEN: Final = (SceneError, KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
+"""The exceptions by which a reader meets a bad entry."""
 
 
 class Document:
@@ -254,3 +257,61 @@ def _container(data: bytes) -> tuple[str, bytes]:
         raise SceneError("it has no JSON")
     # Some writers pad the chunk with zeros, where the format has spaces.
     return text_of(chunks[_JSON].rstrip(b"\0 ")), chunks.get(_BIN, b"")
+
+
+def needed(entry: Mapping[str, Any], key: str) -> Any:
+    """Return a part that an entry must have; SceneError where it is missing."""
+    if key not in entry:
+        raise SceneError(f"it has no {key}")
+    return entry[key]
+
+
+def table(entry: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return a part that is an object, {} where it is missing; SceneError for anything else."""
+    part = entry.get(key, {})
+    if not isinstance(part, dict):
+        raise SceneError(f"its {key} is {shown(str(part))}, not an object")
+    return part
+
+
+def rows(entry: Mapping[str, Any], key: str) -> list[Any]:
+    """Return a part that is a list, [] where it is missing; SceneError for anything else."""
+    part = entry.get(key, [])
+    if not isinstance(part, list):
+        raise SceneError(f"its {key} is {shown(str(part))}, not a list")
+    return part
+
+
+def count_of(entry: Mapping[str, Any], key: str, default: int | None = None) -> int:
+    """Return a part that is a number of elements or bytes; SceneError for anything else."""
+    part = needed(entry, key) if default is None else entry.get(key, default)
+    if not is_whole(part, 0):
+        raise SceneError(f"its {key} is {shown(str(part))}, not a whole number from 0 on")
+    return part
+
+
+def number_of(entry: Mapping[str, Any], key: str, default: float) -> float:
+    """Return a part that is a finite number; SceneError for anything else."""
+    return _finite(entry.get(key, default), key)
+
+
+def numbers_of(entry: Mapping[str, Any], key: str, default: Sequence[float]) -> list[float]:
+    """Return a part that is a list of finite numbers, as many as the default has; SceneError for anything else."""
+    part = entry.get(key, default)
+    if not isinstance(part, list | tuple) or len(part) != len(default):
+        raise SceneError(f"its {key} is {shown(str(part))}, not {len(default)} numbers")
+    return [_finite(value, key) for value in part]
+
+
+def _finite(value: Any, key: str) -> float:
+    number = None if isinstance(value, bool) else one_float(value)
+    if number is None or not math.isfinite(number):
+        raise SceneError(f"its {key} has {shown(str(value))}, which is not a finite number")
+    return number
+
+
+def reason_of(error: BaseException) -> str:
+    """Return the cause of a fault that a reader met: the words of our own errors, and no others."""
+    if isinstance(error, SceneError):
+        return str(error)
+    return f"it lacks {error}" if isinstance(error, KeyError) else "a part of it is of the wrong kind"

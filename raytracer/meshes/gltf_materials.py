@@ -24,8 +24,7 @@ from raytracer.appearance.textures import Filter, Texture, Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
 from raytracer.meshes.folder import BadEntry, Notices
-from raytracer.meshes.gltf import Document, is_data
-from raytracer.meshes.gltf_entries import BROKEN, count_of, needed, number_of, numbers_of, reason_of, table
+from raytracer.meshes.gltf import BROKEN, Document, count_of, is_data, needed, number_of, numbers_of, reason_of, table
 from raytracer.meshes.pictures import Picture, Pictures, channel
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import Fault, shown
-from raytracer.meshes.gltf import Document
-from raytracer.meshes.gltf_entries import numbers_of, rows
+from raytracer.meshes.gltf import Document, numbers_of, rows
 
 Matrix = NDArray[np.float64]
 _IDENTITY: Final = tuple(np.eye(4).reshape(-1).tolist())

@@ -26,9 +26,8 @@ from raytracer.errors import SceneError
 from raytracer.memory import OutOfMemory, check_triangles
 from raytracer.meshes.appearance import CLAY
 from raytracer.meshes.folder import BadEntry, Fault, Notices, shown
-from raytracer.meshes.gltf import Document
+from raytracer.meshes.gltf import BROKEN, Document, needed, number_of, numbers_of, reason_of, rows, table
 from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
-from raytracer.meshes.gltf_entries import BROKEN, needed, number_of, numbers_of, reason_of, rows, table
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.mesh import Instance, Mesh
 from raytracer.scene.camera import ALONG, Camera

@@ -242,17 +242,11 @@ class Library:
         return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
 
 
-def _plain(meshes: Sequence[Mesh], materials: bool) -> Contents:
-    """Return meshes of a file without materials."""
+def _plain(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+    """Return the meshes of an STL or OFF file, which has no materials."""
+    is_stl = path.suffix.lower() == ".stl"
+    meshes = read_stl(data, path.stem, notices) if is_stl else [read_off(data, path.stem, notices)]
     return Contents([mesh.with_material(CLAY) for mesh in meshes] if materials else meshes)
-
-
-def _stl(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    return _plain(read_stl(data, path.stem, notices), materials)
-
-
-def _off(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    return _plain([read_off(data, path.stem, notices)], materials)
 
 
 def _ply(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
@@ -278,4 +272,4 @@ def _painted(mesh: Mesh, name: str | None, folder: Folder, pictures: Pictures) -
     return replace(mesh, colors=None, material=Material(picture.color(WHITE), specular=0.0))
 
 
-_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".stl": _stl, ".off": _off, ".glb": _gltf, ".gltf": _gltf}
+_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".stl": _plain, ".off": _plain, ".glb": _gltf, ".gltf": _gltf}

@@ -27,9 +27,9 @@ from raytracer import (
     Texture,
     render,
 )
-from raytracer.cluster import connection, partitioned, records
+from raytracer.cluster import connection, part, partitioned
+from raytracer.cluster.part import Records, next_part
 from raytracer.cluster.partitioned import _groups
-from raytracer.cluster.records import Records, next_part
 from raytracer.integrators.integrator import Whitted
 from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, sphere
@@ -124,7 +124,7 @@ def test_a_ray_visits_any_number_of_parts_once_and_in_their_order():
 
 
 def test_parts_are_found_for_blocks_of_rays(monkeypatch):
-    monkeypatch.setattr(records, "AT_ONCE", 7)
+    monkeypatch.setattr(part, "AT_ONCE", 7)
     low = np.array([[0.0, 0, 0], [1, 0, 0]])
     eye = np.array([[0.5 + k % 2, 0.5, -1] for k in range(9)])
     rays = {"ray.eye": eye, "ray.direction": np.tile([0.0, 0, 1], (9, 1)), "nearest.l": np.full(9, np.inf)}

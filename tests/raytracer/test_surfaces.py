@@ -24,7 +24,7 @@ from raytracer import (
     render as rendered,
     shaders,
 )
-from raytracer.kernels.textures import Atlas
+from raytracer.kernels.appearance import Atlas
 from raytracer.meshes.shapes import box, cylinder, floor, icosahedron, knot, sphere, torus
 from raytracer.meshes.teapot import teapot
 from shpy import SH_IF
@@ -384,7 +384,7 @@ WRONG = {
     r"test_surfaces.py:\d+: Surface\(color=...\) is an sh.Color3f": {"surface": lambda hit: Surface(color="red")},
     r"Surface\(diffuse=...\) is an sh.Attrib1f": {"surface": lambda hit: Surface(diffuse=hit.position)},
     "this Hit has no postion: it has position": {"surface": lambda hit: Surface(color=hit.postion)},
-    rf"test_surfaces.py:{LINE + 2}": {"surface": rebound},
+    rf"test_surfaces.py:{LINE + 3}": {"surface": rebound},
     "bare: .* needs uv coordinates": {"surface": checker},
     "bare: a Texture needs uv coordinates": {"color": Texture(PICTURE)},
     "x, gain is nothing that a Hit has": {"surface": tones},

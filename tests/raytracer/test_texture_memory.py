@@ -9,8 +9,8 @@ import shpy as sh
 from raytracer import Camera, Material, Mesh, Scene, Texture
 from raytracer.integrators.integrator import Path
 from raytracer.integrators.origin import origin_of
+from raytracer.kernels.appearance import Atlas
 from raytracer.kernels.path import PathTracer
-from raytracer.kernels.textures import Atlas
 from raytracer.scene.layout import Layout
 
 SIDE = 1024
