@@ -60,7 +60,7 @@ ALIASES = {
             return x - old
         """,
         "2: `old = x` gives one value two names: `x += d` (line 3) changes both, and `old` is read after it (line 4)\n"
-        "  write instead: old = sh.Point3f(x)",
+        "  write instead: old = x.copy()",
     ),
     "the original is read": (
         """
@@ -82,7 +82,7 @@ ALIASES = {
             return x + y
         """,
         "2: `y = x` gives one value two names: `y[:] = 3` (line 4) changes both, and `x` is read after it (line 5)\n"
-        "  write instead: y = sh.Attrib1f(x)",
+        "  write instead: y = x.copy()",
     ),
     "a chain": (
         """
@@ -102,7 +102,7 @@ ALIASES = {
             return x + a
         """,
         "2: `a, b, c = x, y, x * y` gives one value two names: `a += c` (line 3) changes both, and `x` is read after "
-        "it (line 4)\n  write instead: a, b, c = sh.Attrib3f(x), y, x * y",
+        "it (line 4)\n  write instead: a, b, c = x.copy(), y, x * y",
     ),
     "a tuple of one value": (
         """
@@ -123,7 +123,7 @@ ALIASES = {
             return x - old
         """,
         "2: `old := x` gives one value two names: `x += y` (line 3) changes both, and `old` is read after it (line 4)\n"
-        "  write instead: (old := sh.Attrib1f(x))",
+        "  write instead: (old := x.copy())",
     ),
     "in the next iteration": (
         """

@@ -132,7 +132,7 @@ def test_modules_in_an_archive_have_their_text(tmp_path, monkeypatch) -> None:
     helper = importlib.import_module("archived_helper").aliased
     with pytest.raises(RecordError, match=r"archived_helper\.py:3: `y = x` gives one value two names") as raised:
         sh.program(helper)
-    assert raised.value.cure == "y = sh.Attrib1f(x)"
+    assert raised.value.cure == "y = x.copy()"
 
 
 def test_code_that_was_compiled_in_a_module_is_not_read_from_the_file_of_the_module(monkeypatch, tmp_path) -> None:
@@ -166,3 +166,13 @@ def test_blocks_are_known_under_any_name() -> None:
     with pytest.raises(RecordError, match="`x` is rebound"):
         check(text.format("with open('/dev/null') as file, sh.SH_IF(x > 1):"))
     check(text.format("with open('/dev/null') as file:"))
+
+
+@pytest.mark.parametrize(
+    "body", ["y = x\n    y += 1\n    return x", "with SH_IF(x > 0):\n        return x\n    return x"]
+)
+def test_a_mistake_is_found_each_time_that_the_function_is_recorded(body: str) -> None:
+    function = made(f"def f(x: sh.Attrib1f):\n    {body}\n")
+    for _ in range(2):
+        with pytest.raises(RecordError, match=r"gives one value two names|Python's `return` inside"):
+            sh.program(function)

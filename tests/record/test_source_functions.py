@@ -7,7 +7,6 @@ import pytest
 from source_text import blame, check
 
 import shpy as sh
-from shpy.lang.mistakes.foreign import functions
 
 
 @pytest.mark.parametrize("written", ["sh.abs", "sh.hash", "sh.library.fbm", "helper"])
@@ -53,10 +52,10 @@ def test_functions_that_give_several_values_or_none_are_innocent():
 
 
 def test_a_value_names_every_function():
-    assert {"log10", "dFdx", "hash"} <= set(functions())
-    with pytest.raises(AttributeError) as caught:
-        sh.Attrib1f(2).log10  # noqa: B018
-    assert caught.value.cure == "sh.log10(v)"
+    for name in ("log10", "dFdx", "hash"):
+        with pytest.raises(AttributeError) as caught:
+            getattr(sh.Attrib1f(2), name)
+        assert caught.value.cure == f"sh.{name}(v)"
 
 
 @pytest.mark.parametrize("name", sorted(set(sh.library.__all__) - set(sh.__all__) - {"lerp", "outer"}))

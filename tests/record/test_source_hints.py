@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import linecache
 import sys
 from typing import Any, NoReturn
 
@@ -11,7 +12,6 @@ from source_text import made
 from shpy.ir.nodes import Loc
 from shpy.lang.mistakes.explain import explain
 from shpy.lang.recording.location import loc_in
-from shpy.lang.recording.text import Text
 
 
 class Asked(Exception):
@@ -176,18 +176,22 @@ def test_why_python_wants_a_number(line: str) -> None:
     assert asked(line) == (NUMBERS[line], NUMBERS[line])
 
 
-def test_hints_spell_names_as_the_file_does() -> None:
-    text = "import shpy as lang\nfrom shpy import SH_FOR\n\nif 0 < x < 1: pass\nint(x)\nrange(x)\n"
-    whole = Text("file.py", text.splitlines(keepends=True))
-    assert explain(Loc("file.py", 4, whole), "bool") == (
-        "Python joins the chain `0 < x < 1` with `and`, while recording",
-        "with lang.SH_IF((0 < x) & (x < 1)):",
-    )
-    assert explain(Loc("file.py", 5, whole), "int") == (computed("int(x)"), "lang.Attrib1i(x)")
-    assert explain(Loc("file.py", 6, whole), "index") == (
-        "`range(x)` counts while recording, and its bound is known only when the program runs",
-        "with SH_FOR(x) as i:",
-    )
+def test_hints_spell_names_as_the_module_does() -> None:
+    text = "import shpy as lang\nfrom shpy import SH_FOR\n\ndef f(x):\n    return {}\n"
+    for count, (line, cure) in enumerate(
+        [
+            ("1 if 0 < x < 1 else 2", "lang.cond((0 < x) & (x < 1), 1, 2)"),
+            ("int(x)", "lang.Attrib1i(x)"),
+            ("[0 for _ in range(x)]", "with SH_FOR(x) as i:"),
+            ("[0 for v in (x, x) if v]", "with lang.SH_IF(v):"),
+        ]
+    ):
+        file, names = f"<spelled {count}>", dict[str, Any]()
+        linecache.cache[file] = (len(text), None, text.format(line).splitlines(keepends=True), file)
+        exec(compile(text.format(line), file, "exec"), names)
+        with pytest.raises(Asked) as caught:
+            names["f"](Symbol())
+        assert caught.value.args[0][1] == cure
 
 
 def test_no_hint_without_text_or_reason() -> None:

@@ -19,23 +19,23 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
-from shpy.lang.mistakes import findings
+from shpy.errors import RecordError
+from shpy.ir.nodes import Loc
+from shpy.lang.mistakes.expressions import prefix_of
 from shpy.lang.mistakes.frames import Entry
 from shpy.lang.mistakes.listing import Listing, Place, listing_of
 from shpy.lang.mistakes.statements import (
     Binding,
     Definition,
-    constructor_of,
     is_inside,
     path_of,
     position_of,
-    prefix_of,
 )
-from shpy.lang.recording.location import here, user_frame
+from shpy.lang.recording.location import loc_in, user_frame
 from shpy.lang.recording.recorder import Frame
 from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.recording.text import Text
-from shpy.lang.recording.tree import definition_of, quoted
+from shpy.lang.recording.tree import quoted
 
 Path = tuple[str, ...]
 """A name, and the fields of a struct that lead to a value: ("ray", "o")."""
@@ -49,68 +49,61 @@ def check_store(recorded: Frame, thing: Any, value: Any = None) -> None:
     frame = user_frame()
     if frame is None:
         return
-    if hasattr(value, "_variable"):
-        check_exchange(recorded, [thing], [value])
     listing = listing_of(frame.f_code)
-    if listing.text is None or not (listing.aliases or listing.repeats):
+    if listing.text is None:
+        return
+    if hasattr(value, "_variable"):
+        for assignment in _of_several(listing.text).get(frame.f_lineno, ()):
+            _check_exchange(assignment, listing, frame)
+    if not (listing.aliases or listing.repeats):
         return
     names: Mapping[str, Any] = frame.f_locals
-    several = [name for name in listing.aliases if names.get(name) is thing or _is_in(names.get(name), thing)]
+    several = [name for name in listing.aliases if next(_paths(names.get(name), thing, (name,)), None)]
     lists = [name for name, x in names.items() if _repeats(x, thing)] if listing.repeats else []
     if several or lists:
         key = (frame.f_lasti, *several, *lists)
-        stands = None if key in listing.innocent else definition_of(frame.f_code)
-        listing.innocent.add(key)
-        if stands is not None:
-            store = _Store(Definition(*stands, frame), frame, listing, thing)
-            target = store.target()
-            if target is not None:
-                store.check_repeats(lists, *target)
+        if key not in listing.innocent:
+            definition = Definition.around(loc_in(frame.f_code, frame.f_lineno), frame)
+            store = _Store(definition, frame, listing, thing)
+            for statement, target in store.targets():
+                store.check_repeats(lists, statement, target)
                 entries = [block.entries[0] for block in recorded.blocks if block.loop and block.entries]
-                store.check([entry for entry in entries if entry.frame is frame], *target)
-
-
-def check_exchange(recorded: Frame, things: list[Any], values: list[Any]) -> None:
-    """Raise RecordError for `x[:], y[:] = y, x`, or such a line with fields: Python stores from left to right.
-
-    `things` take `values`, of which the same execution of one assignment may have changed some already.
-    """
-    user, loc = user_frame(), here()
-    if user is None or loc is None:
-        return
-    at, stored = recorded.fields_stored
-    if user.f_lasti < at:  # Python has gone back, or into another function
-        stored = {}
-    for earlier in {stored[v._variable] for v in values if v._variable in stored}:
-        for node in _tuples(loc.text).get(loc.line, ()) if loc.text is not None and earlier.text is loc.text else ():
-            if node.lineno <= earlier.line:
-                _refuse_exchange(loc.text, node, prefix_of(user))
-    recorded.fields_stored = user.f_lasti, stored
-    stored.update((v._variable, loc) for v in things)
+                store.check([entry for entry in entries if entry.frame is frame], statement, target)
+        listing.innocent.add(key)
 
 
 @functools.lru_cache(maxsize=64)
-def _tuples(text: Text) -> dict[int, list[ast.Assign]]:
+def _of_several(text: Text) -> dict[int, list[ast.Assign]]:
     """Return the assignments of several values to several targets on each line of a text."""
     by_line: dict[int, list[ast.Assign]] = {}
     for node in text.statements:
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple | ast.List):
+        if (
+            isinstance(node, ast.Assign)
+            and isinstance(node.targets[0], ast.Tuple)
+            and isinstance(node.value, ast.Tuple)
+        ):
             for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
                 by_line.setdefault(line, []).append(node)
     return by_line
 
 
-def _refuse_exchange(text: Text, node: ast.Assign, prefix: str) -> None:
-    """Raise the error for an assignment of several values to several targets; accept any other."""
-    targets, values = node.targets[0], node.value
-    if not (isinstance(targets, ast.Tuple | ast.List) and isinstance(values, ast.Tuple | ast.List)):
-        return
-    names = [ast.unparse(t).removesuffix("[:]") for t in targets.elts]
-    pairs = list(zip(names, map(ast.unparse, values.elts), strict=False))
-    for first, later in itertools.combinations(range(len(pairs)), 2):
-        if pairs[first][0] == pairs[later][1]:
-            swap = (pairs[0][0], pairs[1][0]) if len(pairs) == 2 and pairs[0] == pairs[1][::-1] else None
-            raise findings.crossed(text, node, pairs[first][0], targets.elts[later], swap, prefix)
+def _check_exchange(node: Any, listing: Listing, frame: FrameType) -> None:
+    """Raise RecordError for `x[:], y[:] = y, x`, or such a line with fields: Python stores from left to right."""
+    names = [ast.unparse(target).removesuffix("[:]") for target in node.targets[0].elts]
+    pairs = list(zip(names, map(ast.unparse, node.value.elts), strict=False))
+    running = [k for k, t in enumerate(node.targets[0].elts) if position_of(t) == listing.position_at(frame.f_lasti)]
+    for later in running:
+        for name, _ in pairs[:later]:
+            if later < len(pairs) and name == pairs[later][1]:
+                text, target = listing.text, node.targets[0].elts[later]
+                assert text is not None
+                cure = f"copy first: `old = {name}.copy()`, and `old` for `{name}` on the right"
+                if len(pairs) == 2 and pairs[0] == pairs[1][::-1]:
+                    cure = f"copy first, or `{prefix_of(frame)}swap({', '.join(names)})`"
+                message = (
+                    f"`{quoted(text, node)}` stores into `{name}` before `{quoted(text, target)}` is stored from it"
+                )
+                raise RecordError(message, loc=Loc(text.file, node.lineno, text), cure=cure)
 
 
 def _paths(x: Any, thing: Any, path: Path) -> Iterator[Path]:
@@ -119,11 +112,6 @@ def _paths(x: Any, thing: Any, path: Path) -> Iterator[Path]:
         yield path
     for field in getattr(type(x), "_shpy_fields", ()) if isinstance(x, Symbolic) else ():
         yield from _paths(vars(x).get(field), thing, (*path, field))
-
-
-def _is_in(x: Any, thing: Any) -> bool:
-    """Return whether a struct has a value among its fields."""
-    return hasattr(type(x), "_shpy_fields") and any(True for _ in _paths(x, thing, ()))
 
 
 def _repeats(x: Any, thing: Any) -> bool:
@@ -141,17 +129,12 @@ class _Store:
     listing: Listing
     thing: Any
 
-    def target(self) -> tuple[ast.stmt, ast.expr] | None:
-        """Return the assignment that is running, and the target that it stores into."""
-        where = self.listing.instructions[self.listing.number_after(self.frame.f_lasti) - 1].positions
-        place = (where.lineno, where.col_offset) if where is not None else None
+    def targets(self) -> Iterator[tuple[ast.stmt, ast.expr]]:
+        """Yield the assignment that is running, and the target that it stores into; nothing for another statement."""
+        place = self.listing.position_at(self.frame.f_lasti)
         for node in self.definition.statements:
-            if isinstance(node, ast.AugAssign) and position_of(node) == place:
-                return node, node.target
-            for target in _targets(node) if isinstance(node, ast.Assign) else ():
-                if position_of(target) == place:
-                    return node, target
-        return None
+            if isinstance(node, ast.Assign | ast.AugAssign):
+                yield from ((node, target) for target in _targets(node) if position_of(target) == place)
 
     def check_repeats(self, names: list[str], statement: ast.stmt, target: ast.expr) -> None:
         """Raise RecordError for a store into an item of a list that holds one value several times."""
@@ -159,8 +142,13 @@ class _Store:
             binding = self.bound(name, statement)
             if stored_path(target)[:1] == (name,) and binding is not None and binding.value is not None:
                 if any(_repeated(inner) or _has_keys(inner) for inner in ast.walk(binding.value)):
-                    cure = _apart(binding.value)
-                    raise findings.repeated(self.definition.text, binding.statement, statement, name, cure)
+                    display, store = (quoted(self.definition.text, n) for n in (binding.statement, statement))
+                    raise RecordError(
+                        f"`{display}` holds one value several times: `{store}` (line {statement.lineno}) changes all "
+                        "of them",
+                        loc=self.definition.at(binding.statement),
+                        cure=f"{name} = {_apart(binding.value)}",
+                    )
 
     def check(self, loops: list[Entry], statement: ast.stmt, target: ast.expr) -> None:
         """Raise RecordError if the value is read later under another name than that which it is stored through."""
@@ -178,8 +166,13 @@ class _Store:
             if reader[0] != through[0] and bound and self.origin(through, statement) == self.origin(reader, statement):
                 if read := self.read(reader, loops, statement):
                     alias, name = max(bound, key=lambda b: position_of(b.target)), ".".join(read[0][:end])
-                    text, cure = self.definition.text, self.copies(alias)
-                    raise findings.aliased(text, alias.statement, statement, name, read[1], cure)
+                    both, store = (quoted(self.definition.text, n) for n in (alias.statement, statement))
+                    raise RecordError(
+                        f"`{both}` gives one value two names: `{store}` (line {statement.lineno}) changes both, and "
+                        f"`{name}` is read {read[1]}",
+                        loc=self.definition.at(alias.statement),
+                        cure=self.copies(alias),
+                    )
 
     def bound(self, name: str, node: ast.AST) -> Binding | None:
         """Return the last binding of a name before a node."""
@@ -260,8 +253,7 @@ class _Store:
             copies = [f"{other} = {last}.copy()" for other in others]
             return "; ".join([f"{last} = {quoted(self.definition.text, statement.value)}", *copies])
         assert value is not None
-        name, written, type_ = ast.unparse(alias.target), ast.unparse(value), self.type_of(value, statement)
-        copy = f"{type_}({written})" if type_ else f"{written}.copy()"
+        name, copy = ast.unparse(alias.target), f"{ast.unparse(value)}.copy()"
         match statement:
             case ast.NamedExpr():
                 return f"({name} := {copy})"
@@ -269,18 +261,6 @@ class _Store:
                 left = ", ".join(ast.unparse(n) for n in names.elts)
                 return f"{left} = {', '.join(copy if v is value else ast.unparse(v) for v in values.elts)}"
         return f"{name} = {copy}"
-
-    def type_of(self, value: ast.expr, statement: ast.AST) -> str | None:
-        """Return the type of a name as the user wrote it, in an annotation or a call of its constructor."""
-        if not (isinstance(value, ast.Name) and self.frame.f_locals.get(value.id) is self.thing):
-            return None
-        binding = self.bound(value.id, statement)
-        if binding is None or not hasattr(type(self.thing), "kind"):
-            return None
-        if isinstance(binding.target, ast.arg):
-            hint = binding.target.annotation
-            return str(hint.value) if isinstance(hint, ast.Constant) else ast.unparse(hint) if hint else None
-        return constructor_of(binding.value, self.frame)
 
 
 def stored_path(target: ast.expr) -> Path:
@@ -292,8 +272,8 @@ def stored_path(target: ast.expr) -> Path:
     return (target.id, *path) if isinstance(target, ast.Name) else ()
 
 
-def _targets(node: ast.Assign) -> Iterator[ast.expr]:
-    for target in node.targets:
+def _targets(node: ast.Assign | ast.AugAssign) -> Iterator[ast.expr]:
+    for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
         yield from target.elts if isinstance(target, ast.Tuple | ast.List) else (target,)
 
 
@@ -305,15 +285,10 @@ def _parts_of(node: ast.Assign) -> Iterator[ast.Attribute | ast.Subscript]:
             target = target.value
 
 
-def _contains(node: ast.AST, inner: ast.AST) -> bool:
-    return any(n is inner for n in ast.walk(node))
-
-
 def _branch(choice: ast.AST, node: ast.AST) -> str | None:
     """Return the part of an `if`, a `try` or a `match` in which a node stands; None outside of it."""
-    for part in ("body", "orelse", "handlers", "cases", "finalbody", "test"):
-        stands = getattr(choice, part, [])
-        if any(_contains(n, node) for n in (stands if isinstance(stands, list) else [stands])):
+    for part in ("body", "orelse", "handlers", "cases", "finalbody"):
+        if any(inner is node for n in getattr(choice, part, ()) for inner in ast.walk(n)):
             return part
     return None
 

@@ -22,9 +22,8 @@ import numpy as np
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
+from shpy.lang.mistakes.expressions import ends_of, is_vector, named, prefix_of, rewritten, size_of
 from shpy.lang.mistakes.foreign import OTHER_NAMES, SPELLED_OUT, is_in_library, module_cure
-from shpy.lang.mistakes.objects import is_vector, named
-from shpy.lang.mistakes.rewrite import ends_of, rewritten, size_of
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
@@ -118,7 +117,7 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
         return None
     try:
         roots, frame = _statements(loc), frame or user_frame()
-        spelling = _Spelling.of(loc.text, frame if frame and frame.f_code.co_filename == loc.file else None)
+        spelling = _Spelling(loc.text, frame if frame and frame.f_code.co_filename == loc.file else None)
         if asked == "bool":
             tests = [s for root in roots for s in _tests(root) if not _of_the_host(s.tested)]
             site = _chosen(tests, loc, frame) or _in_a_call(roots, loc, frame)
@@ -129,7 +128,10 @@ def explain(loc: Loc | None, asked: str, frame: FrameType | None = None) -> Hint
         if site is None:
             return None
         if isinstance(site.node, ast.Subscript) and _is_stored(site.node, asked):
-            return _store_hint(site.node, spelling)
+            array, element = spelling.quoted(site.node.value), spelling.quoted(site.node)
+            why = "stores a number while recording, and this value is known only when the program runs"
+            cure = f"make `{array}` a list, or with an index of the language a {spelling.prefix}Array"
+            return f"`{element} = …` {why}", cure
         index = site.whole.target if isinstance(site.whole, ast.For) and site.whole.iter is site.node else None
         return _conversion_hint(site.tested, spelling, index.id if isinstance(index, ast.Name) else "i")
     except RecursionError:  # the expression is deeper than Python's stack, so the error has no hint
@@ -141,22 +143,12 @@ class _Spelling:
     """The way in which a file writes shpy's names; `frame` knows the types of its own names."""
 
     text: Text
-    prefix: str
-    imported: frozenset[str]
     frame: FrameType | None
 
-    @classmethod
-    def of(cls, text: Text, frame: FrameType | None = None) -> _Spelling:
-        """Find how the file imports shpy: the prefix of its names, and the names imported directly."""
-        prefix, imported = "sh.", set[str]()
-        for node in text.tree.body if text.tree is not None else []:
-            if isinstance(node, ast.Import):
-                for alias in node.names:
-                    if alias.name == "shpy":
-                        prefix = f"{alias.asname or alias.name}."
-            elif isinstance(node, ast.ImportFrom) and node.module == "shpy":
-                imported |= {alias.name for alias in node.names}
-        return cls(text, prefix, frozenset(imported), frame)
+    @property
+    def prefix(self) -> str:
+        """What stands before the names of shpy."""
+        return prefix_of(self.frame)
 
     def test(self, node: ast.expr) -> str:
         """Return an expression as a bool of the language."""
@@ -172,9 +164,9 @@ class _Spelling:
         return quoted(self.text, node)
 
     def control(self, name: str) -> str:
-        """Return `SH_IF`, or `sh.SH_IF` where the file does not import the name."""
-        plain = not self.imported or name in self.imported or "*" in self.imported or self.prefix == ""
-        return name if plain else f"{self.prefix}{name}"
+        """Return `SH_IF`, or `sh.SH_IF` where the module imports other names of blocks, and not this one."""
+        imported = [n for n in self.frame.f_globals if n.startswith("SH_")] if self.frame is not None else []
+        return name if name in imported or not imported else f"{self.prefix}{name}"
 
 
 # Finding the place.
@@ -186,15 +178,10 @@ def _statements(loc: Loc) -> list[ast.stmt]:
     statements: list[ast.stmt] = []
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, ast.stmt) and node.lineno <= loc.line:
-            ends = [getattr(part, "end_lineno", None) or node.lineno for part in ast.walk(_head(node))]
-            if loc.line <= max(ends):
+            head = [part for part in _parts(node) if isinstance(part, ast.expr)]
+            if loc.line <= max((part.end_lineno or part.lineno for part in head), default=node.lineno):
                 statements.append(node)
     return statements
-
-
-def _head(node: ast.stmt) -> ast.AST:
-    """Return the statement without those under it."""
-    return ast.Tuple([part for part in _parts(node) if isinstance(part, ast.expr)], ast.Load())
 
 
 def _parts(root: ast.AST) -> Iterator[ast.AST]:
@@ -289,7 +276,6 @@ def _span(node: ast.AST) -> _Span | None:
 
 def _running(loc: Loc, frame: FrameType | None) -> _Span | None:
     """Return the span of the expression that the frame is computing."""
-    frame = frame or user_frame()
     if frame is None or frame.f_code.co_filename != loc.file or frame.f_lineno != loc.line:
         return None
     span = next(itertools.islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), None)
@@ -361,8 +347,10 @@ def _test_cure(site: _Site, spelling: _Spelling) -> str:
     whole = site.whole
     match whole:
         case ast.If(test=test):
-            # Python has decided the `if` above an `elif`, so no SH_IF is there to continue.
-            inside = "else:, and in it " if _is_elif(whole) else ""
+            # The test of an `elif` starts five characters after it, that of an `if` three. Python has decided the `if`
+            # above an `elif`, so no SH_IF is there to continue.
+            is_elif = test.lineno == whole.lineno and test.col_offset - whole.col_offset >= 5
+            inside = "else:, and in it " if is_elif else ""
             return f"{inside}with {spelling.control('SH_IF')}({spelling.test(test)}):"
         case ast.While(test=test):
             return f"with {spelling.control('SH_WHILE')}(lambda: {spelling.test(test)}):"
@@ -371,22 +359,16 @@ def _test_cure(site: _Site, spelling: _Spelling) -> str:
         case ast.Compare(ops=[ast.In() | ast.NotIn()], comparators=[items]) if (
             not isinstance(items, ast.Tuple | ast.List | ast.Set) and ends_of(items) is None
         ):
-            left, positive = spelling.quoted(whole.left), isinstance(whole.ops[0], ast.In)
-            return _each(left) if positive else f"compare with each, as in `({left} != a) & ({left} != b)`"
+            left, (sign, join) = (
+                spelling.quoted(whole.left),
+                ("==", "|") if isinstance(whole.ops[0], ast.In) else ("!=", "&"),
+            )
+            return f"compare with each, as in `({left} {sign} a) {join} ({left} {sign} b)`"
         case ast.comprehension():
             return f"with {spelling.control('SH_IF')}({spelling.test(site.tested)}):"
         case ast.expr():
             return rewritten(whole, spelling.prefix, spelling.frame)
     return spelling.quoted(whole)
-
-
-def _each(left: str) -> str:
-    return f"compare with each, as in `({left} == a) | ({left} == b)`"
-
-
-def _is_elif(node: ast.If) -> bool:
-    """Return whether an `if` is an `elif`: its test starts five characters after it, not three."""
-    return node.test.lineno == node.lineno and node.test.col_offset - node.col_offset >= 5
 
 
 def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
@@ -408,7 +390,8 @@ def _builtin_hint(node: ast.AST, spelling: _Spelling) -> Hint:
         return message, f"join the items with `{sign}`; `{spelling.prefix}{name}(v)` is for the components of a vector"
     if name not in ("min", "max"):
         compares = isinstance(node.func, ast.Attribute) and node.func.attr in ("index", "count", "remove")
-        return (message, _each("x")) if compares else (asks, _UNSEEN["bool"][1])
+        each = "compare with each, as in `(x == a) | (x == b)`"
+        return (message, each) if compares else (asks, _UNSEEN["bool"][1])
     return message, f"{spelling.prefix}{name}({_items(node.args)})"
 
 
@@ -422,9 +405,9 @@ def _items(arguments: list[ast.expr]) -> str:
     return ", ".join(ast.unparse(a) for a in arguments)
 
 
-def conversion_of(node: ast.expr, text: Text) -> Hint:
+def conversion_of(node: ast.expr, text: Text, frame: FrameType) -> Hint:
     """Return the sentence and the cure for an expression that needs a number of Python."""
-    return _conversion_hint(node, _Spelling.of(text))
+    return _conversion_hint(node, _Spelling(text, frame))
 
 
 def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> Hint:
@@ -448,14 +431,6 @@ def _conversion_hint(node: ast.expr, spelling: _Spelling, index: str = "i") -> H
                 return message, _joined(arguments, spelling)
             return message, _function_cure(function, arguments, spelling)
     return f"`{asked}` needs a number while recording", "a value of the language cannot stand here"
-
-
-def _store_hint(node: ast.Subscript, spelling: _Spelling) -> Hint:
-    array, asked = spelling.quoted(node.value), spelling.quoted(node)
-    return (
-        f"`{asked} = …` stores a number while recording, and this value is known only when the program runs",
-        f"make `{array}` a list, or with an index of the language a {spelling.prefix}Array",
-    )
 
 
 def _joined(arguments: list[ast.expr], spelling: _Spelling) -> str:

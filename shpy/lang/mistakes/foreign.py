@@ -93,12 +93,6 @@ _OF_VALUES = {
 _TWO = frozenset(row.name for row in OPS.values() if len(row.takes) > 1)
 
 
-def functions() -> list[str]:
-    """Return the names in `shpy` of the functions that give one value: their annotation says `Any`."""
-    things = vars(sys.modules["shpy"]).items()
-    return [n for n, x in things if isinstance(x, FunctionType) and x.__annotations__.get("return") == "Any"]
-
-
 def is_in_library(name: str) -> bool:
     """Return whether `sh.library` has the name."""
     return name in sys.modules["shpy"].library.__all__
@@ -126,11 +120,12 @@ def module_cure(name: str, names: Iterable[str]) -> str | None:
     return f"sh.{near[0]}" if near else None
 
 
-def value_cure(name: str, called: str, functions: Iterable[str]) -> str | None:
-    """Return the cure for `v.name`, where the value's type is `called`; `functions` are those of shpy."""
+def value_cure(name: str, called: str) -> str | None:
+    """Return the cure for `v.name`, where the value is `called`: a function of shpy says by `Any` that it gives one."""
     if name in _OF_VALUES:
         return _OF_VALUES[name].format(called)
     function = OTHER_NAMES.get(name) or _SHADING.get(name, name).partition("(")[0]
-    if function not in functions:
+    thing = vars(sys.modules["shpy"]).get(function)
+    if not isinstance(thing, FunctionType) or thing.__annotations__.get("return") != "Any":
         return None
     return f"sh.{function}({called}, …)" if function in _TWO else f"sh.{function}({called})"

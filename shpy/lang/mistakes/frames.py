@@ -21,17 +21,14 @@ from dataclasses import dataclass
 from types import FrameType, FunctionType, ModuleType
 from typing import Any
 
-import numpy as np
-
 from shpy.errors import is_standard
 from shpy.ir.nodes import Loc
-from shpy.lang.mistakes import findings, statements
+from shpy.lang.mistakes import statements
 from shpy.lang.mistakes.listing import Bound, Place, listing_of
+from shpy.lang.mistakes.statements import DISPLAYS, NUMBERS
 from shpy.lang.recording.location import called_frames, loc_in, user_frame
 from shpy.lang.recording.symbolic import Symbolic
 
-_NUMBERS = (int, float, complex, np.number, np.bool_)
-_DISPLAYS = (tuple, list, dict)
 _GONE = object()
 
 
@@ -58,7 +55,7 @@ def entered() -> list[Entry]:
         if not entries:
             statements.check_block(listing, frame)
         bound = listing.bound_in(frame.f_lasti)
-        values = {p: x for p, x in _places(frame, bound) if _matters(x)} if bound else {}
+        values = {p: x for p, x in _places(frame, bound) if _matters(x)}
         entries.append(Entry(frame, frame.f_lasti, values))
         if not frame.f_code.co_flags & inspect.CO_GENERATOR:
             break
@@ -74,7 +71,7 @@ def check_left(entries: list[Entry], what: str, loc: Loc | None, loop: bool, tes
         frame = entry.frame
         listing, leaving = listing_of(frame.f_code), frame.f_lasti
         if not number and listing.text is None and listing.returns_at(leaving):
-            raise findings.leaves(loc, "return", statements.spelled(what), "SH_RETURN(…)")
+            raise statements.left(loc, "return", statements.spelled(what), "SH_RETURN(…)")
         if not entry.values or (number and frame not in called_frames()):
             continue
         now = dict(_places(frame, listing.bound_in(entry.offset)))
@@ -144,7 +141,7 @@ def _matters(x: Any) -> bool:
     """
     if isinstance(x, Symbolic):
         return not any(part._frame is not None and part._frame.homes[part._variable].closed for part in parts_of(x))
-    return x is None or isinstance(x, (*_NUMBERS, *_DISPLAYS))
+    return x is None or isinstance(x, (*NUMBERS, *DISPLAYS))
 
 
 def parts_of(thing: Any) -> Iterator[Any]:
@@ -169,6 +166,6 @@ def _rebound(old: Any, new: Any) -> bool:
         return False
     if isinstance(old, Symbolic) or isinstance(new, Symbolic):
         return True
-    if isinstance(old, _DISPLAYS):
-        return isinstance(new, _DISPLAYS) and (_holds(old) or _holds(new))
-    return old is not None and isinstance(new, _NUMBERS) and bool(new != old)
+    if isinstance(old, DISPLAYS):
+        return isinstance(new, DISPLAYS) and (_holds(old) or _holds(new))
+    return old is not None and isinstance(new, NUMBERS) and bool(new != old)

@@ -17,9 +17,8 @@ from itertools import pairwise
 from types import CodeType
 from typing import Any
 
-from shpy.errors import warn
-from shpy.lang.recording.location import IN_PLACE, loc_in
-from shpy.lang.recording.text import Text, has_changed, origin
+from shpy.lang.recording.location import IN_PLACE
+from shpy.lang.recording.text import Text, origin, tell_of_change
 
 _ENDS = frozenset({"RETURN_VALUE", "RETURN_CONST", "RERAISE", "RAISE_VARARGS"})
 _NAMES = re.compile(r"(LOAD|STORE|DELETE)_(?:FAST|DEREF|CLOSURE)(?!_AND_CLEAR)")
@@ -34,9 +33,6 @@ class Bound:
     names: dict[str, None] = field(default_factory=dict)
     attributes: dict[str, None] = field(default_factory=dict)
     items: bool = False
-
-    def __bool__(self) -> bool:
-        return bool(self.names or self.attributes or self.items)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,21 +142,12 @@ class Listing:
         return first.offset, self.line(first)
 
     def effect_on(self, k: int, place: Place) -> str | None:
-        """Return whether an instruction is a LOAD or a STORE of a place; None if it is neither."""
-        return next(self._effects(k, place), None)
-
-    def _effects(self, k: int, place: Place) -> Iterator[str]:
-        """Yield LOAD and STORE, in order, where an instruction reads or binds the place."""
+        """Return the first effect of an instruction on a place, LOAD, STORE or DELETE; None without one."""
         instruction = self.instructions[k]
-        if place.attribute is not None:
-            if instruction.argval == place.attribute and instruction.opname in (
-                "LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"
-            ):  # fmt: skip
-                yield instruction.opname.partition("_")[0]
-            return
-        for kind, name in _named(instruction):
-            if name == place.name:
-                yield kind
+        if place.attribute is None:
+            return next((kind for kind, name in _named(instruction) if name == place.name), None)
+        uses = instruction.opname in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR")
+        return instruction.opname.partition("_")[0] if uses and instruction.argval == place.attribute else None
 
     def _targets(self, k: int, effect: Effect) -> Iterator[int]:
         """Yield the targets of the jump at `k`, besides its successor.
@@ -179,6 +166,11 @@ class Listing:
             return
         yield target
 
+    def position_at(self, offset: int) -> tuple[int, int] | None:
+        """Return the line and column of the text of the instruction at an offset."""
+        where: Any = self.instructions[self.number_after(offset) - 1].positions
+        return None if where is None else (where.lineno, where.col_offset)
+
     def line(self, instruction: dis.Instruction) -> int:
         """Return the line of an instruction; the function's where it has none."""
         positions = instruction.positions
@@ -190,7 +182,7 @@ class Listing:
         if place.key is not None:
             stores = [k for k in inside if self.instructions[k].opname in ("STORE_SUBSCR", "STORE_SLICE")]
         else:
-            stores = [k for k in inside if "STORE" in self._effects(k, place)]
+            stores = [k for k in inside if self.effect_on(k, place) == "STORE"]
         return next((self.line(self.instructions[k]) for k in (*stores, *inside)), self.code.co_firstlineno)
 
     def returns_at(self, offset: int) -> bool:
@@ -212,18 +204,7 @@ def listing_of(code: CodeType) -> Listing:
     """Return the listing of a code object."""
     entry = origin(code)
     if entry.listing is None or entry.listing.text is not entry.text:
-        if has_changed(code):
-            _tell_of_change(code)
+        tell_of_change(code)
         entry.listing = Listing(code, entry.text)
     listing: Listing = entry.listing
     return listing
-
-
-def _tell_of_change(code: CodeType) -> None:
-    """Give a notice for a function whose file has another text now, and say what is not checked."""
-    warn(
-        f"{loc_in(code, code.co_firstlineno)}: Python runs another {code.co_name} than the file's text has there: the "
-        "text was changed after it was loaded, or as it was loaded. Names that a block binds anew are found in the "
-        "bytecode; mistakes that only a text shows, such as two names of one value, are not looked for. Load the file "
-        "again"
-    )

@@ -14,25 +14,24 @@ import functools
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import FrameType, ModuleType
+from types import FrameType
 from typing import Any
 
 import numpy as np
 
 from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
-from shpy.lang.mistakes import findings
+from shpy.lang.mistakes.expressions import named, prefix_of
 from shpy.lang.mistakes.listing import Listing, Place
-from shpy.lang.mistakes.objects import named
+from shpy.lang.recording.location import loc_in
 from shpy.lang.recording.symbolic import Symbolic
-from shpy.lang.recording.text import Text
-from shpy.lang.recording.tree import FunctionNode, definition_of, quoted
+from shpy.lang.recording.tree import FunctionNode, quoted
 
 _LOOPS = ("SH_WHILE", "SH_DO", "SH_FOR")
 _OPENERS = frozenset({"SH_IF", "SH_ELIF", "SH_ELSE", *_LOOPS})
 _EXITS = frozenset({"SH_BREAK", "SH_CONTINUE", "SH_RETURN", "SH_DISCARD", "SH_UNTIL"})
-_NUMBERS = (int, float, complex, np.number, np.bool_)
-_DISPLAYS = (tuple, list, dict)
+NUMBERS = (int, float, complex, np.number, np.bool_)
+DISPLAYS = (tuple, list, dict)
 _INNER = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 _PARTS = ("body", "orelse", "finalbody", "handlers", "cases")
 
@@ -64,21 +63,19 @@ class BlockStatement:
 
 @dataclass(frozen=True)
 class Definition:
-    """A `def` of the user's text, and the frame that runs it, None where it has returned."""
+    """A `def` of the user's text, and the frame that runs it, None where it has returned; empty without a text."""
 
-    node: FunctionNode
-    text: Text
+    node: FunctionNode | None
+    text: Any
     frame: FrameType | None
 
     @classmethod
-    def around(cls, loc: Loc | None, frame: FrameType | None) -> Definition | None:
-        """Return the innermost `def` around a line; None without a text."""
+    def around(cls, loc: Loc | None, frame: FrameType | None) -> Definition:
+        """Return the innermost `def` around a line."""
         text = loc.text if loc is not None else None
-        if loc is None or text is None:
-            return None
-        functions = [n for n in text.statements if isinstance(n, FunctionNode)]
-        functions = [n for n in functions if n.lineno <= loc.line <= (n.end_lineno or 0)]
-        return cls(max(functions, key=lambda n: n.lineno), text, frame) if functions else None
+        functions = [n for n in text.statements if isinstance(n, FunctionNode)] if text is not None else []
+        functions = [n for n in functions if loc is not None and n.lineno <= loc.line <= (n.end_lineno or 0)]
+        return cls(max(functions, key=lambda n: n.lineno, default=None), text, frame)
 
     @functools.cached_property
     def statements(self) -> list[ast.stmt]:
@@ -88,7 +85,7 @@ class Definition:
     @functools.cached_property
     def nodes(self) -> list[ast.AST]:
         """All nodes of the function in the order of the text, without those of functions and classes inside it."""
-        return list(_own(self.node))
+        return list(_own(self.node)) if self.node is not None else []
 
     @functools.cached_property
     def bindings(self) -> list[Binding]:
@@ -113,9 +110,9 @@ class Definition:
         stands = [b for b in self.bindings if position_of(b.target) < position_of(node) and binds(b.target, place)]
         return [b for b in stands if all(is_inside(node, k.node) for k in self.blocks if is_inside(b.target, k.node))]
 
-    def leaves(self, node: ast.stmt, word: str, cure: str, block: BlockStatement) -> RecordError:
-        """Return the error for a jump of Python's out of a block."""
-        return findings.leaves(findings.at(self.text, node), word, block.written, cure)
+    def at(self, node: Any) -> Loc:
+        """Return the line of a node."""
+        return Loc(self.text.file, node.lineno, self.text)
 
 
 def _statements(node: Any) -> Iterator[ast.stmt]:
@@ -198,14 +195,6 @@ def binds(target: ast.AST, place: Place) -> bool:
     return place.key is None and path_of(target) == path
 
 
-def prefix_of(frame: FrameType | None) -> str:
-    """Return what the user writes before shpy's names: `sh.` after `import shpy as sh`."""
-    for name, thing in frame.f_globals.items() if frame is not None else ():
-        if isinstance(thing, ModuleType) and thing.__name__ == "shpy":
-            return f"{name}."
-    return "sh."
-
-
 def control_of(node: ast.expr, frame: FrameType | None) -> str | None:
     """Return the name of the block or exit that an expression means, `SH_IF` under any alias; None for others."""
     path = path_of(node)
@@ -233,58 +222,65 @@ def spelled(what: str) -> str:
 
 def check_block(listing: Listing, frame: FrameType) -> None:
     """Raise RecordError, once a function, for Python's jumps out of its blocks, and for an exit that is not called."""
-    found = None if listing.checked or listing.text is None else definition_of(listing.code)
-    listing.checked = True
-    if found is None:
+    if listing.checked:
         return
-    definition = Definition(*found, frame)
+    definition = Definition.around(loc_in(frame.f_code, frame.f_lineno), frame)
     for node in definition.statements:
         match node:
-            case ast.Return(value=value):
-                around = [b for b in definition.blocks if is_inside(node, b.node)]
-                if around:
-                    cure = f"SH_RETURN({ast.unparse(value) if value else ''})"
-                    raise definition.leaves(node, "return", cure, around[-1])
-            case ast.Break() | ast.Continue():
+            case ast.Return() | ast.Break() | ast.Continue():
                 _check_jump(definition, node)
             case ast.Expr(value=ast.Name() | ast.Attribute() as value):
-                what = control_of(value, frame)
+                what, name = control_of(value, frame), quoted(definition.text, value)
                 if what in _EXITS | _OPENERS:
-                    raise findings.without_call(definition.text, value, block=what in _OPENERS)
+                    cure = f"with {name}():" if what in _OPENERS else f"{name}()"
+                    raise RecordError(f"`{name}` is not called", loc=definition.at(value), cure=cure)
+    listing.checked = True
 
 
-def _check_jump(definition: Definition, node: ast.Break | ast.Continue) -> None:
-    """Raise RecordError for a `break` or `continue` whose loop is not inside the innermost block."""
+def left(loc: Loc | None, word: str, written: str, cure: str) -> RecordError:
+    """Return the error for one of Python's own jumps inside a block: it happens while recording."""
+    text = f"Python's `{word}` inside `with {written}` happens while recording, whatever the block's condition is"
+    return RecordError(text, loc=loc, cure=cure)
+
+
+def _check_jump(definition: Definition, node: ast.Return | ast.Break | ast.Continue) -> None:
+    """Raise RecordError for a jump out of a block; a `break` or `continue` may stay inside the innermost one."""
     around = [b for b in definition.blocks if is_inside(node, b.node)]
     loops = [n for n in definition.statements if isinstance(n, ast.For | ast.While) and is_inside(node, n)]
-    if not around or (loops and is_inside(loops[-1], around[-1].node)):
+    if not around:
         return
     word = type(node).__name__.lower()
+    if isinstance(node, ast.Return):
+        cure = f"SH_RETURN({ast.unparse(node.value) if node.value else ''})"
+        raise left(definition.at(node), word, around[-1].written, cure)
     cure, ours = f"SH_{word.upper()}()", [b.node for b in around if b.what in _LOOPS]
     if not ours or (loops and is_inside(loops[-1], ours[-1])):
         cure = f"make the loop a `with SH_FOR(…) as i:`, and write `{cure}`"
-    raise definition.leaves(node, word, cure, around[-1])
+    if not (loops and is_inside(loops[-1], around[-1].node)):
+        raise left(definition.at(node), word, around[-1].written, cure)
 
 
 def check_none(loc: Loc | None) -> None:
     """Raise RecordError if a line compares with None by `==` or `!=`, which compares the components of a value."""
     definition = Definition.around(loc, None)
-    for node in definition.nodes if definition is not None else ():
-        if isinstance(node, ast.Compare) and loc is not None and node.lineno == loc.line:
-            sides = (node.left, node.comparators[0])
-            for none, value in (sides, sides[::-1]):
-                against_none = isinstance(none, ast.Constant) and none.value is None
-                if definition is not None and against_none and isinstance(node.ops[0], ast.Eq | ast.NotEq):
-                    raise findings.none_compared(definition.text, node, value)
+    for node in definition.nodes:
+        match node:
+            case (
+                ast.Compare(ops=[ast.Eq() | ast.NotEq() as sign], left=value, comparators=[ast.Constant(value=None)])
+                | ast.Compare(ops=[ast.Eq() | ast.NotEq() as sign], left=ast.Constant(value=None), comparators=[value])
+            ) if loc is not None and node.lineno == loc.line:
+                text = f"`{quoted(definition.text, node)}` compares a value with None, component by component"
+                cure = f"{ast.unparse(value)} {'is' if isinstance(sign, ast.Eq) else 'is not'} None"
+                raise RecordError(text, loc=loc, cure=cure)
 
 
 def alone(what: str, loc: Loc | None) -> RecordError:
     """Return the error for a block that is made on a line and never opened."""
     definition = Definition.around(loc, None)
-    for node in definition.statements if definition is not None else ():
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and loc is not None:
-            if definition is not None and node.lineno == loc.line:
-                return findings.without_with(definition.text, node.value, what)
+    for node in definition.statements:
+        if isinstance(node, ast.Expr) and loc is not None and node.lineno == loc.line:
+            call = quoted(definition.text, node.value)
+            return RecordError(f"`{call}` alone does nothing: {what} opens a block", loc=loc, cure=f"with {call}:")
     return RecordError(f"this {what} alone does nothing: it opens a block", loc=loc, cure=f"with {what}(…):")
 
 
@@ -299,24 +295,34 @@ def rebound(
     The block is `what`, opened on another line; `change` is what the place held before, and what it holds now.
     """
     definition, line = Definition.around(opened, frame), opened.line if opened is not None else 0
-    if definition is None:
-        return findings.rebound(where, str(place), spelled(what), used, _declaration(what, str(place), place, *change))
-    blocks = [b for b in definition.blocks if b.what == what and _is_on(b.node.items[0].context_expr, line, b.node)]
-    block = blocks[0] if blocks else None
+    blocks = [b for b in definition.blocks if b.what == what and b.node.items[0].context_expr.lineno <= line]
+    block = next((b for b in blocks if line <= (b.node.items[-1].context_expr.end_lineno or 0)), None)
     stands = [b for b in definition.bindings if binds(b.target, place) and position_of(b.target)[0] >= line]
     binding = next((b for b in stands if b.target.lineno <= where.line <= (b.target.end_lineno or 0)), None)
     name = str(place) if binding is None else quoted(definition.text, binding.target)
     written = block.written if block is not None else spelled(what)
     if binding is not None and isinstance(binding.target, ast.Subscript):
         if isinstance(binding.target.slice, ast.Slice):
-            return findings.rebound(where, place.name, written, used, findings.stored_each(place.name))
-    cure = _declaration(what, name, place, *change, definition, binding, block)
-    return findings.rebound(where, name, written, used, cure)
+            return _rebound(where, place.name, written, used, _each_by_itself(place.name))
+    cure = _declaration(definition, block, _opened(what), binding, name, place, *change)
+    return _rebound(where, name, written, used, cure)
 
 
-def _is_on(first: ast.expr, line: int, node: ast.With) -> bool:
-    """Return whether a line is one of the items of a `with`."""
-    return first.lineno <= line <= (node.items[-1].context_expr.end_lineno or 0)
+def _rebound(loc: Loc, place: str, written: str, used: str, cure: str, *, is_new: bool = False) -> RecordError:
+    verb, why = "rebound", "Python rebinds the name once, while recording, whatever happens at run time"
+    if is_new:
+        verb, why = "made", "what a block makes ends with it"
+    return RecordError(f"`{place}` is {verb} inside `with {written}` and used {used}: {why}", loc=loc, cure=cure)
+
+
+def _stored(start: str, inside: str, opened: str) -> str:
+    """Return the cure for a name that a block rebinds: a declaration before it, or before its chain, and a store."""
+    return f"{start} before {opened}, `{inside}` inside {'it' if opened == 'the block' else 'the block'}"
+
+
+def _each_by_itself(place: str) -> str:
+    """Return the cure for a tuple, list or dict of values that a block rebinds."""
+    return f"a name before the block for each value that `{place}` holds, and `x[:] = …` inside it"
 
 
 def used_after(place: Place, used: Loc | None, frame: FrameType | None) -> RecordError | None:
@@ -325,59 +331,63 @@ def used_after(place: Place, used: Loc | None, frame: FrameType | None) -> Recor
     `used` is the line that uses the value; `frame` is the user's, None where the function has returned.
     """
     definition, line = Definition.around(used, frame), used.line if used is not None else 0
-    if definition is None:
-        return None
     for binding in reversed([b for b in definition.bindings if binds(b.target, place) and b.target.lineno <= line]):
         around = [b for b in definition.blocks if is_inside(binding.target, b.node)]
         around = [b for b in around if not b.node.lineno <= line <= (b.node.end_lineno or 0)]
         if not around:
             continue
         block, name = around[-1], quoted(definition.text, binding.target)
-        loc = findings.at(definition.text, binding.target)
+        loc = definition.at(binding.target)
         if binding.statement is block.node:
-            return findings.index_used(loc, place.name, block.written, line, prefix_of(frame))
+            return RecordError(
+                f"`{place.name}` counts the iterations of `with {block.written}`, and is used after it (line {line})",
+                loc=loc,
+                cure=f"`last = {prefix_of(frame)}Attrib1i()` before the loop, `last[:] = {place.name}` inside, "
+                "`last` after it",
+            )
         before = definition.before(place, block.node)
         value = before[-1].value if before else None
         old = None if not before else value.value if isinstance(value, ast.Constant) else Symbolic()
-        cure = _declaration(block.what, name, place, old, None, definition, binding, block)
-        return findings.rebound(loc, name, block.written, f"after it (line {line})", cure, is_new=not before)
+        cure = _declaration(definition, block, _opened(block.what), binding, name, place, old)
+        return _rebound(loc, name, block.written, f"after it (line {line})", cure, is_new=not before)
     return None
 
 
 def _declaration(
-    what: str,
+    definition: Definition,
+    block: BlockStatement | None,
+    opened: str,
+    binding: Binding | None,
     name: str,
     place: Place,
     old: Any,
-    new: Any,
-    definition: Definition | None = None,
-    binding: Binding | None = None,
-    block: BlockStatement | None = None,
+    new: Any = None,
 ) -> str:
     """Return the store that the user meant, with a declaration before the block if the place held no value."""
-    if isinstance(old, _DISPLAYS) or (isinstance(new, _DISPLAYS) and not isinstance(old, Symbolic)):
-        return findings.stored_each(name)
-    frame = definition.frame if definition is not None else None
-    inside, begin, type_ = f"{name}[:] = …", None, None
-    if definition is not None and binding is not None:
-        type_ = constructor_of(binding.value, frame)
+    if isinstance(old, DISPLAYS) or (isinstance(new, DISPLAYS) and not isinstance(old, Symbolic)):
+        return _each_by_itself(name)
+    inside, type_ = f"{name}[:] = …", None
+    if binding is not None and binding.value is not None:
+        type_ = constructor_of(binding.value, definition.frame)
+        inside = f"{name}[:] = {quoted(definition.text, binding.value)}"
         if binding.grows:
             inside = quoted(definition.text, binding.statement)
-        elif binding.value is not None:
-            inside = f"{name}[:] = {quoted(definition.text, binding.value)}"
     if isinstance(old, Symbolic):
         return inside
-    opened = "the SH_IF" if what in ("SH_ELIF", "SH_ELSE") else "the block"
-    if not isinstance(old, _NUMBERS):
-        return findings.stored(f"`{name} = {type_}()`" if type_ else f"make `{name}` a value", inside, opened)
-    if definition is not None and block is not None:
-        before = definition.before(place, block.node)
-        begin = before[-1].value if before and not before[-1].grows else None
-    local, start = name, f"{old!r}" if begin is None or definition is None else quoted(definition.text, begin)
+    if not isinstance(old, NUMBERS):
+        return _stored(f"`{name} = {type_}()`" if type_ else f"make `{name}` a value", inside, opened)
+    before = definition.before(place, block.node) if block is not None else []
+    begin = before[-1].value if before and not before[-1].grows else None
+    local, start = name, quoted(definition.text, begin) if begin is not None else f"{old!r}"
     if place.attribute is not None and begin is None:  # what is stored into an object would outlive the recording
         local, start, inside = place.attribute, name, inside.replace(name, place.attribute)
-    type_ = type_ or f"{prefix_of(frame)}{_class_for(old, new)}"
-    return findings.stored(f"`{local} = {type_}({start})`", inside, opened)
+    type_ = type_ or f"{prefix_of(definition.frame)}{_class_for(old, new)}"
+    return _stored(f"`{local} = {type_}({start})`", inside, opened)
+
+
+def _opened(what: str) -> str:
+    """Return what a declaration has to stand before: of a branch, the whole chain."""
+    return "the SH_IF" if what in ("SH_ELIF", "SH_ELSE") else "the block"
 
 
 def _class_for(old: Any, new: Any) -> str:

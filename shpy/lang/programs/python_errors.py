@@ -27,7 +27,7 @@ from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture
 from shpy.lang.functions.array import Array
 from shpy.lang.mistakes.explain import conversion_of
-from shpy.lang.mistakes.objects import named
+from shpy.lang.mistakes.expressions import named
 from shpy.lang.recording.location import is_users, loc_in
 from shpy.lang.recording.text import text_of, written
 from shpy.lang.values.matrix import Matrix
@@ -86,7 +86,7 @@ def explain_python_error(
     if "does not support ufuncs" in text:
         call = _running(error.__traceback__, place[0])
         if isinstance(call, ast.Call) and loc.text is not None and isinstance(named(call.func, place[0]), np.ufunc):
-            message, cure = conversion_of(call, loc.text)
+            message, cure = conversion_of(call, loc.text, place[0])
             return RecordError(message, loc=loc, cure=cure)
         return RecordError(
             "numpy's functions cannot take values of the language",

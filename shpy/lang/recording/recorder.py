@@ -90,7 +90,6 @@ class Frame:
         self.unset: set[int] = set()
         self.waiting: list[Any] = []
         self.damage: RecordError | None = None
-        self.fields_stored: tuple[int, dict[int, Loc]] = 0, {}
         self._values = 0
         self._named_at: dict[tuple[str, int, str], int] = {}
 

@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from types import CodeType
 from typing import Any, Final
 
+from shpy.errors import warn
 from shpy.ir.nodes import Loc
 from shpy.parsing import parse
 
@@ -158,6 +159,17 @@ def text_of(code: CodeType) -> Text | None:
 def has_changed(code: CodeType) -> bool:
     """Return whether a text lies under the name of the code's file, but another one than it was compiled from."""
     return text_of(code) is None and bool(linecache.getlines(code.co_filename))
+
+
+def tell_of_change(code: CodeType) -> None:
+    """Give a notice for a function whose file has another text now, and say what is not checked."""
+    if has_changed(code):
+        warn(
+            f"{code.co_filename}:{code.co_firstlineno}: Python runs another {code.co_name} than the file's text has "
+            "there: the text was changed after it was loaded, or as it was loaded. Names that a block binds anew are "
+            "found in the bytecode; mistakes that only a text shows, such as two names of one value, are not looked "
+            "for. Load the file again"
+        )
 
 
 def latest(file: str) -> Text | None:

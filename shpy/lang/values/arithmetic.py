@@ -17,7 +17,7 @@ import numpy as np
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
 from shpy.ir.types import FLOATS, Base, Type, vec
-from shpy.lang.mistakes.precedence import parenthesized
+from shpy.lang.mistakes.expressions import parenthesized
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here, on_one_line
 from shpy.lang.recording.recorder import Frame, current_frame, need_frame

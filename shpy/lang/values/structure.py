@@ -26,7 +26,6 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyTypeError
-from shpy.lang.mistakes.aliases import check_exchange
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.recording.symbolic import Symbolic
@@ -360,10 +359,6 @@ class Struct(Symbolic):
             )
         field = getattr(self, name)
         if field is not value:
-            if is_value(value):
-                frame = current_frame()
-                if frame is not None:
-                    check_exchange(frame, leaves_of(field), leaves_of(value))
             field[:] = value
         else:  # `ray.o += d` stored already
             for leaf in leaves_of(field):

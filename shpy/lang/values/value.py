@@ -21,7 +21,7 @@ from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTyp
 from shpy.ir.constants import encode, to_array
 from shpy.ir.types import vec
 from shpy.lang.mistakes.aliases import check_store
-from shpy.lang.mistakes.foreign import functions, value_cure
+from shpy.lang.mistakes.foreign import value_cure
 from shpy.lang.mistakes.statements import check_none
 from shpy.lang.recording.location import here, on_one_line, user_frame
 from shpy.lang.recording.pickling import cannot_travel
@@ -127,7 +127,7 @@ class Value(AbstractValue):
         if name.startswith("_"):
             return AttributeError(text, name=name, obj=self)
         called = "v" if self._frame is None else self._frame.names[self._variable] or "v"
-        cure = value_cure(name, called, functions())
+        cure = value_cure(name, called)
         if cure is None and any(set(name) <= set(letters) for letters in _SETS) and len(name) <= 4:
             text = f"{type(self).__name__} has no component {name!r}"
         if self.size == 1 and name in ("sum", "mean", "max", "min", "prod"):

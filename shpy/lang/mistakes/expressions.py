@@ -1,28 +1,106 @@
-"""Rewrite the user's expression in the operators of the language, for the texts of cures.
+"""The expressions of a text: which objects they mean in a running frame, and how they are written in the language.
 
-Stage: record. Takes an expression's tree, and the frame that computes it where it is known; returns text.
+Stage: record. Takes an expression's tree, and the frame that computes it where it is known; runs none of it.
 
-    a < b < c → (a < b) & (b < c)      x and not y → x & ~y      1 if c else 2 → sh.cond(c, 1, 2)
-    with an int n:      not n → n == 0      n or 7 → sh.cond(n != 0, n, 7)
+    named: x → the local or global x      self.k → the instance's k      math.sin → the function
+    rewritten: a < b < c → (a < b) & (b < c)      x and not y → x & ~y      1 if c else 2 → sh.cond(c, 1, 2)
+               with an int n:      not n → n == 0      n or 7 → sh.cond(n != 0, n, 7)
+    parenthesized: a < b | c > d, which compares with `b | c` → (a < b) | (c > d)
 """
 
 from __future__ import annotations
 
 import ast
 import copy
+import inspect
 from functools import reduce
-from types import FrameType
+from itertools import pairwise
+from types import FrameType, ModuleType
 from typing import Any, NamedTuple, TypeAlias
 
+from shpy.errors import Loc
 from shpy.ir.types import Base
-from shpy.lang.mistakes.objects import is_vector, named
-from shpy.lang.mistakes.precedence import joined_comparisons
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.parsing import parse
 
 _LONGEST = 96
 _BITS: TypeAlias = ast.BitAnd | ast.BitOr | ast.BitXor
 _OF_BOOLS = ("any", "all")
 _TO_BOOLS = ("isnan", "isinf")
+
+
+def is_vector(thing: object) -> bool:
+    """Return whether this is a scalar or vector of the language, or the class of one."""
+    cls = thing if isinstance(thing, type) else type(thing)
+    return issubclass(cls, Symbolic) and hasattr(cls, "base")
+
+
+def named(node: ast.expr, frame: FrameType | None) -> Any:
+    """Return the object that a name, or a path of attributes, means in `frame`; None without a frame."""
+    if frame is None:
+        return None
+    if isinstance(node, ast.Name):
+        for names in (frame.f_locals, frame.f_globals, frame.f_builtins):
+            if node.id in names:
+                return names[node.id]
+        return None
+    if isinstance(node, ast.Attribute):
+        owner = named(node.value, frame)
+        return None if owner is None or is_vector(owner) else _attribute(owner, node.attr)
+    return None
+
+
+def _attribute(owner: object, name: str) -> Any:
+    """Return an attribute that is stored, not computed."""
+    value = inspect.getattr_static(owner, name, None)
+    if isinstance(value, staticmethod):
+        return value.__func__
+    return None if inspect.isdatadescriptor(value) else value
+
+
+def prefix_of(frame: FrameType | None) -> str:
+    """Return what the user writes before shpy's names: `sh.` after `import shpy as sh`."""
+    for name, thing in frame.f_globals.items() if frame is not None else ():
+        if isinstance(thing, ModuleType) and thing.__name__ == "shpy":
+            return f"{name}."
+    return "sh."
+
+
+def parenthesized(loc: Loc | None) -> str | None:
+    """Return the text of the first chain of comparisons around an `&` or `|` on a line, with its parentheses."""
+    if loc is None or loc.text is None or loc.text.tree is None:
+        return None
+    for node in ast.walk(loc.text.tree):
+        if isinstance(node, ast.Compare) and node.lineno <= loc.line <= (node.end_lineno or node.lineno):
+            joined = joined_comparisons(node)
+            if joined is not None:
+                return ast.unparse(ast.fix_missing_locations(joined))
+    return None
+
+
+def joined_comparisons(node: ast.Compare) -> ast.expr | None:
+    """Return the comparisons that a chain around `0 & b`, as in `a > 0 & b < 1`, was meant to be; None without one."""
+    operands = [node.left, *node.comparators]
+    cuts = [k for k, o in enumerate(operands) if isinstance(o, ast.BinOp) and isinstance(o.op, ast.BitAnd | ast.BitOr)]
+    cuts = [k for k in cuts if 0 < k < len(operands) - 1]
+    if not cuts:
+        return None
+    comparisons, signs = list[ast.expr](), list[ast.operator]()
+    for start, end in pairwise([0, *cuts, len(operands) - 1]):
+        first, last = operands[start], operands[end]
+        left = first.right if start in cuts and isinstance(first, ast.BinOp) else first
+        right = last.left if end in cuts and isinstance(last, ast.BinOp) else last
+        comparisons.append(ast.Compare(left, node.ops[start:end], [*operands[start + 1 : end], right]))
+        if end in cuts and isinstance(last, ast.BinOp):
+            signs.append(last.op)
+    groups = [[comparisons[0]]]  # `&` binds tighter than `|`, as `and` does
+    for sign, comparison in zip(signs, comparisons[1:], strict=True):
+        if isinstance(sign, ast.BitAnd):
+            groups[-1].append(comparison)
+        else:
+            groups.append([comparison])
+    whole = [reduce(lambda a, b: ast.BinOp(a, ast.BitAnd(), b), group) for group in groups]
+    return reduce(lambda a, b: ast.BinOp(a, ast.BitOr(), b), whole)
 
 
 class _Form(NamedTuple):
