@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from operation_tables import table_of_functions, table_of_operations
 from PIL import Image as pillow
 
 import shpy as sh
 from benchmarks.record import glsl_text
 from raytracer.meshes.shapes import knot
-from shpy.ir.listing import table_of_functions, table_of_operations
 
 ROOT = Path(__file__).parents[1]
 RUN = [

@@ -1,9 +1,6 @@
 """The table of operations as Markdown: docs/numerics.md shows it, docs/language.md the functions that users call.
 
-Stage: represent. Takes `ops.OPS`, gives text.
-
->>> print(table_of_operations().splitlines()[0])
-| operation | types | exact meaning | strict | portable | relaxed | f64 |
+`scripts/test tests/test_documentation.py --update-snapshots` writes them.
 """
 
 from __future__ import annotations
