@@ -76,7 +76,7 @@ class Argument(Source):
         raise RecordError(f"{self.name} has data only when the program runs", loc=here())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class HostArrays(Source):
     """The user's data, or copies of them."""
 
@@ -88,12 +88,13 @@ class HostArrays(Source):
     def of(cls, array: Any, layout: Layout, name: str | None, *, copy: bool) -> HostArrays:
         """Check an array, or a nest of arrays as the layout has it; ShpyTypeError for what does not fit."""
         spoken = f"the Table {name}" if name else "a Table"
+        if isinstance(layout, Leaf):  # at once, since runs make such tables of arguments
+            return cls(layout, (HostArray(array, layout.cls, spoken, copy=copy),), spoken)
         paths = list(leaves(layout, name or "table"))
         entries = flatten(layout, array, spoken)
-        labels = [spoken] if isinstance(layout, Leaf) else [f"the Table {path}" for path, _, _ in paths]
         arrays = [
-            HostArray(entry, type_, label, copy=copy)
-            for (_, _, type_), label, entry in zip(paths, labels, entries, strict=True)
+            HostArray(entry, type_, f"the Table {path}", copy=copy)
+            for (path, _, type_), entry in zip(paths, entries, strict=True)
         ]
         shapes = {path: part.shape for (path, _, _), part in zip(paths, arrays, strict=True)}
         if len(set(shapes.values())) > 1:

@@ -81,8 +81,7 @@ class Table:
         if hasattr(array, "table_source"):  # a stream
             source = array.table_source(type)
         else:
-            layout = layout_of(type if is_compound(type) else element_class(type), "an element")
-            source = HostArrays.of(array, layout, label, copy=copy)
+            source = HostArrays.of(array, _layout(type), label, copy=copy)
         self._become(source, label, unique and name is not None)
 
     def _become(self, source: Source, name: str | None, named: bool) -> None:
@@ -237,6 +236,12 @@ def element_class(type_: Any) -> type[Value]:
     if not (isinstance(type_, type) and issubclass(type_, Value) and hasattr(type_, "kind")):
         raise ShpyTypeError(f"a Table holds values of the language, not {type_!r}", loc=here(), cure="sh.Attrib4f")
     return type_
+
+
+def _layout(type_: Any) -> Layout:
+    """Return the layout of elements; ShpyTypeError for anything but values, structs and matrices of the language."""
+    is_value = isinstance(type_, type) and issubclass(type_, Value)
+    return layout_of(type_, "an element") if not is_value and is_compound(type_) else Leaf(element_class(type_))
 
 
 def is_compound(type_: Any) -> bool:
