@@ -169,9 +169,9 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         "strict", the same bits on every backend; "portable", the same by formulas that use no binary64; "relaxed", the
         target's own functions within OpenCL's bounds; or "fast", whatever is fastest, where NaN and infinity may
         vanish. `lanes` is how many elements OpenCL runs together: 4, 8 or 16; 32 or 64 where the driver's compiler
-        takes such vectors; 1; or "auto": 1 on a GPU, and on a CPU two or four of its vectors, by the
-        form of the program. Strict and portable mode give the same bits at every width; relaxed
-        and fast mode may not, so a width written out keeps their bits steady from run to run.
+        takes such vectors; 1; or "auto": 1 on a GPU, and on a CPU one, two or four of its vectors, by the form of the
+        program. Strict and portable mode give the same bits at every width; relaxed and fast mode may not, so a width
+        written out keeps their bits the same on another processor.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
         options = self._options(device, precision, math, lanes, loop_limit)
