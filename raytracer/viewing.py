@@ -118,7 +118,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     sky, shown = _skies(options), _shown(options)
     if options.scene in SCENES:
         return _altered(Scene.builtin(options.scene), options, sky, shown)
-    return _painted(find_scene(options.scene, **_reading(options, sky)), shown)
+    return _painted(find_scene(options.scene, **_framing(options, sky), strict=options.strict), shown)
 
 
 def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Callable[[float], Any]:
@@ -155,10 +155,6 @@ def _framing(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> di
     """Return the keywords of `Scene.load` for the options."""
     up = _AXES["y"] if options.up is None else options.up
     return {"up": up, "camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
-
-
-def _reading(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> dict[str, Any]:
-    return _framing(options, sky) | {"strict": options.strict}
 
 
 def _shown(options: argparse.Namespace) -> Background | None:

@@ -30,13 +30,13 @@ _FLAT = 2.0**-20
 class Motion:
     """The meshes of a scene at their places; `changed` are the numbers of those that the picture does not show yet.
 
-    Each has the mesh that was given or deformed last, and the matrix by which it is transformed.
+    Each has the mesh that was given or deformed last, in `untransformed`, and the matrix by which it is transformed.
     """
 
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         self.meshes = list(meshes)
         self.changed: set[int] = set()
-        self._untransformed = list(meshes)
+        self.untransformed = list(meshes)
         self._shown = list(meshes)
         self._transforms: dict[int, NDArray[np.float64]] = {}
         self._bounds: dict[int, NDArray[np.float64]] = {}
@@ -45,7 +45,7 @@ class Motion:
     def move(self, name: str | int, transform: ArrayLike) -> None:
         """Transform all meshes of a name, or the one of a number, as they were given."""
         matrix, numbers = affine(transform), self.numbers(name)
-        placed = {number: self._untransformed[number].transformed(matrix) for number in numbers}
+        placed = {number: self.untransformed[number].transformed(matrix) for number in numbers}
         for number, mesh in placed.items():
             self._transforms[number] = matrix
             self._take(number, mesh)
@@ -56,7 +56,7 @@ class Motion:
         if others:
             places = ", ".join(map(str, [number, *others]))
             raise SceneError(f"there are {len(others) + 1} meshes {name!r}: deform one of them by its number, {places}")
-        mesh = self._untransformed[number]
+        mesh = self.untransformed[number]
         if normals is not None and mesh.normals is None:
             raise SceneError(f"{mesh.name}: the mesh is flat, and has no normals: deform it without normals")
         deformed = mesh.with_vertices(vertices, normals)
@@ -64,7 +64,7 @@ class Motion:
             deformed = deformed.smoothed()
         transform = self._transforms.get(number)
         placed = deformed if transform is None else deformed.transformed(transform)
-        self._untransformed[number] = deformed
+        self.untransformed[number] = deformed
         self._take(number, placed)
 
     def suit(self, meshes: Sequence[Mesh], *, still: bool) -> bool:
@@ -76,7 +76,7 @@ class Motion:
     def follow(self, meshes: Sequence[Mesh]) -> None:
         """Replace the meshes by others that `suit`."""
         for number, (mesh, before) in enumerate(zip(meshes, self.meshes, strict=True)):
-            self._untransformed[number] = mesh
+            self.untransformed[number] = mesh
             self._transforms.pop(number, None)
             if _equal(mesh, before):
                 self.meshes[number] = mesh  # its material may be another one
@@ -93,10 +93,6 @@ class Motion:
             names = list(dict.fromkeys(mesh.name for mesh in self.meshes))
             raise SceneError(f"the scene has no mesh {name!r}: its meshes are {named(names) or 'none'}")
         return numbers
-
-    def untransformed(self, number: int) -> Mesh:
-        """Return a mesh before it is transformed."""
-        return self._untransformed[number]
 
     def transform(self, number: int) -> NDArray[np.float64]:
         """Return the matrix by which a mesh is transformed."""
@@ -238,4 +234,4 @@ def _pose(motion: Motion, number: int) -> tuple[Mesh, NDArray[np.float64]]:
     turn = matrix[:3, :3]
     if abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) < _FLAT:
         return motion.meshes[number], np.eye(4)
-    return motion.untransformed(number), matrix
+    return motion.untransformed[number], matrix

@@ -245,27 +245,16 @@ def meet(
     With `touching`, which makes one of the filter of hits, it is a `TouchingHit`, unless rays go through a layered
     depth cube.
     """
-    if touching is not None and not (isinstance(walk, SplitWalk) and isinstance(walk.secondary, LayeredIntersector)):
-        return _meet_touching(walk, is_eye, touching(walk.accept), ray, eye, any_hit)
-    if not isinstance(walk, SplitWalk):
+    layered = isinstance(walk, SplitWalk) and isinstance(walk.secondary, LayeredIntersector)
+    touches = touching is not None and not layered
+    if not (touches or isinstance(walk, SplitWalk)):
         return walk(ray, eye, 0.0, limit, any_hit)
-    hit = RayHit(limit, walk.accept)
-    if isinstance(walk.secondary, LayeredIntersector) and walk.secondary.notes:
-        hit.sample = sh.Attrib1i(-1)
-    with SH_IF(is_eye()):
-        walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
-    with SH_ELSE():
-        walk.secondary.collect(hit, ray, eye, 0.0, 0.0, any_hit)
-    return hit
-
-
-def _meet_touching(
-    walk: Walk | SplitWalk, is_eye: Callable[[], Any], hit: TouchingHit, ray: Any, eye: Any, any_hit: Any
-) -> TouchingHit:
-    """Find the nearest hits of several surfaces."""
+    hit = touching(walk.accept) if touching is not None and touches else RayHit(limit, walk.accept)
     if not isinstance(walk, SplitWalk):
         walk.collect(hit, ray, eye, 0.0, 0.0, any_hit)
         return hit
+    if isinstance(walk.secondary, LayeredIntersector) and walk.secondary.notes:
+        hit.sample = sh.Attrib1i(-1)
     with SH_IF(is_eye()):
         walk.exact.collect(hit, ray, eye, 0.0, 0.0, False)
     with SH_ELSE():

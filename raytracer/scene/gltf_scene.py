@@ -268,7 +268,8 @@ class GltfScene:
         if mode not in (4, 5, 6):
             self.notices.ignore("points and lines")
             return None
-        self._check_targets(primitive)
+        targets = [table({"target": target}, "target") for target in rows(primitive, "targets")]
+        self.notices.ignore("morph targets of colours or uv", sum(bool(t.keys() - _MORPHED) for t in targets))
         attributes, look = table(primitive, "attributes"), self._look(primitive)
         vertices = self._positions(primitive, attributes)
         order = self._order(primitive, len(vertices))
@@ -304,10 +305,6 @@ class GltfScene:
         with self._entry(_SHAPE, where):
             deformation = deformation_of(self.document, primitive, mesh, normals, kept)
         return _Part(mesh, deformation)
-
-    def _check_targets(self, primitive: dict[str, Any]) -> None:
-        targets = [table({"target": target}, "target") for target in rows(primitive, "targets")]
-        self.notices.ignore("morph targets of colours or uv", sum(bool(t.keys() - _MORPHED) for t in targets))
 
     def _positions(self, primitive: dict[str, Any], attributes: dict[str, Any]) -> NDArray[Any]:
         """Return the places of the vertices (V, 3) of a primitive."""
