@@ -1,10 +1,25 @@
-"""Comparisons of pictures: all layers to the bit, and frames of a scene that moves against scenes built anew."""
+"""A small scene that several files render, and comparisons: of all layers of pictures, of hits, of frames."""
 
 import numpy as np
 
-from raytracer import Renderer
+from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
+BACKENDS = ["numpy", "opencl", "glsl"]
 SIZE = (40, 30)
+LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
+
+
+def small(ground=12, **changes):
+    """Return a smooth mirror, flat bodies and a floor of this size under two lights; `changes` replace parts."""
+    meshes = [
+        sphere(1.0, Material((0.7, 0.7, 0.8), reflectivity=0.4), rings=6, segments=10).moved((0, 1, 0)),
+        box((1, 1, 1), Material((0.9, 0.3, 0.2))).moved((1.4, 0.5, 0.8), turn=30),
+        icosahedron(0.6, Material((0.2, 0.6, 0.3), specular=0.6)).moved((-1.3, 0.5, 0.9)),
+        floor(ground, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)),
+    ]
+    parts = {"meshes": meshes, "lights": LIGHTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
+    return Scene(**(parts | changes))
 
 
 def same(found, wanted):
@@ -12,6 +27,12 @@ def same(found, wanted):
     for name, layer in wanted.layers.items():
         assert found.layers[name].dtype == layer.dtype, name
         np.testing.assert_array_equal(found.layers[name].view(np.uint32), layer.view(np.uint32), err_msg=name)
+
+
+def same_arrays(found, expected):
+    """Assert that each array, such as the fields of hits, equals the other one."""
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def frames(scenes):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_pictures import BACKENDS, same_arrays
 
 from raytracer import Camera, DirectionalLight, Intersector, Material, Mesh, PointLight, Scene, cli, render
 from raytracer.accel.ploc import build_bvh
@@ -12,8 +13,6 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
 from raytracer.rays import alike
-
-BACKENDS = ["numpy", "opencl", "glsl"]
 
 
 def bricks():
@@ -48,11 +47,6 @@ def rays(mesh, count=2000, seed=1):
     return origins.astype(np.float32), directions.astype(np.float32)
 
 
-def same(hits, others):
-    for found, expected in zip(hits, others, strict=True):
-        np.testing.assert_array_equal(found, expected)
-
-
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
@@ -62,7 +56,7 @@ def test_hits_are_those_of_every_triangle(name, backend):
     bvh, brute = (Intersector(mesh, accel=accel, backend=backend) for accel in ("bvh", "brute"))
     hits = bvh.intersect(origins, directions)
     assert (hits.triangle >= 0).sum() > 100
-    same(hits, brute.intersect(origins, directions))
+    same_arrays(hits, brute.intersect(origins, directions))
     limit = np.random.default_rng(3).uniform(0, 2, len(origins))
     found = bvh.occluded(origins, directions, limit)
     np.testing.assert_array_equal(found, brute.occluded(origins, directions, limit))
@@ -108,7 +102,7 @@ def test_rays_may_walk_together_or_alone(name, query, widths):
     kernels += [wide.compile(backend, loop_limit=None) for backend in ("numpy", "glsl")]
     first, *others = (kernel(origins, directions, 0.0, limit, (0, 0, 0), 1.0) for kernel in kernels)
     for other in others:
-        same(first, other)
+        same_arrays(first, other)
 
 
 def test_rays_that_have_nothing_in_common_walk_alone():
@@ -120,7 +114,7 @@ def test_rays_that_have_nothing_in_common_walk_alone():
     assert not alike(origins, directions, low, high)
     assert alike(np.tile([5.0, 0, 0], (1600, 1)), -fan / np.linalg.norm(fan, axis=1)[:, None], low, high)
     bvh = Intersector(mesh, accel="bvh", backend="opencl")
-    same(
+    same_arrays(
         bvh.intersect(origins, directions),
         Intersector(mesh, accel="brute", backend="numpy").intersect(origins, directions),
     )
@@ -163,7 +157,7 @@ def test_scenes_of_all_sizes(scale):
     bvh, brute = (Intersector(mesh, accel=accel, backend="numpy") for accel in ("bvh", "brute"))
     hits = bvh.intersect(origins * scale, directions * scale)
     assert (hits.triangle >= 0).sum() > 100
-    same(hits, brute.intersect(origins * scale, directions * scale))
+    same_arrays(hits, brute.intersect(origins * scale, directions * scale))
 
 
 def test_a_scene_far_away():
@@ -186,7 +180,7 @@ def test_other_precisions(precision):
     hits = bvh.intersect(origins, directions)
     assert hits.t.dtype == {"f16": np.float16, "f64": np.float64}[precision]
     assert (hits.triangle >= 0).sum() > 100
-    same(hits, brute.intersect(origins, directions))
+    same_arrays(hits, brute.intersect(origins, directions))
 
 
 def test_no_ray_leaks_through_the_edges_and_corners_of_a_closed_mesh():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_surfaces import BACKENDS, same
+from scene_pictures import BACKENDS, same
 
 from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, SceneError, Surface, render
 from raytracer.integrators.layers import BANDS

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_surfaces import same
+from scene_pictures import same
 
 from raytracer import (
     Camera,

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from test_surfaces import BACKENDS, same
+from scene_pictures import BACKENDS, same
 
 import shpy as sh
 from raytracer import (

@@ -8,9 +8,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scene_pictures import BACKENDS
 from test_cameras import places, wall
 from test_glass import CLEAR, fresnel, rays_of
-from test_surfaces import BACKENDS
 
 from raytracer import Camera, EnvironmentLight, Material, Renderer, Scene, Surface, render
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere

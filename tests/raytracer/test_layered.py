@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from scene_pictures import BACKENDS, same_arrays
 
 import shpy as sh
 from raytracer import Intersector, LayeredCube, Mesh, Renderer, Scene, SceneError, cli, render
@@ -14,7 +15,6 @@ from raytracer.layered.raster import INVERSE, LOW, SLACK
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, icosahedron, knot, sphere
 
-BACKENDS = ["numpy", "opencl", "glsl"]
 SOUP = Mesh(np.random.default_rng(5).normal(size=(240, 3)), np.arange(240).reshape(-1, 3))
 KNOT = knot(segments=40, sides=8)
 THIN = Mesh([[0, 0, 0], [1, 1e-6, 0.3], [1, 0, 0.3], [0, 0, 1], [1e-7, 1, 1]], [[0, 1, 2], [0, 3, 4], [0, 2, 2]])
@@ -45,11 +45,6 @@ def rays(mesh, count, seed=1):
     directions[::7] *= np.eye(3, dtype=np.float32)[rng.integers(0, 3, len(directions[::7]))]
     directions[~directions.any(axis=1)] = 1
     return origins.astype(np.float32), directions
-
-
-def same(one, other):
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("conservative", [False, True])
@@ -154,7 +149,7 @@ def test_hits_of_triangles_are_those_of_the_hierarchy(name):
     hits = exact.intersect(origins, directions)
     assert (hits.triangle >= 0).sum() > 100
     cube = LayeredCube.of(mesh, 50, 16, "opencl", "triangle")
-    same(Intersector(mesh, cube, "opencl").intersect(origins, directions), hits)
+    same_arrays(Intersector(mesh, cube, "opencl").intersect(origins, directions), hits)
 
 
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
@@ -165,11 +160,11 @@ def test_every_backend_gives_the_same_hits(hit):
     hits = one.intersect(origins, directions)
     assert (hits.triangle >= 0).sum() > 50
     for other in others:
-        same(other.intersect(origins, directions), hits)
+        same_arrays(other.intersect(origins, directions), hits)
     if hit == "plane":
         left, *same_rays = (shoot.intersect(origins, directions, leaving=True) for shoot in (one, *others))
         for found in same_rays:
-            same(found, left)
+            same_arrays(found, left)
 
 
 def test_hits_of_centres_are_true_and_misses_fall_with_the_resolution():
@@ -273,7 +268,7 @@ def test_rays_from_far_away_hit_what_they_hit_in_the_hierarchy():
     origins = origins - 1e4 * directions / np.linalg.norm(directions, axis=1)[:, None]
     exact = Intersector(KNOT, backend="opencl").intersect(origins, directions)
     assert (exact.triangle >= 0).sum() > 200
-    same(Intersector(KNOT, "ldc:128:triangle", "opencl").intersect(origins, directions), exact)
+    same_arrays(Intersector(KNOT, "ldc:128:triangle", "opencl").intersect(origins, directions), exact)
 
 
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
@@ -419,7 +414,7 @@ def test_every_width_of_packets_gives_the_same_hits(hit):
     one, *others = (program.compile("opencl", lanes=lanes, loop_limit=None)(*inputs) for lanes in (1, 4, 8, 16))
     assert (one.triangle >= 0).sum() > 1000
     for found in others:
-        same(found, one)
+        same_arrays(found, one)
 
 
 @pytest.mark.slow
@@ -429,7 +424,7 @@ def test_a_million_hits_are_those_of_the_hierarchy(name):
     origins, directions = rays(mesh, 1_000_000, seed=4)
     exact = Intersector(mesh, backend="opencl").intersect(origins, directions)
     for resolution in (64, 512):
-        same(Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions), exact)
+        same_arrays(Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions), exact)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -448,7 +443,7 @@ def test_a_floor_that_is_far_larger_takes_no_texels(backend):
     assert of_floor.sum() > 100
     assert (found.triangle == exact.triangle)[of_floor].mean() > 0.97
     both = of_floor & (found.triangle == exact.triangle)
-    same([part[both] for part in found], [part[both] for part in exact])
+    same_arrays([part[both] for part in found], [part[both] for part in exact])
     bare = Intersector(KNOT.moved((0, 3, 0)), alone, backend).intersect(origins, directions)
     knot_first = (found.triangle >= 0) & (found.triangle < len(KNOT))
     assert knot_first.sum() > 100

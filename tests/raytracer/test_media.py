@@ -9,8 +9,8 @@ import itertools
 
 import numpy as np
 import pytest
+from scene_pictures import BACKENDS, same
 from test_glass import fresnel, rays_of
-from test_surfaces import BACKENDS, same
 
 from raytracer import (
     Camera,

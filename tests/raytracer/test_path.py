@@ -109,7 +109,7 @@ def test_a_floor_under_a_square_light(side, height):
     agrees(image, 0.4 * 3 * form_factor(side / 2, height))
 
 
-@pytest.mark.parametrize(("falloff", "sign"), [("none", 1), ("square", 1), ("none", -1)])
+@pytest.mark.parametrize(("falloff", "sign"), [("square", 1), ("none", -1)])
 def test_point_lights_are_those_of_the_other_integrator(falloff, sign):
     lights = [PointLight((1, 3, 1), (sign * 0.9, sign * 0.6, sign * 0.3), falloff=falloff)]
     ground = floor(9, Material((0.5, 0.6, 0.7), diffuse=0.8, specular=0))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from oracle import crossings, distances
+from scene_pictures import BACKENDS, same_arrays
 
 from raytracer import Intersector, Mesh, Scene, SceneError
 from raytracer.accel.ploc import build_bvh
@@ -15,7 +16,6 @@ from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.meshes.mesh import joined
 from raytracer.meshes.shapes import box, floor, knot, sphere
 
-BACKENDS = ["numpy", "opencl", "glsl"]
 SOUP = Mesh(np.random.default_rng(5).normal(size=(600, 3)), np.arange(600).reshape(-1, 3))
 SLABS = joined([box((1, 1, 0.01)).moved((0, 0, 0.1 * k)) for k in range(30)])
 MESHES = {"soup": SOUP, "five in one place": joined([knot(segments=20, sides=6)] * 5), "slabs": SLABS}
@@ -25,11 +25,6 @@ def rays(count, seed=1):
     rng = np.random.default_rng(seed)
     origins = rng.normal(size=(count, 3)) * 2
     return origins.astype(np.float32), (rng.normal(size=(count, 3)) - origins / 2).astype(np.float32)
-
-
-def same(found, expected):
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.sampled(2)
@@ -51,7 +46,7 @@ def test_all_hits_are_those_of_brute_force_in_order(name, backend):
     )
     assert np.all(follows | ~same_ray)
     first, hits = every.offsets[:-1][count > 0], shoot.intersect(origins, directions)
-    same((part[first] for part in every[1:]), (part[count > 0] for part in hits))
+    same_arrays((part[first] for part in every[1:]), (part[count > 0] for part in hits))
     np.testing.assert_array_equal(hits.triangle >= 0, count > 0)
 
 
@@ -71,7 +66,7 @@ def test_all_accelerators_and_backends_find_the_same(backend, accelerators):
     expected = Intersector(SOUP, accel="brute", backend="numpy").all_hits(origins, directions)
     for accel in accelerators:
         shoot = Intersector(SOUP, accel=accel, backend=backend)
-        same(shoot.all_hits(origins, directions), expected)
+        same_arrays(shoot.all_hits(origins, directions), expected)
         np.testing.assert_array_equal(shoot.count(origins, directions), np.diff(expected.offsets))
 
 
@@ -90,7 +85,7 @@ def test_every_width_and_walk_lists_the_same_hits(widths):
     (first, *_), *others = (kernel(*inputs) for kernel in kernels)
     assert (first.triangle[:, -1] >= 0).any()
     for other, *_ in others:
-        same(other, first)
+        same_arrays(other, first)
 
 
 def test_a_ray_through_edges_and_corners_hits_every_triangle_there():
@@ -114,7 +109,7 @@ def test_the_range_is_that_of_the_hits(backend):
     every, some = shoot.all_hits(origins, directions, -100), shoot.all_hits(origins, directions, low, high)
     inside = (every.t >= low[every.ray]) & (every.t < high[every.ray])
     assert (every.t < 0).any()
-    same((some.ray, *some[1:]), (every.ray[inside], *(part[inside] for part in every[1:])))
+    same_arrays((some.ray, *some[1:]), (every.ray[inside], *(part[inside] for part in every[1:])))
 
 
 def test_distances_too_small_for_f32_do_not_repeat_a_hit():
@@ -158,10 +153,10 @@ def test_arrays_of_all_kinds_are_the_same_rays():
     swapped = [a.astype(">f8") for a in (origins, directions)]
     narrow = [a.astype(np.float16) for a in (origins, directions)]
     for given in ([a.tolist() for a in (origins, directions)], backwards, wide, swapped, narrow):
-        same(shoot.intersect(*given), expected)
+        same_arrays(shoot.intersect(*given), expected)
     for array in backwards:
         array.setflags(write=False)
-    same(shoot.intersect(*backwards), expected)
+    same_arrays(shoot.intersect(*backwards), expected)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -172,7 +167,7 @@ def test_numbers_that_f32_does_not_hold_are_converted_in_f64(backend):
     expected = shoot.intersect(origins, directions)
     for exponent in (-900, -130, 200, 900):
         hits = shoot.intersect(origins, directions * 2.0**exponent)
-        same(hits[1:], expected[1:])
+        same_arrays(hits[1:], expected[1:])
     mixed = directions * np.where(np.arange(100) == 50, 2.0**-100, 1)[:, None]
     hits = shoot.intersect(origins, mixed)
     np.testing.assert_array_equal(hits.triangle, expected.triangle)
@@ -277,7 +272,7 @@ def test_rays_that_leave_a_surface_do_not_meet_it(backend, alone, monkeypatch):
     below = (start - np.sign(normal) * depth).astype(np.float32)
     assert not (shoot.intersect(below, away, leaving=True).triangle == own).any()
     ahead = again.t > 1e-2  # what lies farther ahead is met all the same
-    same((part[ahead] for part in leaving), (part[ahead] for part in again))
+    same_arrays((part[ahead] for part in leaving), (part[ahead] for part in again))
     far = shoot.count(start, away, 1e-3)
     np.testing.assert_array_equal(shoot.count(start, away, leaving=True), far)
     np.testing.assert_array_equal(shoot.occluded(start, away, leaving=True), far > 0)
@@ -310,7 +305,7 @@ def test_every_walk_keeps_rays_from_their_own_surface_in_the_same_way(start, wid
     kernels.append(programs[2].compile("numpy", loop_limit=None))
     first, *others, unbound = (kernel(origins, directions, 0.0, np.inf, (0, 0, 0), 1.0) for kernel in kernels)
     for other in others:
-        same(other, first)
+        same_arrays(other, first)
     found = [unbound, first]
     at_once = [np.sum(hits.t < 1e-5) for hits in found]
     assert at_once[1] < at_once[0]
@@ -339,7 +334,7 @@ def test_closest_points_are_those_of_brute_force(backend):
     on = distances(SOUP.corners, found.points)[np.arange(len(POINTS)), found.triangles]
     near = np.linalg.norm(POINTS, axis=1) < 10
     assert on[near].max() < 2e-6
-    same(found, Intersector(SOUP, backend="numpy").closest_point(POINTS))
+    same_arrays(found, Intersector(SOUP, backend="numpy").closest_point(POINTS))
 
 
 @pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
@@ -347,7 +342,7 @@ def test_closest_points_have_the_same_bits_at_every_width(widths):
     program = nearby.closest_point(WideIntersector(build_bvh(SOUP.corners), triangle_rows(SOUP.corners)))
     expected = program.compile("numpy", loop_limit=None)(POINTS)
     for lanes in widths:
-        same(program.compile("opencl", lanes=lanes, loop_limit=None)(POINTS), expected)
+        same_arrays(program.compile("opencl", lanes=lanes, loop_limit=None)(POINTS), expected)
 
 
 def test_closest_points_of_triangles_without_area():

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from oracle import Picture
+from scene_pictures import BACKENDS, LIGHTS, small
 
 import shpy as sh
 from raytracer import (
     Camera,
-    DirectionalLight,
     LayeredCube,
     Material,
     Mesh,
@@ -28,21 +28,6 @@ from raytracer.animation import animate
 from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 from raytracer.scenes import SCENES
-
-BACKENDS = ["numpy", "opencl", "glsl"]
-SPOTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
-
-
-def small(**changes):
-    mirror = Material((0.7, 0.7, 0.8), reflectivity=0.4)
-    meshes = [
-        sphere(1.0, mirror, rings=6, segments=10).moved((0, 1, 0)),
-        box((1, 1, 1), Material((0.9, 0.3, 0.2))).moved((1.4, 0.5, 0.8), turn=30),
-        icosahedron(0.6, Material((0.2, 0.6, 0.3), specular=0.6)).moved((-1.3, 0.5, 0.9)),
-        floor(12, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)),
-    ]
-    given = {"meshes": meshes, "lights": SPOTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
-    return Scene(**(given | changes))
 
 
 def near(pixels, other, shares=((1 / 255, 0.99), (0.02, 0.995))):
@@ -86,9 +71,9 @@ def test_boxes_is_the_oracles(backend):
     "changes",
     [
         {"lights": ()},
-        {"lights": SPOTS[:1]},
-        {"lights": SPOTS[1:]},
-        {"lights": (*SPOTS, PointLight((-4, 3, 2), (0.2, 0.5, 0.2)))},
+        {"lights": LIGHTS[:1]},
+        {"lights": LIGHTS[1:]},
+        {"lights": (*LIGHTS, PointLight((-4, 3, 2), (0.2, 0.5, 0.2)))},
         {"ambient": 0.0, "background": (0, 0, 0)},
         {"meshes": [box()]},
         {"meshes": [sphere(rings=8, segments=12)], "lights": ()},
@@ -225,7 +210,7 @@ def test_a_renderer_serves_sizes_and_cameras():
 
 def test_an_empty_scene_is_background():
     for meshes in ([], [Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))]):
-        image = render(Scene(meshes, SPOTS, background=(0.1, 0.2, 0.3)), (5, 4), backend="numpy")
+        image = render(Scene(meshes, LIGHTS, background=(0.1, 0.2, 0.3)), (5, 4), backend="numpy")
         np.testing.assert_array_equal(image.pixels, np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (4, 5, 3)))
         assert np.all(image.object_id == -1)
 
@@ -341,7 +326,7 @@ def test_depth_beside_a_huge_triangle_is_that_of_the_plane():
         ground = floor(1e12).moved(tilt=tilt)
         ball = sphere(1.0, rings=8, segments=12).moved((0, 1, 0))
         camera = Camera((0, 6, 9), (0, 0, 0), fov=50)
-        image = render(Scene([ground, ball], SPOTS, camera), (24, 24), backend="numpy", bounces=0)
+        image = render(Scene([ground, ball], LIGHTS, camera), (24, 24), backend="numpy", bounces=0)
         view = camera.view(24, 24)
         rows, columns = np.mgrid[:24, :24][..., None] + 0.5
         rays = view.corner + columns * view.across + rows * view.down

@@ -2,34 +2,19 @@
 
 import numpy as np
 import pytest
-from scene_pictures import same
+from scene_pictures import LIGHTS, same, small
 
-from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Renderer, Scene, SceneError, Staged, render
+from raytracer import Camera, Mesh, Renderer, Scene, SceneError, Staged, render
 from raytracer.cli import main
 from raytracer.integrators.layers import BANDS
-from raytracer.meshes.shapes import box, floor, icosahedron, sphere
-
-BACKENDS = ["numpy", "opencl", "glsl"]
-LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
+from raytracer.meshes.shapes import box, floor, sphere
 
 
-def small(**changes):
-    """Triangles inside and outside of the grid, smooth and flat, a mirror, two lights."""
-    meshes = [
-        sphere(1.0, Material((0.7, 0.7, 0.8), reflectivity=0.4), rings=6, segments=10).moved((0, 1, 0)),
-        box((1, 1, 1), Material((0.9, 0.3, 0.2))).moved((1.4, 0.5, 0.8), turn=30),
-        icosahedron(0.6, Material((0.2, 0.6, 0.3), specular=0.6)).moved((-1.3, 0.5, 0.9)),
-        floor(60, Material((0.5, 0.5, 0.5), specular=0.0, reflectivity=0.2)),
-    ]
-    given = {"meshes": meshes, "lights": LIGHTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
-    return Scene(**(given | changes))
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", ["numpy", "opencl", pytest.param("glsl", marks=pytest.mark.slow)])
 def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend, monkeypatch):
     # A small picture, too, copies its last rays to other streams.
     monkeypatch.setattr("raytracer.integrators.staged.LEAST", 16)
-    scene = small()
+    scene = small(60)  # triangles inside and outside of the grid
     unified = render(scene, (24, 16), backend=backend, bounces=1, accel="grid")
     staged = Renderer(scene, backend=backend, bounces=1, tracer="staged")
     assert staged.layout.structure.outside == 2
@@ -62,7 +47,7 @@ def test_built_in_scenes(scene):
     ids=["no light", "neither light nor mirror", "nothing outside the grid", "vertex colours"],
 )
 def test_what_a_scene_lacks_changes_nothing(changes):
-    scene = small(**changes)
+    scene = small(60, **changes)
     unified = render(scene, (20, 16), backend="numpy", bounces=1)
     same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
 
@@ -74,29 +59,29 @@ def test_what_a_scene_lacks_changes_nothing(changes):
 )
 def test_options_mean_what_they_mean_to_the_unified_kernel(options):
     given = {"accel": "grid", "bounces": 1, "backend": "numpy", **options}
-    same(render(small(), (18, 12), tracer="staged", **given), render(small(), (18, 12), **given))
+    same(render(small(60), (18, 12), tracer="staged", **given), render(small(60), (18, 12), **given))
 
 
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow)])
 def test_half_precision_means_what_it_means_to_the_unified_kernel(backend):
     given = {"bounces": 1, "backend": backend, "precision": "f16"}
-    unified = render(small(), (24, 16), accel="grid", **given)
-    same(render(small(), (24, 16), tracer="staged", **given), unified)
+    unified = render(small(60), (24, 16), accel="grid", **given)
+    same(render(small(60), (24, 16), tracer="staged", **given), unified)
     assert len(np.unique(unified.object_id)) == 5, "the floor, three things on it and the sky are in the picture"
-    other = render(small(), (24, 16), accel="grid", **(given | {"precision": "f32"}))
+    other = render(small(60), (24, 16), accel="grid", **(given | {"precision": "f32"}))
     assert not np.array_equal(unified.pixels, other.pixels)
 
 
 def test_another_camera_and_size_need_no_new_kernels():
-    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
+    renderer = Renderer(small(60), backend="numpy", bounces=1, tracer="staged")
     renderer.render((8, 8))
     camera = Camera((-3, 2, 5), (0, 0.5, 0))
-    unified = render(small(camera=camera), (20, 10), backend="numpy", bounces=1)
+    unified = render(small(60, camera=camera), (20, 10), backend="numpy", bounces=1)
     same(renderer.render((20, 10), camera=camera), unified)
 
 
 def test_bands_of_rows_make_the_same_picture(monkeypatch):
-    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged")
+    renderer = Renderer(small(60), backend="numpy", bounces=1, tracer="staged")
     whole = renderer.render((16, 12))
     monkeypatch.setitem(BANDS, "staged", 16 * 5)
     same(renderer.render((16, 12)), whole)
@@ -104,7 +89,7 @@ def test_bands_of_rows_make_the_same_picture(monkeypatch):
 
 def test_the_threshold_decides_how_often_the_intersector_runs():
     """One cell or triangle a call, as in the thesis: the more rays must wait, the fewer calls of the intersector."""
-    renderer = Renderer(small(), backend="numpy", bounces=1, tracer="staged", grid=12)
+    renderer = Renderer(small(60), backend="numpy", bounces=1, tracer="staged", grid=12)
     renderer.staged.at_once.value = 1
     calls = []
     for threshold in (0, 0.3, 1):
@@ -120,7 +105,7 @@ def test_the_threshold_decides_how_often_the_intersector_runs():
 
 def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
     monkeypatch.setattr("raytracer.integrators.staged.LEAST", 16)
-    renderer = Renderer(small(), backend="numpy", bounces=2, tracer="staged")
+    renderer = Renderer(small(60), backend="numpy", bounces=2, tracer="staged")
     alone = renderer.render((24, 16))
     renderer.staged.compacts = False
     among_all = renderer.render((24, 16))
@@ -131,7 +116,7 @@ def test_rays_that_are_few_run_alone_or_with_all_others(monkeypatch):
 
 def test_at_once_decides_how_many_calls_there_are():
     few, many = (
-        render(small(), (24, 16), backend="numpy", integrator=Staged(bounces=1, grid=12, at_once=n)) for n in (64, 1)
+        render(small(60), (24, 16), backend="numpy", integrator=Staged(bounces=1, grid=12, at_once=n)) for n in (64, 1)
     )
     same(few, many)
     for stage in ("traverse", "intersect"):
@@ -140,12 +125,12 @@ def test_at_once_decides_how_many_calls_there_are():
 
 
 def test_stats_tell_the_rays_of_each_round():
-    stats = render(small(), (24, 16), backend="numpy", bounces=1, tracer="staged").stats
+    stats = render(small(60), (24, 16), backend="numpy", bounces=1, tracer="staged").stats
     assert stats.alive[0] == 24 * 16
     assert stats.calls["shade"] == len(stats.alive)
     assert len(stats.alive) == 2 * (1 + len(LIGHTS))  # an eye ray and a mirrored one, with a shadow ray for each light
     assert all(rays > 0 for rays in stats.alive)
-    assert render(small(), (8, 8), backend="numpy").stats.alive == ()
+    assert render(small(60), (8, 8), backend="numpy").stats.alive == ()
 
 
 def test_an_empty_scene_shows_its_background():
@@ -172,7 +157,7 @@ def test_an_empty_scene_shows_its_background():
 )
 def test_errors(options, message):
     with pytest.raises(SceneError, match=message.replace("(", r"\(")):
-        render(small(), (4, 4), backend="numpy", **options)
+        render(small(60), (4, 4), backend="numpy", **options)
 
 
 def test_the_command(tmp_path, capsys):

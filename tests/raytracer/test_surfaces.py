@@ -97,7 +97,7 @@ def test_backends_and_accelerators_agree_to_the_last_bit():
     same(first, rendered(scene, size, backend="numpy", accel="grid"))
 
 
-@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("opencl", marks=pytest.mark.slow)])
 def test_the_staged_tracer_agrees(backend):
     scene = everything()
     same(
