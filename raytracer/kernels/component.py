@@ -25,7 +25,7 @@ from raytracer.accel.space import WORKING, Rows
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels.point import barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.queries import QueryRay
-from raytracer.kernels.triangle import AheadBound, Walk, normal_in
+from raytracer.kernels.triangle import AheadBound, Walk
 from raytracer.kernels.walk import HitValue
 from raytracer.meshes import Mesh
 from raytracer.scene.layout import normal_rows, uv_rows
@@ -260,7 +260,7 @@ class Component:
         eye, ray = (eye - self.place.origin) * self.place.scale, ray * nearest.shrink
         hit: Any = HitValue(nearest.t * (self.place.scale / nearest.shrink), nearest.triangle, nearest.uv)
         corners = self.walk.triangles[hit.id]
-        front = normal_in(corners)
+        front = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(front, ray) > 0, -1.0, 1.0)
         face = side * front
         places = tuple(corner.xyz for corner in corners)

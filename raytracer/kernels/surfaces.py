@@ -22,7 +22,7 @@ from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.bsdf import FAINT, diffuse_lobe, highlight
 from raytracer.kernels.media import Held, Media
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
-from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles, normal_in
+from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
 from raytracer.scene.bodies import Bodies
 from raytracer.scene.layout import Change, Layout, is_programmed
@@ -208,7 +208,7 @@ class SurfaceTables:
     def arrive(self, hit: RayHit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
         """Fill in `surface` for a hit, and `emission` in a scene that glows; return the reflectivity."""
         corners = self.triangles[hit.id]
-        face = normal_in(corners)
+        face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
         facing = side * face
         places = tuple(corner.xyz for corner in corners)
@@ -275,7 +275,7 @@ class SurfaceTables:
     def behind(self, hit: RayHit, ray: Any, eye: Any) -> Any:
         """Return the point that was hit, moved off the surface to the side on which the ray leaves."""
         corners = self.triangles[hit.id]
-        face = normal_in(corners)
+        face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
@@ -330,7 +330,8 @@ class SurfaceTables:
 
     def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
-        return sh.dot(normal_in(self.triangles[hit.id]), ray) > 0
+        corners = self.triangles[hit.id]
+        return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
     def place(self, hit: RayHit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
         """Return the point that was hit, and how far it may be off the triangle's plane; see `place_of`."""

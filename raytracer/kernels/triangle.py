@@ -385,11 +385,6 @@ class AheadBound:
         return ahead & (abs(plane.slope) > doubt)
 
 
-def normal_in(corners: Sequence[Any]) -> Any:
-    """Return the unit normal that the rows of a triangle have beside its corners."""
-    return sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
-
-
 def meets(enter: Any, leave: Any, near: Any) -> Any:
     """Return whether a ray meets a triangle's box, which it enters and leaves here, beyond `near` or close to it."""
     enter = higher(near, enter)
