@@ -33,7 +33,7 @@ class Waiting:
     left: sh.Attrib1i
 
 
-class Stack:
+class MediaStack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
     def __init__(self, places: int, body_arrays: list[Any]) -> None:
@@ -74,7 +74,7 @@ class GlassTracer(Tracer):
         rays, media, walk = pixel.rays, self.surfaces.media, self.intersector
         share = sh.Color3f(1, 1, 1)
         ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
-        waiting = Stack(self.places, rows)
+        waiting = MediaStack(self.places, rows)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
         bent = sh.Vector3f()
@@ -147,7 +147,7 @@ class GlassTracer(Tracer):
         light: Any,
         surface: Interaction,
         share: Any,
-        waiting: Stack,
+        waiting: MediaStack,
         ray_bodies: Held | None,
         successors: tuple[Any, Any, Any],
     ) -> Any:

@@ -47,7 +47,7 @@ _MARKS = "os^"
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class TracerCase:
     """One picture: a scene of the thesis, the backend and the tracer.
 
     `threshold`, `at_once` and `way`, one of `WAYS`, are for the tracer "staged". "all": each kernel goes over all rays,
@@ -65,10 +65,10 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True)
-class Measurement:
+class TracerMeasurement:
     """The cost of a case: `seconds` of the fastest picture, calls of each kernel, rays and seconds of each round."""
 
-    case: Case
+    case: TracerCase
     seconds: float
     rays: int
     calls: dict[str, int]
@@ -77,12 +77,12 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Study(report.Study):
+class ChristenStudy(report.Study):
     """The measurements, in pictures of this size."""
 
     size: tuple[int, int] = SIZE
 
-    def find(self, **values: Any) -> list[Measurement]:
+    def find(self, **values: Any) -> list[TracerMeasurement]:
         """Return the measurements whose case has these values, and the default ones for those that are not named.
 
         Those of one scene are together, and among them those of one backend.
@@ -135,11 +135,11 @@ class Study(report.Study):
         head += ["calls", "early-z passes", "copies", "milliseconds"]
         yield f"Early-z culling, {ITERATIONS[-1]} iterations", head, culled
 
-    def _compared(self) -> list[Measurement]:
+    def _compared(self) -> list[TracerMeasurement]:
         """Return the measurements in all ways."""
         return self.find(iterations=ITERATIONS[-1], tracer="staged", way=...)
 
-    def _counted(self, **values: Any) -> list[Measurement]:
+    def _counted(self, **values: Any) -> list[TracerMeasurement]:
         """Return the measurements of calls against the threshold."""
         return self.find(threshold=..., tracer="staged", backend=counted_on(self.backends), **values)
 
@@ -171,55 +171,55 @@ class Study(report.Study):
         cost.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
 
 
-def _milliseconds(m: Measurement) -> str:
+def _milliseconds(m: TracerMeasurement) -> str:
     return f"{1e3 * m.seconds:.0f}"
 
 
-def _style(m: Measurement, name: str, dashes: str = "-", colored: Sequence[str] = ()) -> dict[str, Any]:
+def _style(m: TracerMeasurement, name: str, dashes: str = "-", colored: Sequence[str] = ()) -> dict[str, Any]:
     """Return the label and looks of a line; `colored` are the backends, where the color tells these."""
     scene = list(SCENES).index(m.case.scene)
     color = colored.index(m.case.backend) if colored else scene
     return {"label": f"{m.case.scene}, {name}", "linestyle": dashes, "marker": _MARKS[scene], "color": f"C{color}"}
 
 
-def _style_of_tracer(m: Measurement) -> dict[str, Any]:
+def _style_of_tracer(m: TracerMeasurement) -> dict[str, Any]:
     return _style(m, m.case.tracer, "-" if m.case.tracer == TRACERS[0] else "--")
 
 
-def eye_rounds(measured: Measurement) -> tuple[list[int], list[float]]:
+def eye_rounds(measured: TracerMeasurement) -> tuple[list[int], list[float]]:
     """Return the rays and the seconds of each iteration's first round; its other rounds are for shadow rays."""
     every = 1 + len(Scene.builtin(SCENES[measured.case.scene]).lights)
     return list(measured.alive[::every]), list(measured.round_seconds[::every])
 
 
-def cases(backends: Sequence[str]) -> list[Case]:
+def cases(backends: Sequence[str]) -> list[TracerCase]:
     """Return every case once, the most telling ones first, and those last that take long."""
     fast = [name for name in backends if name != "numpy"]
     counted = counted_on(backends)
-    all_cases = [Case(*names) for names in _named(backends)]
-    all_cases += [Case(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
+    all_cases = [TracerCase(*names) for names in _named(backends)]
+    all_cases += [TracerCase(*names, iterations=n) for names in _named(fast) for n in reversed(ITERATIONS)]
     all_cases += _counted(SCENES, counted, AT_ONCE[-1])
     all_cases += [
-        Case(scene, backend, "staged", iterations=ITERATIONS[-1], way=way)
+        TracerCase(scene, backend, "staged", iterations=ITERATIONS[-1], way=way)
         for backend in fast or [counted]
         for scene in COMPARED
         for way in WAYS[1:]
     ]
     all_cases += _counted([scene for scene in SCENES if scene != "C"], counted, AT_ONCE[0])
-    all_cases += [Case(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
+    all_cases += [TracerCase(*names, grid=grid) for grid in GRIDS for names in _named(fast)]
     if "numpy" in backends:
-        all_cases += [Case(*names, iterations=n) for n in ITERATIONS[:-1] for names in _named(["numpy"])]
-        all_cases += [Case(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
+        all_cases += [TracerCase(*names, iterations=n) for n in ITERATIONS[:-1] for names in _named(["numpy"])]
+        all_cases += [TracerCase(*names, grid=grid) for grid in GRIDS[::2] for names in _named(["numpy"])]
     all_cases += _counted([scene for scene in SCENES if scene == "C"], counted, AT_ONCE[0])
     if "numpy" in backends:
-        all_cases += [Case(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
+        all_cases += [TracerCase(*names, iterations=ITERATIONS[-1]) for names in _named(["numpy"])]
     return list(dict.fromkeys(all_cases))
 
 
-def _counted(scenes: Iterable[str], backend: str, at_once: int) -> list[Case]:
+def _counted(scenes: Iterable[str], backend: str, at_once: int) -> list[TracerCase]:
     """Return the cases that count calls against the threshold."""
     return [
-        Case(scene, backend, "staged", threshold=threshold, at_once=at_once)
+        TracerCase(scene, backend, "staged", threshold=threshold, at_once=at_once)
         for scene in scenes
         for threshold in THRESHOLDS
     ]
@@ -236,17 +236,17 @@ def study(
     size: tuple[int, int] = SIZE,
     cpu: bool = False,
     progress: Progress | None = None,
-) -> Study:
+) -> ChristenStudy:
     """Measure the cases on `backends`, by default on all that are available, until `minutes` are over.
 
-    The case that runs then is the last; `Study.skipped` has the others. With `cpu` all seconds are those of the
+    The case that runs then is the last; `ChristenStudy.skipped` has the others. With `cpu` all seconds are those of the
     processor's cores together, for machines that do other things too; a GPU's are not among them.
     Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
     """
     devices = devices_of(backends)
     last: dict[tuple[Any, ...], Renderer] = {}
 
-    def bench(case: Case, clock: Clock) -> Measurement:
+    def bench(case: TracerCase, clock: Clock) -> TracerMeasurement:
         kernels = case.scene, case.backend, case.tracer, case.grid, case.iterations, case.way == "masked"
         renderer = last.pop(kernels, None) or _renderer(case)  # the last one does where its kernels are the same
         last.clear()
@@ -258,10 +258,10 @@ def study(
             renderer.staged.at_once.value = case.at_once
         return _measure(case, renderer, size, clock)
 
-    return Study(**measure(devices, cases(list(devices)), bench, minutes, cpu, progress), size=size)
+    return ChristenStudy(**measure(devices, cases(list(devices)), bench, minutes, cpu, progress), size=size)
 
 
-def _renderer(case: Case) -> Renderer:
+def _renderer(case: TracerCase) -> Renderer:
     options = {"tracer": case.tracer, "bounces": case.iterations - 1, "accel": "grid", "grid": case.grid}
     options |= {"early_z": case.way == "masked"} if case.tracer == "staged" else {}
     scene = Scene.builtin(SCENES[case.scene])
@@ -270,14 +270,14 @@ def _renderer(case: Case) -> Renderer:
     return renderer
 
 
-def _measure(case: Case, renderer: Renderer, size: tuple[int, int], clock: Clock) -> Measurement:
-    best: Measurement | None = None
+def _measure(case: TracerCase, renderer: Renderer, size: tuple[int, int], clock: Clock) -> TracerMeasurement:
+    best: TracerMeasurement | None = None
     for taken_before in range(_OFTEN):
         started = clock()
         stats = renderer.render(size).stats
         duration = clock() - started
         seconds = () if renderer.staged is None else tuple(renderer.staged.log.seconds)
-        measurement = Measurement(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
+        measurement = TracerMeasurement(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
         best = measurement if best is None or measurement.seconds < best.seconds else best
         # OpenCL may try another width of packets within the first picture, which takes a compilation.
         once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (duration > _LATE and case.backend != "opencl")

@@ -56,7 +56,7 @@ QUICK = Plan((64, 48), (32,), (32,), (1e-2,), (4, 32))
 
 
 @dataclass(frozen=True)
-class Study(report.Study):
+class LayeredStudy(report.Study):
     """The measurements of a plan."""
 
     plan: Plan = FULL
@@ -247,10 +247,10 @@ def study(
     quick: bool = False,
     cpu: bool = False,
     progress: Progress | None = None,
-) -> Study:
+) -> LayeredStudy:
     """Measure the cases on `backends`, by default on OpenCL if it is available, until `minutes` are over.
 
-    The case that runs then is the last; `Study.skipped` has the others. `files` name meshes that are measured too;
+    The case that runs then is the last; `LayeredStudy.skipped` has the others. `files` name meshes, measured too;
     `quick` takes small models and pictures. With `cpu` all seconds are those of the processor's cores together.
     Raises SceneError where no backend is left, and for files that cannot be read; sh.BackendUnavailable for a missing
     backend.
@@ -273,7 +273,7 @@ def study(
         return chosen.measure(case, framed=framed)
 
     all_cases = cases(list(devices), all_models, plan)
-    return Study(**measure(devices, all_cases, bench, minutes, cpu, progress), plan=plan)
+    return LayeredStudy(**measure(devices, all_cases, bench, minutes, cpu, progress), plan=plan)
 
 
 def _loaded(path: str | Path) -> Model:
