@@ -21,7 +21,8 @@ from shpy.lang.data.params import Param, constant_of, constants_for, listed
 from shpy.lang.data.tables import Table, TableType
 from shpy.lang.data.textures import Texture2D, TextureType
 from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.record import RESERVED, InputType, RecordedProgram, rerecorded
+from shpy.lang.programs.joined import rerecorded
+from shpy.lang.programs.record import RESERVED, InputType, RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.coerce import widens
 from shpy.lang.values.matrix import MATRICES

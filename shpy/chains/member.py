@@ -19,7 +19,7 @@ from shpy.ir.nodes import Discard
 from shpy.ir.traverse import walk
 from shpy.lang.data.tables import TableType
 from shpy.lang.data.textures import TextureType
-from shpy.lang.programs.guarded import MASK, guarded
+from shpy.lang.programs.joined import MASK, guarded
 from shpy.lang.programs.record import InputType, RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Group, Layout, Leaf, Rows, layout_of

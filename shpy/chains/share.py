@@ -17,7 +17,7 @@ import numpy as np
 from shpy.algebra import alike, with_article
 from shpy.chains.member import element_layout, is_condition, is_gathered, no_condition
 from shpy.errors import ShpyTypeError
-from shpy.lang.programs.guarded import MASK
+from shpy.lang.programs.joined import MASK
 from shpy.lang.recording.location import here
 from shpy.lang.values.structure import Layout, Leaf
 from shpy.programs import Program

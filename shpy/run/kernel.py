@@ -30,7 +30,7 @@ from shpy.ir.text import print_module
 from shpy.ir.traverse import grid_rank, walk
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D, TextureType
-from shpy.lang.programs.guarded import guarded
+from shpy.lang.programs.joined import guarded
 from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging

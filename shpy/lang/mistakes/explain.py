@@ -147,7 +147,7 @@ class _Spelling:
 
     @property
     def prefix(self) -> str:
-        """What stands before the names of shpy."""
+        """The text that stands before the names of shpy, `sh.`."""
         return prefix_of(self.frame)
 
     def test(self, node: ast.expr) -> str:

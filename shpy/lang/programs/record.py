@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
@@ -28,7 +28,6 @@ from shpy.lang.data.tables import Table, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.functions.returns import Returns
 from shpy.lang.functions.subroutine import _slot_value
-from shpy.lang.programs.copies import without_copies
 from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.signature import bodies_of, fixed_by_partials, hints_of, loc_of, plain_function, return_loc
@@ -214,22 +213,6 @@ def record_body(
     )
     verify(module)
     return RecordedProgram(module, dict(types), returns.layout, dict(context.params), dict(context.tables))
-
-
-def rerecorded(
-    name: str,
-    like: RecordedProgram,
-    types: dict[str, InputType],
-    layout: Layout | None,
-    body: Callable[[dict[str, Any]], Any],
-    defaults: Mapping[str, Any],
-) -> RecordedProgram:
-    """Record `body`, which calls `like`, at the line of that; keep the defaults of the inputs that are left."""
-    with recording(name, like.module.entry.loc) as context:
-        recorded = record_body(context, types, layout, body)
-    return replace(
-        recorded, module=without_copies(recorded.module), defaults={n: d for n, d in defaults.items() if n in types}
-    )
 
 
 def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.Value], list[Port], dict[str, Any]]:
