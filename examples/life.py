@@ -67,12 +67,14 @@ def start(height, width):
 def show(age: sh.Attrib1f, cells: sh.Attrib1i) -> sh.Color3f:
     """Return the colour in which `shpy view` shows a cell."""
     alive = cells == 1
-    return sh.Color3f(sh.cond(alive, 1, 0.7 * age * age * age), sh.cond(alive, 1, 0.4 * age), 0.05 + 0.6 * age)
+    trail = sh.Color3f(0.97, 0.95, 0.9) - age * sh.Color3f(0.1, 0.5, 0.75)
+    return sh.cond(alive, sh.Color3f(0.1, 0.15, 0.4), trail)
 
 
 if __name__ == "__main__":
     streams = game(r_pentomino(160), 400, *sys.argv[1:])
     board, age = streams["cells"].numpy(), streams["age"].numpy()
     print(f"{board.sum()} cells live after 400 generations")
-    colors = np.stack([np.where(board == 1, 1, 0.7 * age**3), np.where(board == 1, 1, 0.4 * age), 0.05 + 0.6 * age], -1)
+    trail = np.subtract((0.97, 0.95, 0.9), age[..., None] * (0.1, 0.5, 0.75))
+    colors = np.where(board[..., None] == 1, (0.1, 0.15, 0.4), trail)
     save("life", colors.repeat(4, axis=0).repeat(4, axis=1))

@@ -58,15 +58,17 @@ def galaxies(count, seed=1):
     return (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
-def picture(position, size=640, reach=2.0):
+def picture(position, size=640, reach=1.75):
     """Draw the bodies from above, one disc in blue, the other in gold: (size, size, 3)."""
     glow = np.zeros((size, size, 3))
     for half, color in zip(np.split(position, 2), ((0.5, 0.7, 1.4), (1.4, 0.9, 0.4)), strict=True):
         y, x = (half[:, 1::-1].T / reach + 1) * size / 2
         counts, _, _ = np.histogram2d(y, x, bins=size, range=((0, size), (0, size)))
-        for i, j in np.ndindex(5, 5):
-            glow += 0.4 ** ((i - 2) ** 2 + (j - 2) ** 2) * np.roll(counts, (i - 2, j - 2), (0, 1))[..., None] * color
-    return 1 - np.exp(-0.9 * glow)
+        for i, j in np.ndindex(13, 13):  # a bright core and a wide halo
+            far = (i - 6) ** 2 + (j - 6) ** 2
+            spread = 0.6**far + 0.06 * 0.92**far
+            glow += spread * np.roll(counts, (i - 6, j - 6), (0, 1))[..., None] * color
+    return 1 - np.exp(-0.9 * glow - (0.02, 0.03, 0.07))
 
 
 if __name__ == "__main__":
