@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
+from shpy.backend.device.probe import FAULTS
 from shpy.ir.constants import DTYPES
 from shpy.ir.ops import COMMUTATIVE, OPS, STRUCTURAL
 from shpy.ir.types import Base, vec
@@ -113,7 +114,7 @@ def words(node):
     return []
 
 
-KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE, *DEFINITIONS}
+KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE, *DEFINITIONS, *FAULTS}
 OPENCL = "prologue_wide.py"
 """Its lists name functions of OpenCL C: `tests/backends/test_packets_wide.py` checks them."""
 

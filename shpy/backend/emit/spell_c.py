@@ -312,7 +312,7 @@ def _begins_with(e: Expr, symbol: str) -> bool:
 
 def is_negative(value: float | int | bool) -> bool:
     """Return whether a number is written with a minus."""
-    return bool(np.signbit(value)) if isinstance(value, float) else value < 0
+    return value == value and bool(np.signbit(value)) if isinstance(value, float) else value < 0
 
 
 def row_major(at: Sequence[str], size: str) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.dump import dump
+from shpy.backend.emit.spell_c import is_negative
 from shpy.backend.emit.spell_tree import tree_text
 from shpy.backend.emit.tree import (
     Assign,
@@ -119,7 +120,7 @@ class PythonSpeller:
                 return e.text, Strength.POSTFIX
             case Literal():
                 text = number(e.type, e.value)
-                return text, Strength.UNARY if _is_negative(e) else Strength.POSTFIX
+                return text, Strength.UNARY if is_negative(e.value) else Strength.POSTFIX
             case Operator():
                 return self._operator(e)
             case Method():
@@ -254,20 +255,13 @@ def number(type: Type, value: Any) -> str:
     return short if DTYPES[type.base](float(short)) == rounded else repr(rounded.item())
 
 
-def _is_negative(e: Literal) -> bool:
-    """Return whether a number is written with a minus."""
-    if isinstance(e.value, float):
-        return e.value == e.value and bool(np.signbit(e.value))
-    return e.value < 0
-
-
 def _begins_with(e: Expr, symbol: str) -> bool:
     """Return whether the text of an operand begins with a prefix: `--x` would read as one operator."""
     match e:
         case Operator(_, own, (_,)):
             return ("~" if own == "!" else own) == symbol
         case Literal():
-            return symbol == "-" and _is_negative(e)
+            return symbol == "-" and is_negative(e.value)
     return False
 
 

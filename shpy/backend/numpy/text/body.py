@@ -269,9 +269,13 @@ class PythonBody(NumpyOperations):
             e = self.exprs[value] = self.operation(s)
             atom = is_atom(e)
             self.waiting.compute(s, atom=atom)
-            short = s.value.name is None and measure(e)[0] <= MAX_DEPTH and self.unit.ruler.width(e) <= MAX_WIDTH
-            if value in self.waiting.forced or not (atom or short):
+            if value in self.waiting.forced or not (atom or (s.value.name is None and self.is_short(e))):
                 self.bind(value)
+
+    def is_short(self, e: Expr) -> bool:
+        """Return whether an expression needs no name for its length. Few letters in C are not many in Python."""
+        depth, letters = measure(e)
+        return depth <= MAX_DEPTH and (4 * letters <= MAX_WIDTH or self.unit.ruler.width(e) <= MAX_WIDTH)
 
     # Stores
 
