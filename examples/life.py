@@ -66,9 +66,8 @@ def start(height, width):
 @sh.program
 def show(age: sh.Attrib1f, cells: sh.Attrib1i) -> sh.Color3f:
     """Return the colour in which `shpy view` shows a cell."""
-    alive = cells == 1
     trail = sh.Color3f(0.97, 0.95, 0.9) - age * sh.Color3f(0.1, 0.5, 0.75)
-    return sh.cond(alive, sh.Color3f(0.1, 0.15, 0.4), trail)
+    return sh.cond(cells == 1, sh.Color3f(0.1, 0.15, 0.4), trail)
 
 
 if __name__ == "__main__":

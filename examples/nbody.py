@@ -62,12 +62,10 @@ def picture(position, size=640, reach=1.75):
     """Draw the bodies from above, one disc in blue, the other in gold: (size, size, 3)."""
     glow = np.zeros((size, size, 3))
     for half, color in zip(np.split(position, 2), ((0.5, 0.7, 1.4), (1.4, 0.9, 0.4)), strict=True):
-        y, x = (half[:, 1::-1].T / reach + 1) * size / 2
-        counts, _, _ = np.histogram2d(y, x, bins=size, range=((0, size), (0, size)))
+        counts = np.histogram2d(*half[:, 1::-1].T, bins=size, range=((-reach, reach), (-reach, reach)))[0]
         for i, j in np.ndindex(13, 13):  # a bright core and a wide halo
             far = (i - 6) ** 2 + (j - 6) ** 2
-            spread = 0.6**far + 0.06 * 0.92**far
-            glow += spread * np.roll(counts, (i - 6, j - 6), (0, 1))[..., None] * color
+            glow += (0.6**far + 0.06 * 0.92**far) * np.roll(counts, (i - 6, j - 6), (0, 1))[..., None] * color
     return 1 - np.exp(-0.9 * glow - (0.02, 0.03, 0.07))
 
 
