@@ -13,7 +13,7 @@ _picture: Final[list[Callable[[Any], bytes | None]]] = []
 
 
 def show_by(picture: Callable[[Any], bytes | None]) -> None:
-    """Set the function that makes pictures: it returns the PNG file of an object, or None if it has no picture."""
+    """Set what makes pictures, `shpy.pictures.png.picture`: it returns the PNG file of an object, None without one."""
     _picture[:] = [picture]
 
 

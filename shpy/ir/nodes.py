@@ -240,6 +240,6 @@ _printer: Callable[[Module], str] = repr
 
 
 def bind_printer(printer: Callable[[Module], str]) -> None:
-    """Have `str` of a module call this function. The text imports the nodes, so it binds its printer here."""
+    """Have `str` of a module call this function, `shpy.ir.text.print_module`: the text imports the nodes."""
     global _printer
     _printer = printer

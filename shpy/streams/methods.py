@@ -19,7 +19,7 @@ _bound: Final[dict[str, Callable[..., Any]]] = {}
 
 
 def bind_reductions(**functions: Callable[..., Any]) -> None:
-    """Have the methods call these functions, each with the stream as its first argument."""
+    """Have the methods call functions of `shpy.collectives.reducing`, each with the stream as its first argument."""
     _bound.update((name, in_ieee_arithmetic(function)) for name, function in functions.items())
 
 

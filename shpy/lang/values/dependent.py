@@ -30,7 +30,10 @@ _evaluators: list[Evaluator] = []
 
 
 def evaluate_with(evaluator: Evaluator) -> None:
-    """Set the evaluator of dependent uniforms, which is defined in a higher layer since it runs programs."""
+    """Set the evaluator of dependent uniforms: `shpy.run.uniforms.evaluate`, since a uniform's value is a run's result.
+
+    `.value` and `np.asarray` are methods of the uniform, and the import of what runs programs would be a circle.
+    """
     _evaluators[:] = [evaluator]
 
 
