@@ -68,10 +68,8 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        if max_error is not None:
-            raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
         job = Job(scene, chosen_integrator, backend or sh.default_backend())
-        return _by_workers(cluster, job, size, tile_rows, partitions, resume, progress)
+        return _by_workers(cluster, job, size, max_error, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
@@ -85,12 +83,15 @@ def _by_workers(
     cluster: Any,
     job: Job,
     size: tuple[int, int],
+    max_error: float | None,
     tile_rows: int | None,
     partitions: int | None,
     resume: Resume,
     progress: Progress | None,
 ) -> Image:
     """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it."""
+    if max_error is not None:
+        raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
     if not (tile_rows is None or is_whole(tile_rows, 1)):
         raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
     if partitions is not None:
