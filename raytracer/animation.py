@@ -65,7 +65,7 @@ def animate(
     animation, where ffmpeg is missing for an .mp4 file, and as `render` does.
     """
     size = checked_size(size)
-    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend(), exposure)
+    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend(long=True), exposure)
     mapping = map if cluster is None else _by_workers(drawing, cluster)
     with _as_scene_errors():
         steps = sh.videos.writing(Path(output), frames, fps, size, drawing.frame, resume=resume, mapping=mapping)

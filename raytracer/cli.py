@@ -62,12 +62,21 @@ def _run(arguments: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", sh.ShpyWarning)
             warnings.showwarning = _show
+            _name_backend(options)
             return int(options.run(options))
     except BrokenPipeError:
         raise
     except (SceneError, ClusterError, sh.ShpyError, OSError) as error:
         print("raytracer:", _KEYWORD.sub(r"--\1 \2", str(error)), file=sys.stderr)
         return 1
+
+
+def _name_backend(options: argparse.Namespace) -> None:
+    """Say why numpy computes, where the user has chosen no backend and OpenCL cannot."""
+    if options.run in (_render, _animate, _gallery, _tradeoff) and options.backend is None:
+        chosen = sh.default_backend(long=True)
+        if chosen == "numpy" and not chosen.pinned:
+            print(f"raytracer: numpy computes: {chosen.why}", file=sys.stderr)
 
 
 def _show(message: Warning | str, *_: Any, **__: Any) -> None:

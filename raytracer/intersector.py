@@ -90,7 +90,7 @@ class Intersector:
         self._pose: Pose | None = None
         self._source = mesh_or_scene
         self._moved: MovedObjects | None = None
-        self._target = backend or sh.default_backend()
+        self._target = backend or sh.default_backend(long=True)
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING[precision]
         self._kernels: dict[Any, Any] = {}

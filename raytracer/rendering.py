@@ -68,7 +68,7 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        job = Job(scene, chosen_integrator, backend or sh.default_backend())
+        job = Job(scene, chosen_integrator, backend or _backend_of_workers())
         return _by_workers(cluster, job, size, max_error, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
@@ -77,6 +77,12 @@ def render(
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary)
+
+
+def _backend_of_workers() -> str:
+    """Return numpy where the user has chosen no backend: workers share cores, and OpenCL would take all for each."""
+    default = sh.default_backend()
+    return default if default.pinned else "numpy"
 
 
 def _by_workers(

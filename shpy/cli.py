@@ -156,7 +156,7 @@ def doctor(every: bool = False) -> int:
             print(f"  to install: {install(*missing)}")
     broken = [name for name, fault in faults.items() if fault]
     try:
-        default, wrong = f"the default is {sh.default_backend()}", False
+        default, wrong = f"the default is {sh.default_backend()}, {sh.default_backend().why}", False
     except sh.ShpyError as error:
         default, wrong = str(error), True
     print(f"\n{len(faults) - len(broken)} of {len(faults)} backends work; {default}")

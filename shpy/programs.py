@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, overload
 
 from shpy import algebra
 from shpy.backend.base import Options
-from shpy.backend.registry import NAMES, default_backend
+from shpy.backend.registry import CHOICES, default_backend
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import Module
@@ -163,8 +163,10 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         lanes: int | Literal["auto"] = "auto",
         loop_limit: int | None = 1_048_576,
     ) -> Kernel:
-        """Compile for a backend ("numpy", "opencl", "glsl"; None: the default); kernels are kept and given again.
+        """Compile for "auto", "numpy", "opencl" or "glsl" (None: the default); kernels are kept and given again.
 
+        An "auto" kernel runs on numpy, and on OpenCL with the same bits once that pays; `kernel.runs_on` names the one
+        in use. Its streams lie on numpy, and in relaxed and fast mode it stays there.
         `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
         "strict", the same bits on every backend; "portable", the same by formulas that use no binary64; "relaxed", the
         target's own functions within OpenCL's bounds; or "fast", whatever is fastest, where NaN and infinity may
@@ -177,7 +179,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         options = self._options(device, precision, math, lanes, loop_limit)
         name = backend if backend is not None else default_backend()
         if not isinstance(name, str):
-            cure = " or ".join(f'backend="{n}"' for n in NAMES)
+            cure = " or ".join(f'backend="{n}"' for n in CHOICES)
             raise ShpyTypeError(f"backend={name!r} names no backend", loc=caller(), cure=cure)
         kernel = self._kernels.get((name, options))
         if kernel is None:

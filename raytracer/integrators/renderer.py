@@ -73,7 +73,7 @@ class Renderer:
         self.integrator = chosen(integrator, options)
         check_scene(scene, self.integrator)
         self.scene = scene
-        self.backend = backend or sh.default_backend()
+        self.backend = backend or sh.default_backend(long=True)
         self.build_seconds = self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
         self.staged: StagedTracer | None = None

@@ -121,7 +121,7 @@ class LayeredCube:
         `shading` or `depths`, for half depths with hit="triangle", and for more samples than memory holds;
         sh.BackendUnavailable for a missing backend.
         """
-        backend = backend or sh.default_backend()
+        backend = backend or sh.default_backend(long=True)
         _check(mesh_or_scene, resolution, block, hit, tolerance)
         resolution, block = int(resolution), int(block)  # from numpy's, as is the tolerance
         tolerance = None if tolerance is None else float(tolerance)

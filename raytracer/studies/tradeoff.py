@@ -260,7 +260,7 @@ def _measured(
         raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
     if not scene.triangles:
         raise SceneError(f"{scene.name} has no triangles: there is nothing to trade")
-    backend = backend or sh.default_backend()
+    backend = backend or sh.default_backend(long=True)
     cameras = (scene.camera, beside(scene.camera), *(turned(scene.camera, angle) for angle in AROUND))
     exact = reference(scene, backend, bounces)
     variants = list(_variants(scene, bounces))

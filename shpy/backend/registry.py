@@ -3,7 +3,7 @@
 Stage: compile. Backends are imported when they are asked for, so the core needs numpy and lark alone.
 
 >>> default_backend()
-'numpy'
+'auto'
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import os
 from dataclasses import dataclass
+from typing import Any
 
 from shpy.backend.base import Backend, Device
 from shpy.errors import BackendUnavailable
@@ -22,6 +23,10 @@ _MODULES = {
 }
 """The module that defines each backend."""
 NAMES = tuple(_MODULES)
+AUTO = "auto"
+"""The name of numpy followed by OpenCL: a policy over two backends (`shpy/run/tiers.py`), and no backend itself."""
+CHOICES = (AUTO, *NAMES)
+"""The names that `Program.compile` and SHPY_BACKEND take."""
 
 _default: str | None = None
 _backends: dict[str, Backend] = {}
@@ -59,17 +64,61 @@ def backends() -> list[BackendInfo]:
     return listed
 
 
-def default_backend(name: str | None = None) -> str:
-    """Return the default backend's name; with `name`, make that the default.
+class Default(str):
+    """The name of the default backend; `why` says what chose it, and `pinned` is True if the user did."""
 
-    Without a choice it is what the environment variable SHPY_BACKEND says, else numpy. Raises BackendUnavailable for a
-    name without a backend, and where the chosen backend is not installed.
+    why: str
+    pinned: bool
+
+    def __new__(cls, name: str, why: str, *, pinned: bool = False) -> Default:
+        """Return the name with its reason."""
+        self = super().__new__(cls, name)
+        self.why, self.pinned = why, pinned
+        return self
+
+    def __reduce__(self) -> tuple[type[str], tuple[str]]:
+        """Pickle the name alone: another process has reasons of its own."""
+        return str, (str(self),)
+
+
+def default_backend(name: str | None = None, *, long: bool = False) -> Default:
+    """Return the default backend's name, with `.why`; with `name`, make that the default.
+
+    Without a choice it is what the environment variable SHPY_BACKEND says, else "auto": numpy, then OpenCL with the
+    same bits once it pays. With `long`, it is the backend for work that surely pays for a compilation: OpenCL in place
+    of "auto" where its device gives numpy's bits, else numpy. Raises BackendUnavailable for a name without a backend,
+    and where the chosen backend is not installed.
     """
     global _default
     if name is not None:
-        backend(name).devices()
+        if name != AUTO:
+            backend(name).devices()
         _default = name
-    chosen = _default or os.environ.get("SHPY_BACKEND") or "numpy"
-    if chosen not in NAMES:
-        raise BackendUnavailable(f"SHPY_BACKEND names no backend: {chosen!r}", cure=" or ".join(map(repr, NAMES)))
-    return chosen
+    chosen = _default or os.environ.get("SHPY_BACKEND")
+    if chosen and chosen not in CHOICES:
+        raise BackendUnavailable(f"SHPY_BACKEND names no backend: {chosen!r}", cure=" or ".join(map(repr, CHOICES)))
+    if chosen and chosen != AUTO:
+        return Default(chosen, f"chosen by {'sh.default_backend' if _default else 'SHPY_BACKEND'}", pinned=True)
+    if not long:
+        return Default(AUTO, "numpy, then OpenCL with the same bits once it pays")
+    fault = _fault_of_opencl()
+    return Default("opencl", "the same bits as numpy") if fault is None else Default("numpy", fault)
+
+
+def default_place() -> str:
+    """Return the name of the backend on which streams lie by default: numpy where that is "auto"."""
+    name = default_backend()
+    return "numpy" if name == AUTO else name
+
+
+def _fault_of_opencl() -> str | None:
+    """Return why OpenCL cannot go on with numpy's work; None where its first device gives the same bits."""
+    try:
+        opencl: Any = backend("opencl")
+        first = opencl.devices()[0]
+        faults = opencl.faults(None)
+    except BackendUnavailable as error:
+        return f"{error.message}; to mend it: {error.cure}" if error.cure else error.message
+    if "f64" not in first.features:
+        return f"{first.name} has no binary64, which strict mode needs"
+    return f"{first.name} gets {' and '.join(sorted(faults))} wrong" if faults else None

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from shpy.backend.base import DeviceCall, Executable, Memory
-from shpy.backend.registry import default_backend
+from shpy.backend.registry import default_place
 from shpy.chains.counter import Counter
 from shpy.chains.member import Member, Step, Watch, element_layout, is_gathered, stream_names
 from shpy.chains.merging import COUNT, merge_of
@@ -477,7 +477,7 @@ def _place_of(
     stream = next(streams_in(joined(values.values(), tables)), None)
     kernel = next((member.kernel for member in members if isinstance(member.kernel, Kernel)), None)
     if stream is None and kernel is None:
-        return _place(default_backend() if backend is None else backend, device, precision or "f32")
+        return _place(default_place() if backend is None else backend, device, precision or "f32")
     place = stream.place if stream is not None else kernel.place  # type: ignore[union-attr]
     told = {"backend": backend, "device": device, "precision": precision}
     for name, value in told.items():

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from shpy.backend.base import Backend, Call, Device, Executable, Memory, Options
 from shpy.backend.device.listed import ListedKernel
 from shpy.backend.dump import dump
-from shpy.backend.registry import backend as backend_named
+from shpy.backend.registry import AUTO, backend as backend_named
 from shpy.errors import BackendUnavailable, LoopLimitExceeded, ShpyError, ShpyTypeError
 from shpy.ieee import ieee_arithmetic, in_ieee_arithmetic
 from shpy.ir.collector import uncollected
@@ -42,6 +42,7 @@ from shpy.run.expanding import axes, expanding
 from shpy.run.on_device import PreparedCall, check_places, has_elements_of, memory_of, prepare
 from shpy.run.result import Result
 from shpy.run.slow import announced
+from shpy.run.tiers import QUICK, TieredExecutable, auto
 from shpy.streams.elements import InputLeaf
 from shpy.streams.stream import Place, Stream, streams_in
 
@@ -105,7 +106,7 @@ class Kernel(Unchanging):
 
     def __init__(self, recorded: RecordedProgram, backend: Backend, options: Options) -> None:
         self.recorded = recorded
-        self.backend = backend.name
+        self.backend, self._target = backend.name, backend
         self.options = options
         module, text = _without_data(recorded)
         key = (backend.name, text, options)
@@ -129,7 +130,8 @@ class Kernel(Unchanging):
     @classmethod
     def on(cls, recorded: RecordedProgram, name: str, options: Options) -> Kernel:
         """Compile for a backend by its name; BackendUnavailable where it, or the device, is not there."""
-        target, device = backend_named(name), options.device
+        target: Backend = auto if name == AUTO else backend_named(name)
+        device = options.device
         if device is not None:
             count = len(target.devices())
             if not 0 <= device < count:
@@ -142,7 +144,19 @@ class Kernel(Unchanging):
     @property
     def device(self) -> Device:
         """The device that it runs on. Its facts, which a probe may have to find first, are in `notes`."""
-        return backend_named(self.backend).devices()[self.options.device or 0]
+        return backend_named(self.runs_on).devices()[self.options.device or 0]
+
+    @property
+    def runs_on(self) -> str:
+        """The name of the backend in use: `backend`, or the one that an "auto" kernel uses now."""
+        if self.backend != AUTO:
+            return self.backend
+        return self._executable.runs_on if isinstance(self._executable, TieredExecutable) else QUICK
+
+    def expect(self, elements: int) -> None:
+        """Tell an "auto" kernel that its next calls run so many elements in all; other kernels need not know."""
+        if isinstance(self._executable, TieredExecutable):
+            self._executable.expect(elements)
 
     @property
     def source(self) -> str:
@@ -210,7 +224,7 @@ class Kernel(Unchanging):
     @cached_property
     def _guarded(self) -> Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
-        kernel = Kernel(guarded(self.recorded, None, "where"), backend_named(self.backend), self.options)
+        kernel = Kernel(guarded(self.recorded, None, "where"), self._target, self.options)
         if self._rank is None:  # else an element has to know its place among all
             kernel._executable = ListedKernel(kernel._executable, self._executable, self.place.space)
         return kernel
@@ -222,7 +236,8 @@ class Kernel(Unchanging):
     @property
     def place(self) -> Place:
         """The device on which it runs, and its working precision: where its streams have to be."""
-        return Place(self.backend, self.options.device or 0, self.options.precision)
+        name = QUICK if self.backend == AUTO else self.backend
+        return Place(name, self.options.device or 0, self.options.precision)
 
     def prepare_on_device(self, values: dict[str, Any], out: Any, shape: Any) -> PreparedCall:
         """Check what a run over streams is given, and bring to the device what is not there yet."""
@@ -241,7 +256,7 @@ class Kernel(Unchanging):
         if isinstance(leaf, InputLeaf) or has_elements_of(leaf.shape, common) or not math.prod(common):
             return memory
         options = Options(device=self.options.device, precision=self.options.precision)
-        kernel = Kernel.on(expanding(leaf.cls), self.backend, options)
+        kernel = Kernel.on(expanding(leaf.cls), self.place.backend, options)
         elements = Stream.over(leaf.cls, (math.prod(leaf.shape),), self.place, [memory])
         expanded: Stream = kernel(Table(elements, name="data"), axes(leaf.shape, common), shape=(math.prod(common),))
         return expanded.leaf_entries()[0].memory

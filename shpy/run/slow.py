@@ -24,9 +24,9 @@ _MANY_CALLS = 10
 
 
 @contextmanager
-def announced(module: Module, backend: str) -> Iterator[None]:
-    """Announce a compilation that takes longer than `PATIENCE`, once, unless SHPY_QUIET is set."""
-    with _told(module, backend), _printed(module, backend):
+def announced(module: Module, backend: str, patience: float | None = None) -> Iterator[None]:
+    """Announce a compilation that takes longer than `patience` seconds, once, unless SHPY_QUIET is set."""
+    with _told(module, backend), _printed(module, backend, PATIENCE if patience is None else patience):
         yield
 
 
@@ -69,8 +69,8 @@ def _tell(change: Callable[[], None]) -> None:
 
 
 @contextmanager
-def _printed(module: Module, backend: str) -> Iterator[None]:
-    """Print a line where a compilation takes longer than `PATIENCE`, unless SHPY_QUIET is set."""
+def _printed(module: Module, backend: str, patience: float) -> Iterator[None]:
+    """Print a line where a compilation takes longer than `patience` seconds, unless SHPY_QUIET is set."""
     if os.environ.get("SHPY_QUIET"):
         yield
         return
@@ -81,7 +81,7 @@ def _printed(module: Module, backend: str) -> Iterator[None]:
         announcement.set()
         _write(f"shpy: compiling {describe(module, backend)} …")
 
-    timer = threading.Timer(PATIENCE, announce)
+    timer = threading.Timer(patience, announce)
     timer.daemon = True  # a process that ends does not wait for it
     timer.start()
     try:
@@ -91,7 +91,7 @@ def _printed(module: Module, backend: str) -> Iterator[None]:
         timer.join()
         seconds = time.monotonic() - started
         # Some drivers compile with Python's lock held, and no thread can speak meanwhile.
-        if seconds > PATIENCE and not announcement.is_set():
+        if seconds > patience and not announcement.is_set():
             _write(f"shpy: compiled {describe(module, backend)} in {seconds:.0f} s")
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.backend.base import Memory, Space
-from shpy.backend.registry import NAMES, backend as backend_named, default_backend
+from shpy.backend.registry import NAMES, backend as backend_named, default_place
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import dtypes_at, is_int
@@ -413,7 +413,7 @@ def _tail(memory: Memory) -> Shape:
 
 
 def _place(backend: Any, device: Any, precision: Any) -> Place:
-    name = default_backend() if backend is None else backend
+    name = default_place() if backend is None else backend
     if name not in NAMES:
         cure = " or ".join(f'backend="{n}"' for n in NAMES)
         raise ShpyTypeError(f"backend={name!r} names no backend", loc=caller(), cure=cure)

@@ -218,3 +218,16 @@ def test_the_folders_of_pocl_and_shpy_are_enough(tmp_path):
     run = [sys.executable, "-c", PROGRAM]
     done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=HANGING)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_list_remembers_its_last_words(monkeypatch, tmp_path):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(store, "_REMEMBERED", 3)
+    assert not store.is_remembered("texts", "a")
+    for word in "abcad":
+        store.remember("texts", word)
+    assert [store.is_remembered("texts", word) for word in "abcd"] == [True, False, True, True]
+    assert not store.is_remembered("others", "a")
+    monkeypatch.setenv("SHPY_CACHE_DIR", "")
+    store.remember("texts", "e")
+    assert not store.is_remembered("texts", "a")

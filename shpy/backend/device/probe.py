@@ -165,6 +165,11 @@ def notes_of(wrong: Iterable[str], *, binary64: bool) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def uncorrected(wrong: frozenset[str]) -> frozenset[str]:
+    """Return the faults of a device by which its bits in strict mode may differ from numpy's."""
+    return wrong - CORRECTABLE - _OF_COMPILERS
+
+
 def refuse_wrong(module: Module, wrong: Iterable[str], device: str) -> None:
     """Raise CompileError if a prepared module has an operation that the device rounds wrongly and no pass corrects."""
     hopeless = set(wrong) - CORRECTABLE

@@ -24,6 +24,8 @@ from shpy.errors import warn
 from shpy.files import replacing
 
 _SUFFIX: Final = ".shpy-answers"
+_REMEMBERED: Final = 1024
+"""The most words of a list."""
 _told: set[str] = set()
 
 
@@ -49,6 +51,22 @@ def known_names(name: str, possible: Container[str], ask: Callable[[], Iterable[
     if entry is not None:
         _write(entry, name, " ".join(sorted(names)))
     return names
+
+
+def is_remembered(list_name: str, word: str) -> bool:
+    """Return whether an earlier process remembered a word in a list."""
+    name = key(list_name)
+    entry = _entry(name)
+    return entry is not None and word in (_read(entry, name) or ())
+
+
+def remember(list_name: str, word: str) -> None:
+    """Add a word to a list, which keeps the last `_REMEMBERED`; of two processes that add at once, one may lose its."""
+    name = key(list_name)
+    entry = _entry(name)
+    if entry is not None:
+        words = [other for other in _read(entry, name) or () if other != word]
+        _write(entry, name, " ".join([*words, word][-_REMEMBERED:]))
 
 
 def _entry(name: str) -> Path | None:

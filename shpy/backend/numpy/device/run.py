@@ -170,15 +170,24 @@ class NumpyExecutable:
 
     def run(self, call: Call) -> Array | None:
         """Run it; return the status of each element, or None when every element was written."""
+        return self.run_until(call, lambda done: False)[1]
+
+    def run_until(self, call: Call, stop: Callable[[int], bool]) -> tuple[bool, Array | None]:
+        """Run it, unless `stop`, called with the elements done so far between two tiles, returns True.
+
+        Return whether all elements have run, and the statuses as `run` does.
+        """
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
         live = None if status is None else self._live(call)
         with np.errstate(all="ignore"):
             if live is not None:
-                return self._run_listed(call, live, uniforms)
+                return True, self._run_listed(call, live, uniforms)
             for place in places_of(call.shape, self.tile, grid=self.layout.grid):
+                if place.part.start and stop(place.part.start):
+                    return False, None
                 self._run_tile(call, place, uniforms, status)
-        return None if status is None or np.all(status == Status.WRITTEN) else status
+        return True, None if status is None or np.all(status == Status.WRITTEN) else status
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over arrays of the host: see `base.Executable`."""

@@ -18,7 +18,7 @@ from typing import Final
 
 from shpy.backend.base import Device, Executable, Options
 from shpy.backend.device.once import once
-from shpy.backend.device.probe import refuse_wrong
+from shpy.backend.device.probe import refuse_wrong, uncorrected
 from shpy.backend.opencl.device.collective import collectives
 from shpy.backend.opencl.device.driver import LOCAL_SIZE, Machine, devices, machine_of
 from shpy.backend.opencl.device.memory import OpenCLSpace
@@ -94,6 +94,10 @@ class OpenCLBackend:
             remark = f"one element at a time, not {lanes}: {e.message}"
             warn(f"{module.entry.loc}: {module.name} is slower on OpenCL, {remark}")
             return replace(single, remarks=(*single.remarks, remark))
+
+    def faults(self, device: int | None) -> frozenset[str]:
+        """Return the faults of a device by which its bits in strict mode may differ from numpy's."""
+        return uncorrected(machine_of(device).wrong)
 
     def space(self, device: int | None) -> OpenCLSpace:
         """Return the memory of a device."""

@@ -1,0 +1,265 @@
+"""The backend "auto": numpy at once, and OpenCL with the same bits from when compiling for it has paid.
+
+Stage: run. numpy compiles in a moment and is slow; OpenCL is tens of times as fast, and its driver takes up to seconds
+to compile. numpy computes until the seconds spent on it, and the rest of the call as far as it is known, reach what
+compiling for OpenCL is expected to cost. Then the caller waits for the driver, and OpenCL goes on, also in the middle
+of a call. So a process takes at most about twice the time of the better backend, however wrong the expectation is
+(the ski rental problem; Karlin et al. 1988).
+
+    kernel = program.compile("auto")
+    kernel(x)                  # kernel.runs_on == "numpy"
+    kernel(large)              # "opencl" from now on; kernel.notes say why
+
+numpy stays in relaxed and fast mode, whose bits differ between backends; for streams, which lie on numpy; in worker
+processes of `multiprocessing`, which share the cores; and where OpenCL refuses the program, gives an error, or is
+slower, as where a graphics card spends its time on copies.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import multiprocessing
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, Space
+from shpy.backend.registry import AUTO, backend as backend_named
+from shpy.errors import ShpyError
+from shpy.ieee import ieee_arithmetic
+from shpy.ir.collector import uncollected
+from shpy.ir.nodes import Loc, Module
+from shpy.ir.text import print_module
+from shpy.ir.traverse import walk
+from shpy.passes.modes import REPRODUCIBLE
+from shpy.run.slow import announced
+
+QUICK: Final = "numpy"
+BETTER: Final = "opencl"
+_COMPILED: Final = "texts that OpenCL compiled"
+"""The list of texts whose binaries the driver is expected to have in its own files."""
+_START: Final = 0.5
+"""Seconds to load pyopencl and to open a driver, once in a process."""
+_COLD: Final = (0.19, 0.0011)
+"""Seconds to compile a program, and each of its prepared statements: off by 1.5 times on the mean of 26 programs."""
+_CACHED: Final = (0.02, 0.00035)
+"""The same where the driver has compiled this text in an earlier process."""
+_LOOK: Final = 0.02
+"""Seconds between two readings of the clock in the middle of a call."""
+_SMALL: Final = 256
+"""Elements of a call that is too short to be timed by itself: the clock takes a twentieth of it."""
+_SAMPLE: Final = 32
+"""One of so many small calls is timed, and stands for all of them."""
+_LAUNCH: Final = 5e-5
+"""Seconds of OpenCL's shortest call: numpy runs what it can run in that time."""
+_PATIENCE: Final = 1.0
+"""Seconds of a compilation, for which nobody has asked by name, until a line says what the caller waits for."""
+_TRIED: Final = 4
+"""Calls of OpenCL, of which the fastest is compared with numpy: drivers compile in the first ones, too."""
+
+
+class AutoBackend:
+    """numpy, followed by OpenCL: see `base.Backend`."""
+
+    name = AUTO
+
+    def devices(self) -> list[Device]:
+        """Return numpy's device, where streams lie."""
+        return backend_named(QUICK).devices()
+
+    def compile(self, module: Module, options: Options) -> Executable:
+        """Compile for numpy; where the bits are the same, OpenCL may follow."""
+        quick = backend_named(QUICK).compile(module, replace(options, lanes="auto"))
+        may_follow = options.math in REPRODUCIBLE and multiprocessing.parent_process() is None
+        return TieredExecutable(quick, module, options) if may_follow else quick
+
+    def space(self, device: int | None) -> Space:
+        """Return numpy's memory."""
+        return backend_named(QUICK).space(None)
+
+
+class TieredExecutable:
+    """An executable of numpy until one of OpenCL takes over: see `base.Executable`. Threads may share it."""
+
+    def __init__(self, quick: Any, module: Module, options: Options) -> None:
+        self._quick, self._module, self._options = quick, module, options
+        self._statements = sum(1 for f in quick.prepared.module.functions for _ in walk(f.body))
+        self._better: Executable | None = None
+        self._refusal: str | None = None
+        self._compiling = threading.Lock()
+        self._spent = 0.0
+        self._small_calls = 0
+        self._elements, self._seconds = 0, 0.0
+        """Elements that numpy ran in long calls, and the seconds that these took."""
+        self._fewest = 0
+        self._coming = 0
+        """Elements of the next calls, as `expect` says."""
+        self._trials: list[float] = []
+        """Seconds for each element of OpenCL's first calls."""
+        self._worth = self.expected(cached=True)
+
+    def expected(self, *, cached: bool) -> float:
+        """Return the seconds that compiling for OpenCL is expected to take, `cached` in the driver's files or not."""
+        once, each = _CACHED if cached else _COLD
+        return once + each * self._statements + (0 if "pyopencl" in sys.modules else _START)
+
+    @property
+    def runs_on(self) -> str:
+        """The name of the backend in use."""
+        return QUICK if self._better is None else BETTER
+
+    @property
+    def _current(self) -> Executable:
+        return self._better or self._quick
+
+    @property
+    def source(self) -> str:
+        """The text in use."""
+        return self._current.source
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the notes of the backend in use, and why it is in use."""
+        if self._better is not None:
+            why = f"runs on {BETTER}, after {self._spent:.1f} s on {QUICK}"
+        elif self._refusal is not None:
+            why = f"runs on {QUICK}: {self._refusal}"
+        else:
+            why = f"runs on {QUICK}, for {self._spent:.1f} s so far; {BETTER} follows where it pays"
+        return (*self._current.notes, why)
+
+    @property
+    def loops(self) -> tuple[Loc | None, ...]:
+        """The lines of the limited loops, which are the same on both."""
+        return self._quick.loops  # type: ignore[no-any-return]
+
+    @property
+    def writes_all(self) -> bool:
+        """Return whether every element is written, which is the same on both."""
+        return self._quick.writes_all  # type: ignore[no-any-return]
+
+    def expect(self, elements: int) -> None:
+        """Learn that the next calls run so many elements in all, as the bands of a picture do."""
+        self._coming = elements
+
+    def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
+        """Prepare a run over streams, which are numpy's."""
+        return self._quick.ready(call, once=once)  # type: ignore[no-any-return]
+
+    def run(self, call: Call) -> Array | None:
+        """Run on the backend in use; where OpenCL takes over in the middle of a call, it runs the whole call again."""
+        if self._better is not None and call.count >= self._fewest:
+            return self._run_better(call)
+        if self._better is not None or self._refusal is not None:
+            return self._quick.run(call)  # type: ignore[no-any-return]
+        if call.count <= _SMALL:
+            return self._run_small(call)
+        ended, status = self._run_long(call)
+        return status if ended else self._run_better(call)
+
+    def _run_small(self, call: Call) -> Array | None:
+        self._small_calls += 1
+        if self._small_calls % _SAMPLE:
+            return self._quick.run(call)  # type: ignore[no-any-return]
+        start = time.thread_time()
+        status: Array | None = self._quick.run(call)
+        seconds = time.thread_time() - start
+        self._spent += _SAMPLE * seconds
+        self._elements, self._seconds = self._elements + call.count, self._seconds + seconds
+        if self._spent >= self._worth:
+            self._take_over()
+        return status
+
+    def _run_long(self, call: Call) -> tuple[bool, Array | None]:
+        """Run on numpy until OpenCL takes over; return whether that was to the end, and the statuses."""
+        start = last = time.thread_time()
+        total = max(call.count, self._coming)
+
+        def stop(done: int) -> bool:
+            nonlocal last
+            now = time.thread_time()
+            if now - last < _LOOK:
+                return False
+            self._spent, last = self._spent + now - last, now
+            rest = (now - start) / done * (total - done)
+            if self._spent + rest < self._worth:
+                return False
+            self._elements, self._seconds = self._elements + done, self._seconds + now - start
+            return self._take_over()
+
+        ended, status = self._quick.run_until(call, stop)
+        if ended:
+            now = time.thread_time()
+            self._spent += now - last
+            self._elements, self._seconds = self._elements + call.count, self._seconds + now - start
+            self._coming = max(0, self._coming - call.count)
+            if self._spent >= self._worth:
+                self._take_over()
+        return ended, status
+
+    def _take_over(self) -> bool:
+        """Compile for OpenCL where that pays now; return whether OpenCL is in use. Other threads go on with numpy."""
+        if not self._compiling.acquire(blocking=False):
+            return False
+        try:
+            if self._better is None and self._refusal is None:
+                self._compile()
+        finally:
+            self._compiling.release()
+        return self._better is not None
+
+    def _compile(self) -> None:
+        from shpy.backend.device import store  # here, since most processes compile nothing for OpenCL
+
+        if importlib.util.find_spec("pyopencl") is None:
+            self._refuse(f"there is no {BETTER} here")
+            return
+        text = store.key(print_module(self._module), repr(self._options))
+        if not store.is_remembered(_COMPILED, text) and self._spent < (worth := self.expected(cached=False)):
+            self._worth = worth
+            return
+        try:
+            opencl: Any = backend_named(BETTER)
+            if faults := opencl.faults(self._options.device):
+                self._refuse(f"{BETTER}'s device gets {' and '.join(sorted(faults))} wrong")
+                return
+            with ieee_arithmetic(), uncollected(), announced(self._module, BETTER, _PATIENCE):
+                better = opencl.compile(self._module, self._options)
+        except Exception as error:  # of a driver, too
+            self._refuse(f"{BETTER} does not take it ({_said(error)})")
+            return
+        store.remember(_COMPILED, text)
+        # Threads read it without the lock.
+        self._fewest = round(_LAUNCH / (self._seconds / self._elements)) if self._seconds else 0
+        self._better = better
+
+    def _run_better(self, call: Call) -> Array | None:
+        better = self._better
+        if better is None:  # another thread has refused it meanwhile
+            return self._quick.run(call)  # type: ignore[no-any-return]
+        try:
+            if len(self._trials) >= _TRIED or not self._seconds:
+                return better.run(call)
+            start = time.perf_counter()
+            status = better.run(call)
+        except Exception as error:  # such as memory that the device does not have
+            self._refuse(f"{BETTER} gave an error ({_said(error)})")
+            return self._quick.run(call)  # type: ignore[no-any-return]
+        self._trials.append((time.perf_counter() - start) / call.count)
+        if len(self._trials) == _TRIED and min(self._trials) > self._seconds / self._elements:
+            self._refuse(f"{BETTER} is slower here")
+        return status
+
+    def _refuse(self, reason: str) -> None:
+        """Go on with numpy for good."""
+        self._better, self._refusal = None, reason
+
+
+def _said(error: Exception) -> str:
+    return error.message if isinstance(error, ShpyError) else f"{type(error).__name__}: {error}"
+
+
+auto: Final = AutoBackend()

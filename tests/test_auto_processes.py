@@ -1,0 +1,146 @@
+"""The backend "auto" in other processes: workers, forks, without OpenCL, and ends at any moment."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from patience import HANGING
+from test_auto import EAGER, X
+
+import shpy as sh
+from shpy.run import tiers
+
+
+def work_of_a_child(connection):
+    for name, value in EAGER.items():
+        setattr(tiers, name, value)
+
+    @sh.program
+    def child(x: sh.Attrib1f):
+        return x * 3
+
+    kernel = child.compile("auto")
+    for _ in range(3):
+        kernel(X)
+    connection.send(kernel.runs_on)
+
+
+def test_worker_processes_stay_on_numpy():
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("spawn").Process(target=work_of_a_child, args=(there,))
+    process.start()
+    assert here.poll(HANGING)
+    assert here.recv() == "numpy"
+    process.join()
+
+
+def python(text, **settings):
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)],
+        env={**os.environ, "SHPY_BACKEND": "", **settings},
+        capture_output=True,
+        text=True,
+        timeout=HANGING,
+        check=False,
+    )
+
+
+FORKED = """
+import os, numpy as np, shpy as sh
+from shpy.run import tiers
+tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._LOOK = 0; tiers._TRIED = 1000
+@sh.program
+def f(x: sh.Attrib1f):
+    return sh.sin(x)
+kernel, x = f.compile(), np.linspace(0, 1, 100_000, dtype=np.float32)
+first = kernel(x)
+assert kernel.runs_on == "opencl"
+child = os.fork()
+if not child:
+    same = kernel(x).tobytes() == first.tobytes() and kernel.runs_on == "numpy"
+    @sh.program
+    def g(x: sh.Attrib1f):
+        return sh.cos(x)
+    for _ in range(5):
+        g(x)
+    os._exit(0 if same and g.compile().runs_on == "numpy" else 1)
+print(os.waitpid(child, 0)[1], kernel(x).tobytes() == first.tobytes(), kernel.runs_on)
+"""
+
+
+def test_a_forked_child_goes_on_with_numpy():
+    ran = python(FORKED)
+    assert (ran.stdout, ran.stderr) == ("0 True opencl\n", "")
+
+
+WITHOUT = """
+import sys; sys.modules["pyopencl"] = None
+import numpy as np, shpy as sh
+from shpy.run import tiers
+tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._LOOK = 0
+@sh.program
+def f(x: sh.Attrib1f):
+    return x * 2
+f(np.zeros(100_000, np.float32))
+print(f.compile().notes[-1], sh.default_backend(long=True))
+"""
+
+
+def test_without_opencl_numpy_does_all():
+    ran = python(WITHOUT)
+    assert (ran.stdout, ran.stderr) == ("runs on numpy: there is no opencl here numpy\n", "")
+
+
+ENDED = """
+import os, random, sys, time
+import numpy as np, shpy as sh
+from shpy.run import tiers
+tiers._COLD = tiers._CACHED = (0, 0.0002); tiers._START = 0.1
+@sh.program
+def f(x: sh.Attrib1f):
+    t = sh.Attrib1f(0)
+    with sh.SH_FOR(0, 40 + {seed}) as k:
+        t += sh.sin(x * k)
+    return t
+x = np.linspace(0, 1, 200_000, dtype=np.float32)
+print("begun", flush=True)
+end = time.monotonic() + {seconds}
+children = []
+while time.monotonic() < end:
+    f(x)
+    if {fork} and len(children) < 3 and random.random() < 0.3:
+        child = os.fork()
+        if not child:
+            f(x)
+            os._exit(0)
+        children.append(child)
+sys.exit(max([os.waitpid(child, 0)[1] for child in children], default=0))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["exit", "interrupt", "fork"])
+@pytest.mark.parametrize("seed", range(67))
+def test_processes_end_at_any_moment(way, seed):
+    """While numpy runs, while OpenCL compiles, and after: no crash, no hang, and nothing on standard error."""
+    seconds = np.random.default_rng(seed).uniform(0, 1.6)
+    text = ENDED.format(seed=seed, seconds=3600 if way == "interrupt" else seconds, fork=way == "fork")
+    command = [sys.executable, "-c", text]
+    settings = {**os.environ, "SHPY_BACKEND": "auto"}
+    with subprocess.Popen(command, env=settings, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "begun\n"
+        if way == "interrupt":
+            time.sleep(seconds)
+            process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=HANGING)
+    if way == "interrupt":
+        assert process.returncode == -signal.SIGINT
+        assert errors.rstrip().endswith("KeyboardInterrupt")
+    else:
+        assert (process.returncode, errors) == (0, "")
