@@ -1,5 +1,6 @@
 """The backend "auto": the bits of numpy before, while and after OpenCL takes over, and numpy where OpenCL may not."""
 
+import copy
 import pickle
 import sys
 import threading
@@ -7,6 +8,7 @@ import threading
 import dask.array as dask_array
 import numpy as np
 import pytest
+from stress.mode import stressed
 
 import shpy as sh
 from shpy.backend.base import Call
@@ -142,6 +144,30 @@ def test_discarded_elements_and_out(eager):
     data = X.copy()
     assert same(kernel.run(data, out=data).outputs, np.where(X >= 0, roots, X))
     assert same(kernel.run(X, where=X > 1).written, X > 1)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_changes_at_random_keep_the_bits(seed):
+    """Kernels change while runs are split, memory holds garbage and elements run as lists."""
+
+    @sh.program
+    def kept(x: sh.Attrib1f, n: sh.Attrib1i):
+        with sh.SH_IF(x < n):
+            sh.SH_DISCARD()
+        return {"root": sh.sqrt(x), "next": n + 1}
+
+    n = np.arange(N, dtype=np.int32) % 5 - 3
+    old = {"root": np.full(N, 7, np.float32), "next": np.full(N, 8, np.int32)}
+    expected = kept.compile("numpy").run(X, n, out=copy.deepcopy(old))
+    used = set()
+    with stressed(seed):
+        kernel = kept.compile()
+        for _ in range(24):
+            result = kernel.run(X, n, out=copy.deepcopy(old))
+            assert same(result.outputs, expected.outputs)
+            assert same(result.written, expected.written)
+            used.add(kernel.runs_on)
+    assert used == {"numpy", "opencl"}
 
 
 def test_budgets_of_loops(eager):

@@ -8,6 +8,7 @@ the seed repeats, takes the others, on every backend:
 - a call is made twice, and the second one, which repeats the steps of the first, gives the result;
 - whatever the runtimes choose by size or by measurement is chosen by chance: tiles, bands, lists of live elements,
   copies in place of lent memory, the number of runs under way;
+- "auto" kernels change between numpy and OpenCL, also in the middle of a call;
 - a device begins a run over streams only after the host has gone on, and meanwhile the tables that a chain reads hold
   other data.
 
@@ -42,7 +43,9 @@ from shpy.backend.opencl.device import (
 from shpy.backend.opencl.device.driver import _driver_devices, machine_of
 from shpy.chains.chain import Chain
 from shpy.lang.data.sources import HostArrays
+from shpy.run import tiers
 from shpy.run.kernel import Kernel
+from shpy.run.tiers import TieredExecutable
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""
@@ -127,6 +130,18 @@ class Stress:
 
         stack.enter_context(patch.object(opencl_device.Machine, "worth_lending", self.random.choice((1, 1 << 16))))
         stack.enter_context(patch.object(opencl_device.Machine, "lend", lend_sometimes))
+        run = TieredExecutable.run
+
+        def take_over_sometimes(executable: Any, call: Any) -> Any:
+            executable._worth = self.random.choice((0.0, 1e9))
+            if self.chance():
+                executable._better = executable._refusal = None
+            return run(executable, call)
+
+        stack.enter_context(patch.object(tiers, "_LOOK", 0.0))
+        stack.enter_context(patch.object(tiers, "_COLD", (0.0, 0.0)))
+        stack.enter_context(patch.object(tiers, "_START", 0.0))
+        stack.enter_context(patch.object(TieredExecutable, "run", take_over_sometimes))
 
     # Lateness: what the host does after it has started a run comes before the run.
 
