@@ -314,7 +314,12 @@ OUTPUTS = [
     (RENDER, "a.png", use_without("PIL"), f"writing PNG, JPEG and WebP needs Pillow: {install('pillow')}"),
     (RENDER, "a.exr", use_without("OpenEXR"), f"writing EXR needs OpenEXR: {install('OpenEXR')}"),
     (TRADE, "a.png", use_folder, "a.png is a folder"),
-    (TRADE, "a.png", use_without("matplotlib.figure"), f"plots need matplotlib: {install('matplotlib')}"),
+    (
+        TRADE,
+        "a.png",
+        use_without("matplotlib.figure"),
+        f"plots need matplotlib\n  write instead: {install('matplotlib')}",
+    ),
     (ACCURACY, "a.png", use_folder, "a.png is a folder"),
     (ACCURACY, "a.png", use_without("matplotlib.figure"), "plots need matplotlib"),
     (ACCURACY, "a.json", use_folder, "a.json is a folder"),

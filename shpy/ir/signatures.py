@@ -5,7 +5,7 @@ that the value must have, or raises TypeError with a sentence that describes the
 
 >>> from shpy.ir.nodes import Value
 >>> let = Let(Value(1, vec("f", 3)), "splat", (0,))
->>> structural_type(let, (vec("f"),), Scope())
+>>> structural_type(let, (vec("f"),), Declarations())
 f3
 """
 

@@ -21,6 +21,7 @@ from shpy.backend.opencl.device import building as runtime, driver as device
 from shpy.backend.opencl.device.building import backend
 from shpy.backend.opencl.device.driver import machine_of
 from shpy.backend.opencl.device.memory import tables_of
+from shpy.backend.opencl.text.kernel import KernelText
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Function, Loc, Module, Param, Port, Table
 from shpy.ir.tabledata import TableData
@@ -198,7 +199,7 @@ def test_a_refused_text_names_the_line_of_the_user(monkeypatch: pytest.MonkeyPat
 
     def broken(prepared: Module, math: Any, **abilities: bool) -> Any:
         kernel = printed(prepared, math, **abilities)
-        return runtime.Kernel(
+        return KernelText(
             **{
                 **{f: getattr(kernel, f) for f in kernel.__dataclass_fields__},
                 "text": kernel.text.replace("sqrt(", "no_such_function("),

@@ -188,7 +188,8 @@ def test_a_benchmark_that_is_ended_ends_its_server(tmp_path):
     path = tmp_path / "shader.py"
     path.write_text(MOVING)
     command = [sys.executable, "-c", SERVING, str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    settings = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=settings) as process:
         server = int(process.stdout.readline())
         os.kill(server, 0)
         process.terminate()
