@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.appearance.materials import Material
+from raytracer.backends import chosen_backend
 from raytracer.cluster import tasks
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import check_alike, probed
@@ -65,7 +66,7 @@ def animate(
     animation, where ffmpeg is missing for an .mp4 file, and as `render` does.
     """
     size = checked_size(size)
-    drawing = _Drawing(make, size, fps, chosen(integrator, options), backend or sh.default_backend(long=True), exposure)
+    drawing = _Drawing(make, size, fps, chosen(integrator, options), chosen_backend(backend), exposure)
     mapping = map if cluster is None else _by_workers(drawing, cluster)
     with _as_scene_errors():
         steps = sh.videos.writing(Path(output), frames, fps, size, drawing.frame, resume=resume, mapping=mapping)

@@ -24,6 +24,7 @@ import shpy as sh
 from raytracer.accel.bvh import Bvh
 from raytracer.accel.choice import build, check
 from raytracer.accel.space import WORKING, to_kernel, triangle_rows
+from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError, users_line
 from raytracer.kernels import component, nearby, queries
 from raytracer.kernels.component import Component, Surfaces, TracedHit, ray_values
@@ -90,7 +91,7 @@ class Intersector:
         self._pose: Pose | None = None
         self._source = mesh_or_scene
         self._moved: MovedObjects | None = None
-        self._target = backend or sh.default_backend(long=True)
+        self._target = chosen_backend(backend)
         self._options: dict[str, Any] = {"backend": backend, "precision": precision, "loop_limit": None}
         self._precision, self._floats = precision, WORKING[precision]
         self._kernels: dict[Any, Any] = {}

@@ -11,8 +11,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Unpack
 
-import shpy as sh
 from raytracer.arrays import is_whole
+from raytracer.backends import chosen_backend
 from raytracer.cluster.connection import connected
 from raytracer.cluster.job import Job
 from raytracer.cluster.partitioned import check_partitions, render_partitioned
@@ -68,7 +68,7 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        job = Job(scene, chosen_integrator, backend or _backend_of_workers())
+        job = Job(scene, chosen_integrator, chosen_backend(backend, shares_cores=True))
         return _by_workers(cluster, job, size, max_error, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
@@ -77,12 +77,6 @@ def render(
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary)
-
-
-def _backend_of_workers() -> str:
-    """Return numpy where the user has chosen no backend: workers share cores, and OpenCL would take all for each."""
-    default = sh.default_backend()
-    return default if default.pinned else "numpy"
 
 
 def _by_workers(

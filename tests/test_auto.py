@@ -11,6 +11,10 @@ import pytest
 from stress.mode import stressed
 
 import shpy as sh
+from raytracer import Scene, render
+from raytracer.backends import chosen_backend
+from raytracer.cli import main
+from shpy.backend import registry
 from shpy.backend.base import Call
 from shpy.backend.opencl.device import building as opencl
 from shpy.run import tiers
@@ -443,3 +447,27 @@ def test_a_pause_says_what_the_caller_waits_for(eager, monkeypatch, capsys):
     eleventh(X)
     assert "shpy: compil" in (line := capsys.readouterr().err)
     assert "eleventh for opencl" in line
+
+
+def test_the_ray_tracer_takes_opencl_at_once_and_workers_take_numpy(monkeypatch):
+    names = (None, "auto", "glsl")
+    assert [chosen_backend(name) for name in names] == ["opencl", "opencl", "glsl"]
+    assert [chosen_backend(name, shares_cores=True) for name in names] == ["numpy", "numpy", "glsl"]
+    image, expected = (render(Scene.builtin("boxes"), (24, 16), backend=name) for name in (None, "numpy"))
+    assert (image.stats.backend, expected.stats.backend) == ("opencl", "numpy")
+    assert same(image.pixels, expected.pixels)
+    monkeypatch.setenv("SHPY_BACKEND", "glsl")
+    assert [chosen_backend(None), chosen_backend(None, shares_cores=True)] == ["glsl", "glsl"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"), [({}, "raytracer: numpy computes: opencl needs"), ({"SHPY_BACKEND": "numpy"}, "")]
+)
+def test_the_command_says_why_numpy_computes(monkeypatch, capsys, tmp_path, settings, line):
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(registry, "_fault_of_opencl", lambda: "opencl needs pyopencl")
+    assert main(["render", "boxes", "--size", "8x8", "-o", str(tmp_path / "a.png")]) == 0
+    errors = capsys.readouterr().err
+    assert errors.startswith(line)
+    assert bool(errors) == bool(line)

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 import shpy as sh
 from raytracer.accel.choice import MOVABLE
+from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Choice, Options, Path, Staged, Whitted, check_scene, chosen
@@ -73,7 +74,7 @@ class Renderer:
         self.integrator = chosen(integrator, options)
         check_scene(scene, self.integrator)
         self.scene = scene
-        self.backend = backend or sh.default_backend(long=True)
+        self.backend = chosen_backend(backend)
         self.build_seconds = self.record_seconds = self.compile_seconds = 0.0
         self.features: dict[str, bool | int] = {}
         self.staged: StagedTracer | None = None

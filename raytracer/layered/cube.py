@@ -18,10 +18,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-import shpy as sh
 from raytracer.accel.grid import far_larger
 from raytracer.accel.space import to_kernel, triangle_rows
 from raytracer.arrays import is_whole
+from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
 from raytracer.layered import raster
 from raytracer.layered.building import BUILDERS, Samples, build_samples
@@ -121,7 +121,7 @@ class LayeredCube:
         `shading` or `depths`, for half depths with hit="triangle", and for more samples than memory holds;
         sh.BackendUnavailable for a missing backend.
         """
-        backend = backend or sh.default_backend(long=True)
+        backend = chosen_backend(backend)
         _check(mesh_or_scene, resolution, block, hit, tolerance)
         resolution, block = int(resolution), int(block)  # from numpy's, as is the tolerance
         tolerance = None if tolerance is None else float(tolerance)

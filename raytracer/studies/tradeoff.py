@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.accel.choice import ACCELERATORS
+from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError, warn
 from raytracer.image import Image, encoded
 from raytracer.integrators.integrator import Whitted, check_scene
@@ -260,7 +261,7 @@ def _measured(
         raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
     if not scene.triangles:
         raise SceneError(f"{scene.name} has no triangles: there is nothing to trade")
-    backend = backend or sh.default_backend(long=True)
+    backend = chosen_backend(backend)
     cameras = (scene.camera, beside(scene.camera), *(turned(scene.camera, angle) for angle in AROUND))
     exact = reference(scene, backend, bounces)
     variants = list(_variants(scene, bounces))

@@ -153,11 +153,6 @@ class Kernel(Unchanging):
             return self.backend
         return self._executable.runs_on if isinstance(self._executable, TieredExecutable) else QUICK
 
-    def expect(self, elements: int) -> None:
-        """Tell an "auto" kernel that its next calls run so many elements in all; other kernels need not know."""
-        if isinstance(self._executable, TieredExecutable):
-            self._executable.expect(elements)
-
     @property
     def source(self) -> str:
         """The emitted text. Where the target chooses between two texts by measurement, the one in use."""

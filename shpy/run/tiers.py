@@ -95,8 +95,6 @@ class TieredExecutable:
         self._elements, self._seconds = 0, 0.0
         """Elements that numpy ran in long calls, and the seconds that these took."""
         self._fewest = 0
-        self._coming = 0
-        """Elements of the next calls, as `expect` says."""
         self._trials: list[float] = []
         """Seconds for each element of OpenCL's first calls."""
         self._worth = self.expected(cached=True)
@@ -141,10 +139,6 @@ class TieredExecutable:
         """Return whether every element is written, which is the same on both."""
         return self._quick.writes_all  # type: ignore[no-any-return]
 
-    def expect(self, elements: int) -> None:
-        """Learn that the next calls run so many elements in all, as the bands of a picture do."""
-        self._coming = elements
-
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over streams, which are numpy's."""
         return self._quick.ready(call, once=once)  # type: ignore[no-any-return]
@@ -176,7 +170,6 @@ class TieredExecutable:
     def _run_long(self, call: Call) -> tuple[bool, Array | None]:
         """Run on numpy until OpenCL takes over; return whether that was to the end, and the statuses."""
         start = last = time.thread_time()
-        total = max(call.count, self._coming)
 
         def stop(done: int) -> bool:
             nonlocal last
@@ -184,7 +177,7 @@ class TieredExecutable:
             if now - last < _LOOK:
                 return False
             self._spent, last = self._spent + now - last, now
-            rest = (now - start) / done * (total - done)
+            rest = (now - start) / done * (call.count - done)
             if self._spent + rest < self._worth:
                 return False
             self._elements, self._seconds = self._elements + done, self._seconds + now - start
@@ -195,7 +188,6 @@ class TieredExecutable:
             now = time.thread_time()
             self._spent += now - last
             self._elements, self._seconds = self._elements + call.count, self._seconds + now - start
-            self._coming = max(0, self._coming - call.count)
             if self._spent >= self._worth:
                 self._take_over()
         return ended, status
