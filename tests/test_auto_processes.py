@@ -140,7 +140,7 @@ def test_processes_end_at_any_moment(way, seed):
             process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=HANGING)
     if way == "interrupt":
-        assert process.returncode == -signal.SIGINT
+        assert process.returncode == -signal.SIGINT, errors
         assert errors.rstrip().endswith("KeyboardInterrupt")
     else:
         assert (process.returncode, errors) == (0, "")
