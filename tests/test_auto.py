@@ -238,6 +238,22 @@ def test_opencl_goes_on_in_the_middle_of_a_call(eager, monkeypatch):
     assert same(out, np.tile(expected, 30))
 
 
+def test_the_rest_of_a_call_counts_where_the_text_was_never_compiled(eager, monkeypatch):
+    monkeypatch.setattr(tiers, "_COLD", (0.25, 0.0))
+
+    @sh.program
+    def longer(x: sh.Attrib1f):
+        total = sh.Attrib1f(0)
+        with sh.SH_FOR(0, 150) as k:
+            total += sh.cos(x * k)
+        return total
+
+    kernel = longer.compile()
+    kernel(np.tile(X, 20))  # more than a second of numpy's
+    assert kernel.runs_on == "opencl"
+    assert kernel._executable._spent < 0.25
+
+
 def test_kernels_are_pickled_by_their_policy(eager):
     @sh.program
     def third(x: sh.Attrib1f):

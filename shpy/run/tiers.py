@@ -164,7 +164,7 @@ class TieredExecutable:
         self._spent += _SAMPLE * seconds
         self._elements, self._seconds = self._elements + call.count, self._seconds + seconds
         if self._spent >= self._worth:
-            self._take_over()
+            self._take_over(self._spent)
         return status
 
     def _run_long(self, call: Call) -> tuple[bool, Array | None]:
@@ -178,10 +178,11 @@ class TieredExecutable:
                 return False
             self._spent, last = self._spent + now - last, now
             rest = (now - start) / done * (call.count - done)
-            if self._spent + rest < self._worth:
+            total = self._spent + rest
+            if total < self._worth:
                 return False
             self._elements, self._seconds = self._elements + done, self._seconds + now - start
-            return self._take_over()
+            return self._take_over(total)
 
         ended, status = self._quick.run_until(call, stop)
         if ended:
@@ -189,28 +190,31 @@ class TieredExecutable:
             self._spent += now - last
             self._elements, self._seconds = self._elements + call.count, self._seconds + now - start
             if self._spent >= self._worth:
-                self._take_over()
+                self._take_over(self._spent)
         return ended, status
 
-    def _take_over(self) -> bool:
-        """Compile for OpenCL where that pays now; return whether OpenCL is in use. Other threads go on with numpy."""
+    def _take_over(self, total: float) -> bool:
+        """Compile for OpenCL if numpy's `total` seconds pay for it; return whether OpenCL is in use.
+
+        Other threads go on with numpy meanwhile.
+        """
         if not self._compiling.acquire(blocking=False):
             return False
         try:
             if self._better is None and self._refusal is None:
-                self._compile()
+                self._compile(total)
         finally:
             self._compiling.release()
         return self._better is not None
 
-    def _compile(self) -> None:
+    def _compile(self, total: float) -> None:
         from shpy.backend.device import store  # here, since most processes compile nothing for OpenCL
 
         if importlib.util.find_spec("pyopencl") is None:
             self._refuse(f"there is no {BETTER} here")
             return
         text = store.key(print_module(self._module), repr(self._options))
-        if not store.is_remembered(_COMPILED, text) and self._spent < (worth := self.expected(cached=False)):
+        if not store.is_remembered(_COMPILED, text) and total < (worth := self.expected(cached=False)):
             self._worth = worth
             return
         try:
