@@ -91,11 +91,11 @@ PREFACE: Final = """\
 those that we compare with. `python -m benchmarks page` writes this page from `benchmarks/results`, where the other
 columns are: quartiles, best calls, CPU time, and how far answers differ.
 
-Contenders take turns in one process, round after round. Where nothing else is said, a number is the median over the
-rounds of a contender's time as a multiple of ours in the same round, so **2.0 takes twice as long as ours**. Time
-begins with arrays in the host's memory and ends with an array there. Everyone computes in binary32 on all cores, but
-numpy, Embree and Warp, which take one. shpy is strict where nothing else is said, so its bits are the same on all
-backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic."""
+Contenders take turns in one process, round after round. Unless a table says otherwise, a number is the median over
+the rounds of a contender's time as a multiple of ours in the same round, so **2.0 takes twice as long as ours**. Time
+begins with arrays in the host's memory and ends with an array there. Contenders compute in binary32 on all cores, but
+numpy, Embree and Warp use one core. shpy runs in strict mode unless a row names another, so its bits are the same on
+all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic."""
 
 
 def page(results: Results) -> str:

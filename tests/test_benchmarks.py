@@ -115,9 +115,9 @@ def test_a_missing_peer_is_named_with_its_cure(monkeypatch):
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys):
-    given = ["--only", "mandelbrot", "--targets", "numpy", "--peers", "masks", "--rounds", "1"]
+    words = ["--only", "mandelbrot", "--targets", "numpy", "--peers", "masks", "--rounds", "1"]
     files = ["--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")]
-    assert command.main([*given, "--size", "16", *files]) == 0
+    assert command.main([*words, "--size", "16", *files]) == 0
     printed = capsys.readouterr().out
     assert "### mandelbrot\n\nMandelbrot set, 16 x 16, at most 256 iterations." in printed
     document = json.loads((tmp_path / "a.json").read_text())

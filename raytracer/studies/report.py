@@ -3,8 +3,8 @@
 Stage: measure. A study derives from `Study`: its tables, and how its measurements are drawn.
 
     measured = measure(devices_of(["numpy"]), cases, bench, minutes=9, cpu=False)
-    found = MyStudy(**measured)
-    found.plot("found.png")                 # found.json and found.csv go beside it
+    study = MyStudy(**measured)
+    study.plot("study.png")                 # study.json and study.csv go beside it
 """
 
 from __future__ import annotations

@@ -50,9 +50,9 @@ _CACHED: Final = (0.02, 0.00035)
 _LOOK: Final = 0.02
 """Seconds between two readings of the clock in the middle of a call."""
 _SMALL: Final = 256
-"""Elements of a call that is too short to be timed by itself: the clock takes a twentieth of it."""
+"""The most elements of a small call. Only a sample of small calls is timed."""
 _SAMPLE: Final = 32
-"""One of so many small calls is timed, and stands for all of them."""
+"""Small calls for each one that is timed: reading the clock at each call would cost a twentieth of it."""
 _LAUNCH: Final = 5e-5
 """Seconds of OpenCL's shortest call: numpy runs what it can run in that time."""
 _PATIENCE: Final = 1.0

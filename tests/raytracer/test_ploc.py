@@ -84,10 +84,10 @@ ON_BACKENDS = {
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_trees_are_the_same_on_every_backend(backend, corners, monkeypatch):
     monkeypatch.setattr(bvh, "MANY", 0)
-    wanted, found = (build_bvh(corners, backend=name) for name in ("numpy", backend))
+    expected, hierarchy = (build_bvh(corners, backend=name) for name in ("numpy", backend))
     for table in ("low", "high", "links", "items"):
-        np.testing.assert_array_equal(getattr(wanted, table), getattr(found, table))
-    wide = [widened(wanted, corners, name) for name in ("numpy", backend)]
+        np.testing.assert_array_equal(getattr(expected, table), getattr(hierarchy, table))
+    wide = [widened(expected, corners, name) for name in ("numpy", backend)]
     np.testing.assert_array_equal(*(one.table for one in wide))
     assert wide[0].depth == wide[1].depth
 

@@ -463,9 +463,9 @@ def test_a_move_that_is_not_rigid_is_refused():
 @pytest.mark.parametrize("accel", ["bvh", "grid", "brute", "ldc:64"])
 def test_a_query_for_any_hit_ends_at_the_first_one(accel):
     shoot = Intersector(SOUP, accel=accel, backend="numpy")
-    given = shoot._geometry.frame.inputs(shoot._rays([(0, 0, 5)], [(0.05, 0.02, -1)], 0.0, np.inf), False)
+    ray = shoot._geometry.frame.inputs(shoot._rays([(0, 0, 5)], [(0.05, 0.02, -1)], 0.0, np.inf), False)
     nearest, any_hit = (
-        record(shoot._walks.walk, False).trace(*(np.asarray(part, np.float32) for part in given), at=0)
+        record(shoot._walks.walk, False).trace(*(np.asarray(part, np.float32) for part in ray), at=0)
         for record in (intersect, occluded)
     )
     assert len(any_hit) < len(nearest) / 2

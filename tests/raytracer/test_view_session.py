@@ -153,14 +153,14 @@ def test_a_surface_is_where_the_intersector_finds_it(projection):
     camera = rt.Camera((4, 4, 8), (0, 0.7, 0), fov=50, projection=projection, span=6)
     renderer = rt.Renderer(scene, backend="numpy", bounces=0)
     at = (8, 12)
-    found = surface(renderer, camera, SIZE, at)
+    hit = surface(renderer, camera, SIZE, at)
     origin, ray = eye_ray(camera, SIZE, at)
     hits = rt.Intersector(scene, backend="numpy").intersect([origin], [ray])
-    assert found["distance"] == pytest.approx(float(hits.t[0]), rel=1e-5)
-    assert found["position"] == pytest.approx(origin + float(hits.t[0]) * ray, abs=1e-4)
+    assert hit["distance"] == pytest.approx(float(hits.t[0]), rel=1e-5)
+    assert hit["position"] == pytest.approx(origin + float(hits.t[0]) * ray, abs=1e-4)
     ends = np.cumsum([len(mesh) for mesh in scene.meshes])
-    assert found["number"] == np.searchsorted(ends, hits.triangle[0], side="right")
-    assert np.linalg.norm(found["normal"]) == pytest.approx(1, abs=1e-5)
+    assert hit["number"] == np.searchsorted(ends, hits.triangle[0], side="right")
+    assert np.linalg.norm(hit["normal"]) == pytest.approx(1, abs=1e-5)
 
 
 def test_a_pixel_tells_its_object_material_position_and_normal(session):

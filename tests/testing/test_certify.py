@@ -91,11 +91,11 @@ def test_a_fault_is_named_with_its_inputs(monkeypatch: Any, capsys: Any, tmp_pat
 def test_with_full_every_number_is_compared_with_numpy(backend: str, monkeypatch: Any) -> None:
     monkeypatch.setattr(functions, "everything", lambda part: iter([sweep(8), sweep(4)]))
     (check,) = [c for c in functions.input_checks() if c.name == "exp, part 12 of 64"]
-    found = check.run(DeviceChoice(backend))
-    assert found.verdict == ("denormals" if DeviceChoice(backend).flushes else "same")
+    finding = check.run(DeviceChoice(backend))
+    assert finding.verdict == ("denormals" if DeviceChoice(backend).flushes else "same")
     if backend == "numpy":
-        assert found.ulp is not None
-        assert 0 < found.ulp <= 1
+        assert finding.ulp is not None
+        assert 0 < finding.ulp <= 1
     forget()
     with_fault(monkeypatch, backend, op("exp", "exp2"))
     assert check.run(DeviceChoice(backend)).verdict == "differs"
@@ -104,11 +104,11 @@ def test_with_full_every_number_is_compared_with_numpy(backend: str, monkeypatch
 def test_an_error_beyond_the_bound_is_named_with_its_input(monkeypatch: Any) -> None:
     with_fault(monkeypatch, "numpy", op("sinh", "tan"))
     (check,) = [c for c in functions.bound_checks() if c.name == "sinh, relaxed"]
-    found = check.run(DeviceChoice("numpy"))
-    assert found.verdict == "differs"
-    assert "units in the last place from" in found.detail
-    assert found.ulp is not None
-    assert found.ulp > 4
+    finding = check.run(DeviceChoice("numpy"))
+    assert finding.verdict == "differs"
+    assert "units in the last place from" in finding.detail
+    assert finding.ulp is not None
+    assert finding.ulp > 4
 
 
 def test_the_json_tells_the_device_and_no_folder(monkeypatch: Any, tmp_path: Path) -> None:
@@ -234,9 +234,9 @@ def test_progress_tells_the_time_and_keeps_the_file(monkeypatch: Any, capsys: An
 
 def test_pictures_are_not_rendered_where_there_is_no_ray_tracer(monkeypatch: Any) -> None:
     monkeypatch.setitem(sys.modules, "raytracer", None)
-    found = pictures.picture_checks()[0].run(DeviceChoice("numpy"))
-    assert found.verdict == "absent"
-    assert "the ray tracer is not installed here" in found.detail
+    finding = pictures.picture_checks()[0].run(DeviceChoice("numpy"))
+    assert finding.verdict == "absent"
+    assert "the ray tracer is not installed here" in finding.detail
 
 
 # The golden file: `scripts/golden` writes it anew.
@@ -251,8 +251,8 @@ def test_every_check_of_bits_has_a_hash() -> None:
 
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
-    found = functions.sweep_of(name).run(DeviceChoice("numpy"))
-    assert digest(found) == golden()["functions"][name], "run scripts/golden"
+    finding = functions.sweep_of(name).run(DeviceChoice("numpy"))
+    assert digest(finding) == golden()["functions"][name], "run scripts/golden"
 
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])

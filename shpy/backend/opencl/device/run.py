@@ -358,7 +358,7 @@ def _staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]
 
 
 class Items(NamedTuple):
-    """The work items of a run: those of a list (`lines` None), or `columns` in each of so many lines."""
+    """The work items of a run: those of a list if `lines` is None, else `columns` work items in each line."""
 
     columns: int
     lines: int | None = None
