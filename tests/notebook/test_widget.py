@@ -310,3 +310,12 @@ def test_time_goes_on_while_it_plays(browser):
     page.wait_for_timeout(150)
     assert page.evaluate("document.querySelector('canvas').dataset.frame") == held
     page.close()
+
+
+def test_a_widget_without_a_backend_has_the_users_default(monkeypatch):
+    monkeypatch.setenv("SHPY_BACKEND", "auto")
+    widget = sh.widget(grid, size=(400, 400))
+    expected = pixels(drawn(grid, Moment((400, 400)), backend="numpy"))
+    wait_until(lambda: widget._shown._kernels.best(Form("auto", "strict"))[1].backend == "auto")
+    for _ in range(3):
+        assert np.array_equal(widget.frame(), expected)
