@@ -3,6 +3,8 @@
 Stage: test, above programs and kernels; `import shpy as sh` brings it as `sh.testing`.
 
     sh.testing.assert_equivalent(program, x)         # every backend, every lane width, every bit
+    sh.testing.assert_golden(program, x, name="p")   # the bits of golden/p.npz, in this version and later ones
+    sh.testing.first_nan(program, x)                 # the first operation that gives NaN or infinity
     sh.testing.first_divergence(program, x)          # the first statement at which two backends part
     sh.testing.programs()                            # a hypothesis strategy of programs
 """
@@ -17,6 +19,8 @@ from shpy.testing.divergence import Divergence, Row, first_divergence
 from shpy.testing.equivalence import Agreement, assert_equivalent
 from shpy.testing.flushes import Flush
 from shpy.testing.generated.inputs import inputs
+from shpy.testing.golden import assert_golden
+from shpy.testing.nonfinite import NonFinite, first_nan
 from shpy.testing.reference import targets
 
 if TYPE_CHECKING:
@@ -28,9 +32,12 @@ __all__ = [
     "Agreement",
     "Divergence",
     "Flush",
+    "NonFinite",
     "Row",
     "assert_equivalent",
+    "assert_golden",
     "first_divergence",
+    "first_nan",
     "inputs",
     "programs",
     "targets",

@@ -1,6 +1,6 @@
-"""The defaults that pytest's `--shpy-backends` and `--shpy-ulp` set; without them, every backend and every bit.
+"""The defaults that pytest's `--shpy-backends`, `--shpy-ulp` and `--shpy-update` set; else every backend and every bit.
 
-Stage: test. `plugin.py` sets these, `assert_equivalent` reads them.
+Stage: test. `plugin.py` sets these, `assert_equivalent` and `assert_golden` read them.
 """
 
 from __future__ import annotations
@@ -10,3 +10,6 @@ backends: tuple[str, ...] | None = None
 
 ulp: float = 0.0
 """The least distance in ULP that every comparison allows."""
+
+update: bool = False
+"""Whether `assert_golden` writes its files anew."""

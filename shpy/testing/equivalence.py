@@ -5,11 +5,12 @@ AssertionError with the element, its inputs, what each backend made of it, and t
 
     assert_equivalent(program, x)                          # every bit, but for NaNs
     assert_equivalent(program, x, ulp=4, math="relaxed")
+    assert_equivalent(program, x, reference=np.sin, ulp=1)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,9 +21,10 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.programs import Program
 from shpy.testing import defaults
-from shpy.testing.arrays import Array, Bound
+from shpy.testing.arrays import EXACT, Array, Bound
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.divergence import search
+from shpy.testing.expectation import reference_run
 from shpy.testing.flushes import Excuse, Flush
 from shpy.testing.observers import Setting
 from shpy.testing.reference import INTERPRETER, split_options, targets
@@ -57,6 +59,7 @@ def assert_equivalent(
     program: Program,
     *inputs: Any,
     backends: Iterable[str] | None = None,
+    reference: Any = None,
     ulp: float = 0,
     atol: float = 0,
     rtol: float = 0,
@@ -64,6 +67,10 @@ def assert_equivalent(
     **named: Any,
 ) -> Agreement:
     """Run on every available backend and lane width, and compare each with the first, element by element.
+
+    With a `reference`, each is compared with that: an array (with a part for each output where there are several), or
+    a function of the arrays of inputs that returns one, in numpy's binary64 or in numbers of mpmath. It is rounded to
+    the type of the output. Elements that the program discards are masked in it (`numpy.ma`).
 
     `backends` are names as in `testing.targets`: "numpy", "opencl" (each width), "opencl-4", "glsl", "interpreter".
     Results may differ by `ulp` ULP, or by atol + rtol * |first result|; with all 0 they must have the same bits, except
@@ -78,21 +85,36 @@ def assert_equivalent(
     """
     inputs_by_name, options = split_options(named, program)
     names = targets(backends if backends is not None else defaults.backends)
-    if len(names) < 2:
+    if len(names) < 2 and reference is None:
         raise ShpyTypeError("two backends at least are compared", loc=here(), cure='backends=["numpy", "interpreter"]')
     bound = Bound(ulp, atol, rtol)
     bound = replace(bound, ulp=max(bound.ulp, defaults.ulp))
-    return _Comparison(Setting(program, inputs, inputs_by_name, shape, options), names, bound).check()
+    setting = Setting(program, inputs, inputs_by_name, shape, options)
+    if reference is None:
+        return Comparison(setting, [run(setting, name) for name in names], bound).check()
+    runs = [run(setting, name) for name in names]
+    first = reference_run(setting, reference, runs[0])
+    return Comparison(setting, [first, *runs], bound, lambda other, element: ()).check()
 
 
-class _Comparison:
-    """The runs of one program on all targets."""
+Explanation = Callable[[Run, int], Iterable[str]]
+"""The last lines of a failure, for the run and the element that differ."""
 
-    def __init__(self, setting: Setting, names: list[str], bound: Bound) -> None:
+
+class Comparison:
+    """The runs of one program on all targets, of which the first, or an expectation in its place, is right.
+
+    `explain` gives the last lines of a failure; by default, the first statement at which the two runs diverge.
+    """
+
+    def __init__(
+        self, setting: Setting, runs: list[Run], bound: Bound = EXACT, explain: Explanation | None = None
+    ) -> None:
         self.setting = setting
-        self.names = names
+        self.names = [one.target for one in runs]
         self.bound = bound
-        self.runs = [run(setting, name) for name in names]
+        self.runs = runs
+        self.explain = explain or self.divergence
 
     def check(self) -> Agreement:
         """Raise AssertionError at the first run that differs from the first one."""
@@ -116,6 +138,7 @@ class _Comparison:
 
     @cached_property
     def denormal(self) -> Array:
+        """The elements, (n,), that meet a denormal on their way."""
         return meets_denormals(self.setting)
 
     def told(self, other: Run, wrong: Array) -> Iterator[str]:
@@ -129,8 +152,12 @@ class _Comparison:
         for name, value in s.element(element).items():
             yield f"  {name} = {_exact(value)}"
         yield from self.values(element)
+        yield from self.explain(other, element)
+
+    def divergence(self, other: Run, element: int) -> Iterator[str]:
+        """Yield the first statement at which a run and the first one diverge."""
         names = (self.names[0], other.target)
-        divergence = search(s, names, element, (self.runs[0], other), self.bound)
+        divergence = search(self.setting, names, element, (self.runs[0], other), self.bound)
         if divergence is None:
             yield "  watched statement by statement they agree: what parts them is how the text as a whole is compiled"
         else:
@@ -147,6 +174,7 @@ class _Comparison:
                 yield f"    {one.target:<12} {text}{self.distance(one, leaf, element)}"
 
     def distance(self, one: Run, leaf: int, element: int) -> str:
+        """Return how far a float is from the first run's, as the end of a line."""
         first = self.runs[0]
         a, b = first.outputs[leaf][element], one.outputs[leaf][element]
         if one is first or a.dtype.kind != "f" or not (first.written[element] and one.written[element]):

@@ -55,7 +55,7 @@ class Setting:
     named: Mapping[str, Any]
     shape: Any
     options: Mapping[str, Any]
-    watches: dict[frozenset[int], WatchedModule] = field(default_factory=dict)
+    watches: dict[tuple[frozenset[int], bool], WatchedModule] = field(default_factory=dict)
     check: Callable[[], None] = lambda: None
 
     @property
@@ -73,30 +73,45 @@ class Setting:
         """The watched program, with as few variables as possible, so that a line is few events."""
         return promote(self.program.ir)
 
-    def watch(self, looked: frozenset[int]) -> WatchedModule:
+    def watch(self, looked: frozenset[int], *, finiteness: bool = False) -> WatchedModule:
         """Return the module that watches itself, made once for each set of sites that are looked at."""
-        if looked not in self.watches:
-            limit = self.options.get("loop_limit", 1_048_576)
-            self.watches[looked] = watch(self.module, limit, looked, wide=self.precision == "f64")
-        return self.watches[looked]
+        key = looked, finiteness
+        if key not in self.watches:
+            limit, wide = self.options.get("loop_limit", 1_048_576), self.precision == "f64"
+            self.watches[key] = watch(self.module, limit, looked, wide=wide, finiteness=finiteness)
+        return self.watches[key]
 
     @cached_property
     def element_shape(self) -> tuple[int, ...]:
         """The element shape S of the run."""
-        return common_shape(self._streams, self.shape)
+        return common_shape(self.leaves, self.shape)
 
     @cached_property
     def _inputs_by_name(self) -> dict[str, Any]:
         return bind(self.program.recorded, self.inputs, self.named)
 
     @cached_property
-    def _streams(self) -> list[Any]:
+    def leaves(self) -> list[Any]:
+        """The leaves of the inputs that are streams, with their names and arrays."""
         return streams(self.program.recorded.inputs, self._inputs_by_name, self.precision)
+
+    def arrays(self) -> list[Any]:
+        """Return the inputs by position, for a function of numpy: floats of the working precision, in binary64.
+
+        Structs, tables and textures are those that the caller passed.
+        """
+        leaves = {s.name: s.array for s in self.leaves}
+        return [
+            (a.astype(np.float64) if (a := leaves[name]).dtype.kind == "f" else a)
+            if name in leaves
+            else self._inputs_by_name[name]
+            for name in self.program.inputs
+        ]
 
     def element(self, n: int) -> dict[str, Any]:
         """Return the inputs of the n-th element in C order, by name."""
-        flat = [s.flat(self.element_shape) for s in self._streams]
-        return {s.name: a[n if len(a) > 1 else 0] for s, a in zip(self._streams, flat, strict=True)}
+        flat = [s.flat(self.element_shape) for s in self.leaves]
+        return {s.name: a[n if len(a) > 1 else 0] for s, a in zip(self.leaves, flat, strict=True)}
 
     def data(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the params and tables, as the interpreter takes them."""
@@ -112,7 +127,7 @@ class Setting:
 
 def observer(setting: Setting, target: str, element: int) -> Observer:
     """Return an observer of this element on this target."""
-    return _Interpreter(setting, element) if target == INTERPRETER else _Backend(setting, target, element)
+    return _Interpreter(setting, element) if target == INTERPRETER else BackendObserver(setting, target, element)
 
 
 def _seen(watched: WatchedModule, slots: Mapping[str, Any], precision: Any) -> Observation:
@@ -133,14 +148,22 @@ def _kept(slots: Mapping[str, Any], place: str, type: Type, dtypes: Mapping[Base
     return array if type.size > 1 else array[0]
 
 
-class _Backend:
+class BackendObserver:
     """A backend: one run of all elements for each question, so that they share packets as they do in earnest."""
 
-    def __init__(self, setting: Setting, target: str, element: int, looked: frozenset[int] = frozenset()) -> None:
+    def __init__(
+        self,
+        setting: Setting,
+        target: str,
+        element: int,
+        looked: frozenset[int] = frozenset(),
+        *,
+        finiteness: bool = False,
+    ) -> None:
         self.setting = setting
         self.target = target
         self.element = element
-        self.watched = setting.watch(looked)
+        self.watched = setting.watch(looked, finiteness=finiteness)
         options = {**setting.options, "loop_limit": None}
         setting.check()
         self.kernel: Kernel = kernel(_runnable(setting.program, self.watched), target, **options)
@@ -148,6 +171,7 @@ class _Backend:
 
     @cached_property
     def count(self) -> int:
+        """The number of events."""
         return int(self._run(_LAST)["count"])
 
     def trail(self, event: int) -> int:
@@ -158,10 +182,17 @@ class _Backend:
         """Return the number of the statement that the event is; 0 if the element had ended."""
         return int(self._run(event)["site"])
 
-    def look(self, sites: frozenset[int]) -> _Backend:
-        return _Backend(self.setting, self.target, self.element, sites)
+    def first_odd(self, kind: str) -> int | None:
+        """Return the first event of a `kind`, "nan" or "infinite", that comes of other numbers; None without one."""
+        number = int(self._run(_LAST)[kind])
+        return number - 1 if number else None
+
+    def look(self, sites: frozenset[int]) -> BackendObserver:
+        """Return an observer that keeps the values and operands of these sites."""
+        return BackendObserver(self.setting, self.target, self.element, sites)
 
     def seen(self, event: int) -> Observation:
+        """Return an event at one of these sites."""
         return _seen(self.watched, self._run(event), self.setting.precision)
 
     def _run(self, target: int) -> dict[str, Any]:
@@ -220,7 +251,7 @@ class _Interpreter:
         return {n: a for (n, _), a in zip(added, outputs[-len(added) :], strict=True)}
 
 
-Observer = _Backend | _Interpreter
+Observer = BackendObserver | _Interpreter
 """One side of a comparison, for one element: each event of it can be asked for, and some sites be looked at in full."""
 
 

@@ -6,6 +6,7 @@ Stage: test. It comes with the package (entry point `pytest11`).
         assert double.compile(shpy_backend)(2) == 4
 
     pytest --shpy-backends numpy,opencl --shpy-ulp 2
+    pytest --shpy-update                                # golden results are written anew
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the two options."""
+    """Add the options."""
     group = parser.getgroup("shpy")
     group.addoption(
         "--shpy-backends",
@@ -26,19 +27,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--shpy-ulp", type=float, default=0.0, metavar="N", help="the distance that assert_equivalent always allows"
     )
+    group.addoption("--shpy-update", action="store_true", help="write the files of assert_golden anew")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Hand the options to `assert_equivalent`; UsageError for a backend that is unknown or not available."""
     names = config.getoption("--shpy-backends")
     ulp = config.getoption("--shpy-ulp")
-    if not names and not ulp:
+    update = config.getoption("--shpy-update")
+    if not (names or ulp or update):
         return
     from shpy.errors import BackendUnavailable
     from shpy.testing import defaults
     from shpy.testing.reference import require
 
-    defaults.ulp = ulp
+    defaults.ulp, defaults.update = ulp, update
     try:
         defaults.backends = tuple(require(names.split(","))) if names else None
     except BackendUnavailable as error:

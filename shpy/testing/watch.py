@@ -10,11 +10,13 @@ way so far, and a search by halves finds the first event at which they part. Not
                                       $count = $count + 1
 
 For the sites that are `looked` at, the value, the operands and the iterations of the loops around them are outputs as
-well.
+well. On request, `nan` and `infinite` count the events up to the first that gives NaN, or infinity, where no operand is
+NaN, or not finite.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -62,13 +64,22 @@ class WatchedModule:
     outputs: tuple[tuple[str, Type], ...]
 
 
-def watch(module: Module, loop_limit: int | None, looked: Collection[int] = (), *, wide: bool = False) -> WatchedModule:
+def watch(
+    module: Module,
+    loop_limit: int | None,
+    looked: Collection[int] = (),
+    *,
+    wide: bool = False,
+    finiteness: bool = False,
+) -> WatchedModule:
     """Watch every statement of the module; those of the sites in `looked` in full. `wide`: f is binary64.
+
+    With `finiteness`, the outputs `nan` and `infinite` are numbers of events, from 1; 0 for no such event.
 
     Discards and loops that run out of iterations become plain exits, so that the outputs seen until then are written:
     the module is to be compiled without a limit of its own.
     """
-    plan = _WatchPlan(module, frozenset(looked), wide)
+    plan = _WatchPlan(module, frozenset(looked), wide, finiteness)
     functions = tuple(f if f.pure else _Watcher(f, plan).run() for f in module.functions)
     outputs = [(name, type) for name, type in plan.slots.items()]
     watched = replace(
@@ -96,11 +107,14 @@ class _WatchPlan:
     module: Module
     looked: frozenset[int]
     wide: bool
+    finiteness: bool
     sites: list[Site] = field(default_factory=list)
     slots: dict[str, Type] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.slots = {"count": _U, "trail": _U, "site": _U}
+        if self.finiteness:
+            self.slots |= {"nan": _U, "infinite": _U}
         if self.looked:
             self.slots["iterations"] = vec(Base.U, _LOOPS)
             bases = sorted({_FAMILY[v.type.base] for f in self.module.functions for v in defined(f)})
@@ -144,7 +158,7 @@ class _Watcher:
             case Let():
                 self.b.append(s)
                 if s.op not in _SILENT:
-                    self.event(self.site_of(s), s.value)
+                    self.event(self.site_of(s), s.value, None if s.op == "load" else s.args)
             case Store():
                 self.b.append(s)
                 self.event(*self.after_store(s))
@@ -152,7 +166,7 @@ class _Watcher:
                 handed = (*(slot.id for slot in self.slots.values()), self.target.id)
                 self.b.append(replace(s, args=args + handed))
                 for result in results:
-                    self.event(self.site(s.loc, result.name, f"call {name}", result.type), result)
+                    self.event(self.site(s.loc, result.name, f"call {name}", result.type), result, args)
             case If(_, then, orelse):
                 then = self.nested(then)
                 self.b.append(replace(s, then=then, orelse=self.nested(orelse)))
@@ -213,7 +227,8 @@ class _Watcher:
         operands = ((self.called(s.value), s.value, self.values[s.value].type),)
         return self.site(s.loc, slot.name, f"store {place}", slot.type, operands), value
 
-    def event(self, site: Site, value: Value) -> None:
+    def event(self, site: Site, value: Value, args: tuple[int, ...] | None = None) -> None:
+        """Count an event; `args` are the operands of one that computes its value."""
         b = self.b
         b.loc = site.loc
         count, target = b.load(self.slots["count"]), self.target
@@ -229,8 +244,29 @@ class _Watcher:
         self.keep(hit, "site", number)
         if site.number in self.plan.looked:
             self.look(hit, site, value)
-        b.store(self.slots["count"], b.let("add", count, self.one))
+        after = b.let("add", count, self.one)
+        b.store(self.slots["count"], after)
+        if self.plan.finiteness and args is not None and value.type.is_float:
+            operands = [v for a in args if (v := self.values.get(a)) and v.type.is_float]  # others are references
+            for slot, op in (("nan", "isnan"), ("infinite", "isinf")):
+                self.keep(self.begins(op, slot, value, operands), slot, after)
         b.loc = None
+
+    def begins(self, op: str, slot: str, value: Value, operands: list[Value]) -> Value:
+        """Return whether a value is the first of its element that is NaN (or infinite), and comes of others."""
+        b = self.b
+        first = b.let("and", self.any(op, value), b.let("eq", b.load(self.slots[slot]), b.const(_U, [0])))
+        for operand in operands:
+            odd = self.any("isnan", operand)
+            if op == "isinf":
+                odd = b.let("or", odd, self.any("isinf", operand))
+            first = b.let("and", first, b.let("not", odd))
+        return first
+
+    def any(self, op: str, value: Value) -> Value:
+        """Return whether a test holds for a component."""
+        parts = [self.b.let(op, part) for part in self.parts(value)]
+        return functools.reduce(lambda one, two: self.b.let("or", one, two), parts)
 
     def words(self, value: Value) -> list[Value]:
         """Return the bits of each component, as u; above binary32, those of the rounded value and of the rest."""
