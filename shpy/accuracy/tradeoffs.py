@@ -310,7 +310,7 @@ class _Search:
         self.unseen: tuple[Samples, Truth] | None = None
 
     def exact(self, drawn: Samples, reference: Kind) -> Truth:
-        return evaluate(Setting(self.program, drawn.inputs, {}, None, {}), reference)
+        return evaluate(Setting(self.program, drawn.inputs), reference)
 
     def error(self, candidate: Candidate) -> float:
         """Return the candidate's largest error inside the domain."""
@@ -334,7 +334,7 @@ class _Search:
         return "f64" if self.error(double) <= 0.01 * self.budget.limit else self.reference
 
     def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
-        setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
+        setting = Setting(candidate.program, drawn.inputs, options=candidate.variant.options)
         results = run(setting, candidate.variant.backend)
         counted = drawn.inside & (results.written | truth.written)
         if results.flushes:

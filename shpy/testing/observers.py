@@ -51,10 +51,10 @@ class Setting:
     """
 
     program: Program
-    inputs: tuple[Any, ...]
-    named: Mapping[str, Any]
-    shape: Any
-    options: Mapping[str, Any]
+    inputs: tuple[Any, ...] = ()
+    named: Mapping[str, Any] = field(default_factory=dict)
+    shape: Any = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     watches: dict[frozenset[int], WatchedModule] = field(default_factory=dict)
     check: Callable[[], None] = lambda: None
 
