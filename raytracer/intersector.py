@@ -182,7 +182,7 @@ class Intersector:
             raise SceneError(
                 f"{users_line()}: {name} needs triangles, and this scene has none: give it a mesh with some"
             )
-        if not self._component.is_recorded():
+        if not sh.is_recording():
             other = "intersect" if name == "trace" else "occluded"
             raise SceneError(
                 f"{users_line()}: {name} works while a program is recorded: call it in a function under @sh.program, "

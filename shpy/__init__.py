@@ -56,6 +56,7 @@ from shpy.lang.programs.control import (
     SH_WHILE,
 )
 from shpy.lang.recording.location import here as _here
+from shpy.lang.recording.recorder import is_recording
 from shpy.lang.values.builtins import FUNCTIONS
 from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose

@@ -58,6 +58,7 @@ from shpy.errors import ShpyIndexError as ShpyIndexError
 from shpy.errors import ShpyTypeError as ShpyTypeError
 from shpy.errors import ShpyWarning as ShpyWarning
 from shpy.errors import VerifyError as VerifyError
+from shpy.lang.recording.recorder import is_recording as is_recording
 from shpy.run.kernel import Kernel as Kernel
 from shpy.run.result import Result as Result
 from shpy.programs import Program as Program
@@ -7105,6 +7106,7 @@ __all__ = [
     "hypot",
     "inverse",
     "inversesqrt",
+    "is_recording",
     "isinf",
     "isnan",
     "ivec2",

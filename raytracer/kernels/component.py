@@ -234,14 +234,6 @@ class Component:
             if self._uvs is not None:
                 self._uvs.update(uv_rows([mesh]), start=rows.start)
 
-    def is_recorded(self) -> bool:
-        """Return whether a program is recorded: a table's element has no number then."""
-        try:
-            float(self.precision[0])
-        except sh.ShpyError:
-            return True
-        return False
-
     def find(self, origin: Any, direction: Any, t_min: Any, t_max: Any, any_hit: bool, bound: AheadBound | None) -> Any:
         """Record a call of the walk; return its `FoundHit`."""
         self.line = self.precision.line = users_line()

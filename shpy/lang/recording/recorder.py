@@ -306,6 +306,11 @@ def current_frame() -> Frame | None:
     return recording.frame if recording is not None else None
 
 
+def is_recording() -> bool:
+    """Return whether this thread records a program: then values are those of the program, and have no numbers yet."""
+    return current() is not None
+
+
 @contextmanager
 def recording(name: str, loc: Loc | None) -> Iterator[Recording]:
     """Make a recording the current one; recordings nest (a program decorated while another is recorded)."""
