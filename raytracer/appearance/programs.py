@@ -129,7 +129,7 @@ _CUTOUT = "a cutout says where there is no surface"
 
 
 @dataclass(frozen=True, slots=True)
-class Examined:
+class UserProgram:
     """A program of the user's, recorded by itself: `program` is the sh.Program.
 
     `reads`: fields of its hit that a `surface` reads. `gives`: fields of the Surface that it returns.
@@ -242,7 +242,7 @@ def _run(program: Any, sources: Sources, what: str) -> Any:
 _HitFields = NamedTuple("_HitFields", list(fields_of(Hit).items()))  # type: ignore[misc]
 
 
-def examine_surface(program: Callable[..., Any]) -> Examined:
+def examine_surface(program: Callable[..., Any]) -> UserProgram:
     """Record a material's `surface` by itself; raises SceneError or ShpyError for mistakes in it."""
     hits: list[Hit] = []
 
@@ -252,10 +252,10 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
         return ask_surface(program, hits[-1]).values or sh.Attrib1f(0)
 
     _check_ends(program, surface, _CUTOUT)
-    return Examined(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
+    return UserProgram(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
 
 
-def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
+def examine_sky(program: Callable[..., Any], whose: str) -> UserProgram:
     """Record a program as `ask_sky` does, by itself; raises SceneError or ShpyError for mistakes in it."""
 
     @sh.program
@@ -264,7 +264,7 @@ def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
         return color
 
     _check_ends(program, environment, "give black where there is no light")
-    return Examined(frozenset(), frozenset(), environment)
+    return UserProgram(frozenset(), frozenset(), environment)
 
 
 def examine_shade(program: Callable[..., Any]) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from raytracer.appearance.materials import Material
-from raytracer.appearance.programs import Examined
+from raytracer.appearance.programs import UserProgram
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Path
@@ -114,7 +114,7 @@ def _picture(texture: Texture) -> str:
     return _digest(texture.image, texture.filter, texture.wrap)
 
 
-def _recorded(examined: Examined) -> Iterable[Any]:
+def _recorded(examined: UserProgram) -> Iterable[Any]:
     """Yield what decides the results of a recorded program: its text, and the data that it reads at present."""
     recorded = examined.program.recorded
     text = str(examined.program.ir)

@@ -47,7 +47,8 @@ from raytracer.kernels.eye_rays import eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.picture import eye_rays, seen_rays
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.pixel import Pixel
+from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.walk import lanes_of
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout

@@ -24,7 +24,8 @@ import numpy as np
 import shpy as sh
 from raytracer.kernels import stages
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
-from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
+from raytracer.kernels.pixel import Pixel
+from raytracer.kernels.tracer import Light, Ray, Tracer
 
 SPARSE = 1 / 4
 """Share of the rays of a band that are on their way, below which they are copied to streams of their own."""

@@ -21,14 +21,14 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
-from raytracer.kernels.bsdf import Bsdf, largest
+from raytracer.kernels.bsdf import Bsdf, largest, mirrored
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
-from raytracer.kernels.media import Held, Media
+from raytracer.kernels.media import Media, RayBodies
+from raytracer.kernels.pixel import Pixel, background_pixel
 from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.surfaces import Interaction, blank
-from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER
 from raytracer.scene.layout import Layout
@@ -69,8 +69,8 @@ class PathSample:
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
-        self.ray_bodies: Held | None = None if media is None else media.make_ray_bodies()
-        self.shadow: Held | None = None if media is None else media.make_ray_bodies()
+        self.ray_bodies: RayBodies | None = None if media is None else media.make_ray_bodies()
+        self.shadow: RayBodies | None = None if media is None else media.make_ray_bodies()
         if straight:
             through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
             rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
@@ -299,9 +299,7 @@ class PathTracer(SceneTables):
         if path.ray_bodies is not None:
             path.throughput *= self.surfaces.reach(path.ray_bodies, hit, surface)
         with SH_IF(self.is_first(path)):
-            pixel.depth[:] = hit.l
-            pixel.normal[:] = surface.normal
-            pixel.object[:] = self.surfaces.object_at(hit)
+            pixel.note(hit, surface, self.surfaces)
         if self.straight:
             path.way += hit.l
         if emission is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.appearance.programs import Examined, ask_sky, examine_sky
+from raytracer.appearance.programs import UserProgram, ask_sky, examine_sky
 from raytracer.appearance.textures import Texture
 
 
@@ -35,7 +35,7 @@ class Sky:
         self.source, self._whose = source, whose
         self.picture = source if isinstance(source, Texture) else None
         self.plain = self.picture is None and not callable(source)
-        self.examined: Examined | None = None
+        self.examined: UserProgram | None = None
         if self.picture is not None:
             self.size = self.picture.image.shape[:2]
             self._texels = sh.Texture2D(padded(self.picture.image), filter=self.picture.filter, name=name)

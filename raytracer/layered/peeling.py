@@ -49,7 +49,7 @@ flat in vec2 change;
 out float found;
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    // As raster.Projected.depth has it, rounding by rounding.
+    // As raster.ProjectedTriangle.depth has it, rounding by rounding.
     precise float ahead = (float(texel.x) + 0.5 - origin.x) * change.x;
     precise float above = (float(texel.y) + 0.5 - origin.y) * change.y;
     precise float depth = origin.z + ahead;
