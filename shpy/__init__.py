@@ -63,7 +63,7 @@ from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, i
 from shpy.lang.values.structs import struct
 from shpy.lang.values.structure import swap
 from shpy.lang.values.types import TYPES
-from shpy.pictures.png import picture as _picture  # which notebooks call
+from shpy.pictures.png import picture as _picture  # notebooks call it
 from shpy.programs import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result

@@ -72,7 +72,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     """
 
     recorded: RecordedProgram
-    """The module, with what the host must know to run it: inputs, outputs, params, tables and defaults."""
+    """The module, with the facts that the host needs to run it: inputs, outputs, params, tables and defaults."""
 
     def __init__(self, recorded: RecordedProgram) -> None:
         self.recorded = recorded
@@ -210,7 +210,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         ints, counted from 0; it may be left out where there is one element. `shape` is needed where no input has the
         shape of the run, as in a program that reads `grid_index`. An input named `at` comes before the index of that
         name. Each Step has the line, the name, the value and the iterations of the loops around it.
-        Raises ShpyTypeError, with what to write instead, for an index that does not fit the shape.
+        Raises ShpyTypeError, with a correction, for an index that does not fit the shape.
         """
         if at is not None and "at" in list(self.recorded.inputs)[len(args) :]:
             named, at = {**named, "at": at}, None

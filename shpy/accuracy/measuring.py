@@ -43,7 +43,7 @@ class Variant:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The keywords of `compile`."""
+        """Return the keywords of `compile`."""
         mode = {"math": self.math} if self.math is not None else {}
         return {"precision": self.precision, **mode}
 

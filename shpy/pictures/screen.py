@@ -197,7 +197,7 @@ def pixels(output: Any, *, encode: bool = False) -> NDArray[np.uint8]:
 
     One component is a grey, two are red and green, three a colour, and a fourth is its alpha. Numbers go from 0 to 1,
     beyond that they are clipped; NaN is 0. With `encode` they are linear light, which becomes sRGB.
-    Raises ShpyTypeError for what has another shape.
+    Raises ShpyTypeError for other shapes.
     """
     array = np.asarray(output)
     if array.ndim == 2:

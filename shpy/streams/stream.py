@@ -247,7 +247,7 @@ class Stream(StreamReductions, StreamFields, Shown):
             cure = f"a shape of {self.size:,} elements"
             raise ShpyTypeError(f"{self!r} has no view of the shape {extents}", loc=here(), cure=cure)
         view = Stream.over(self._type, extents, self.place, self._memories)
-        self._owned = view._owned = False  # as in `_shared`: both keep this memory
+        self._owned = view._owned = False  # as in `_shared`: the stream and its view share this memory
         return view
 
     def __copy__(self) -> Stream:

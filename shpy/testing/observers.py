@@ -1,6 +1,6 @@
 """Observers of a run: a backend, asked again for each event, or the interpreter, which notes all events at once.
 
-Stage: test. Takes a program, its inputs and one element; gives what was seen of each event of that element.
+Stage: test. Takes a program, its inputs and one element; gives the observations of each event of that element.
 
     one = observer(setting, "opencl-4", element=3)
     one.count, one.trail(17), one.site(17)       # events in all; the hash up to event 17; which statement it was
@@ -45,7 +45,7 @@ class Observation:
 
 @dataclass
 class Setting:
-    """A program and what it is run on. `options` are those of `Program.compile`.
+    """A program and its inputs. `options` are those of `Program.compile`.
 
     `check` is called before each compilation and run of an observer, which take seconds: it ends the search by raising.
     """

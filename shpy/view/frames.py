@@ -1,4 +1,4 @@
-"""Frames that were sent, with what made them: a page asks about the frame that it shows, which has passed by then.
+"""Frames that were sent, with their inputs: a page asks about the frame that it shows, which has passed by then.
 
 Stage: view.
 

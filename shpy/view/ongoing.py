@@ -192,7 +192,7 @@ class Ongoing:
         return error or (self.kernels.refused(choice) if self.kernels else None)
 
     def state(self) -> PictureParts | None:
-        """Return what the present picture was made of."""
+        """Return the inputs of the present picture."""
         return self._state
 
     def stepped(self, state: PictureParts, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:

@@ -1,4 +1,4 @@
-"""One text of a target: the names that its functions share, and the needs of each besides its arguments.
+"""One text of a target: the names that its functions share, and the global values that each function reads.
 
 Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
 and place in the grid that it and those that it calls read.
@@ -36,7 +36,7 @@ class Unit:
 
 
 def needed_by(let: Let) -> Needs:
-    """Return what an operation reads that is not its function's."""
+    """Return the values from outside its function that an operation reads."""
     match let.op:
         case "table" | "table_size" | "neighbour":
             return frozenset({("table", str(let.attr))})
@@ -46,7 +46,7 @@ def needed_by(let: Let) -> Needs:
 
 
 def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]:
-    """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
+    """Return the needs of each function of a module, by its name; `needed` gives those of one operation."""
     needs_by_name: dict[str, Needs] = {}
     for function in module.functions:  # callees come first
         needs: set[Need] = set()

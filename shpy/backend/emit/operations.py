@@ -64,7 +64,7 @@ class Operations:
         raise KeyError(op)
 
     def context(self, function: str) -> tuple[Expr, ...]:
-        """Return what a call hands on besides its arguments: tables, where they are no globals."""
+        """Return the arguments that a call adds to its own: tables, where they are no globals."""
         return ()
 
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:

@@ -48,7 +48,7 @@ Line = tuple[str, Loc | None]
 Spelled = tuple[str, "Level"]
 
 WIDTH: Final = 110
-"""Letters of a function's head; the parameters of a longer one stand below each other."""
+"""Letters of a function's head; a longer head has one parameter a line."""
 
 
 class Level(IntEnum):

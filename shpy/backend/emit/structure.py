@@ -89,7 +89,7 @@ class Body:
     # The function
 
     def begin(self, *, returns: bool) -> None:
-        """Find what needs the whole function, whose parameters have their names by now."""
+        """Survey the whole function; its parameters have names already."""
         single = len(self.function.outputs) == 1
         self.gives_value = returns and single
         self.inputs = {i.id for i in self.function.inputs if isinstance(i, Value)}
@@ -136,7 +136,7 @@ class Body:
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
-        """Collect what is made inside as a block, with names of its own."""
+        """Collect the statements emitted inside as a block, with names of its own."""
         outer, self.scope = self.scope, self.scope.scope()
         with self.collected() as out:
             yield out

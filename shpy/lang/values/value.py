@@ -1,4 +1,4 @@
-"""Values: what a program computes with. The base of all scalar and vector types of the language.
+"""Values: the values of a program. The base of all scalar and vector types of the language.
 
 Stage: record. Inside a recording a value is a slot: each use loads it, each operator makes a new one, and in-place
 stores change it for every name bound to it, as numpy arrays do. Outside a recording a value is a constant.
@@ -443,7 +443,7 @@ def _is_held(value: Value) -> bool:
     """Return whether a name of the user's function, or a field of the struct that it names, holds this value."""
     frame = user_frame()
     things = [] if frame is None else list(frame.f_locals.values())
-    for thing in things:  # which grows
+    for thing in things:  # the list grows meanwhile
         things += [getattr(thing, name, None) for name in getattr(type(thing), "_shpy_fields", ())]
     return any(thing is value for thing in things)
 

@@ -99,7 +99,7 @@ class GlslUnit(Unit):
         self.leaves_loops = limits.leaves_loops
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
         self.prologue: dict[tuple[str, tuple[Type, ...]], str] = {}
-        """The functions for what GLSL lacks, in the order in which they were asked for."""
+        """The functions that GLSL lacks, in the order of their first use."""
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         take = self.globals.take
@@ -197,7 +197,7 @@ class GlslOperations(Operations):
         if source.is_float and type.is_int:
             return tree.call(unit.edge("to_int" if type.base is Base.I else "to_uint", source), type, e)
         if source.is_bool and type.is_float and unit.exact:
-            # Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN.
+            # Mesa replaces a product by a choice where it knows a factor to be 0 or 1, although 0 * inf is NaN.
             one, unknown = Literal(_FLOAT, 1.0), unit.zero_name()
             if type.size == 1:
                 return tree.choice(e, one, unknown)

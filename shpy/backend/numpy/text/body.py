@@ -1,6 +1,6 @@
 """The function of a vectorised module as Python: stores, calls, choices and loops over the lanes of a tile.
 
-Stage: emit. Part of the numpy printer. Stores of some lanes alone are selects already; here is decided which arrays are
+Stage: emit. Part of the numpy printer. Stores of some lanes are selects already; this file decides which arrays are
 shared and which are copied.
 """
 
@@ -160,7 +160,7 @@ class PythonBody(Body):
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
-        """Collect what is made inside; names hold to the end of the function."""
+        """Collect the statements emitted inside; names hold to the end of the function."""
         out = self.out
         self.out = []
         yield self.out

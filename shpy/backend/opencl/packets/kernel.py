@@ -84,7 +84,7 @@ def print_packets(
     faults: Collection[str] = (),
     near: int | None = None,
 ) -> KernelText:
-    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
+    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError if OpenCL lacks something.
 
     `faults` are the compiler's faults, of FAULTS. `near` are the lanes of a kernel that reads neighbours in a grid, if
     they are others.
