@@ -39,7 +39,7 @@ class _Lookup:
 
 
 class Hit(_Lookup):
-    """The point that a ray has met, as a material's `surface` sees it; only what it asks for is computed.
+    """The point that a ray has met, as a material's `surface` sees it; only the attributes that it reads are computed.
 
     `position` is the point in the scene's coordinates and `distance` how far the ray has come, in the scene's units;
     `normal` the interpolated unit normal and `face` that of the triangle, both on the viewer's side; `view` the unit
@@ -71,7 +71,7 @@ class Surface(_Lookup):
     A material's `shade` is handed one in which all but `transmission`, `ior` and `emission` are known, and
     `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`,
     a number or a Texture.
-    Raises SceneError, with the line, for what is no such value.
+    Raises SceneError, with the line, for values of other types.
     """
 
     color: sh.Color3f
@@ -196,7 +196,7 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
 def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
     """Record a program of the light from a direction for a unit vector; SceneError where it gives no colour.
 
-    `whose` says in errors what the program is of, such as "an EnvironmentLight".
+    `whose` names the program's owner in errors, such as "an EnvironmentLight".
     """
     takes, where = f"the program of {whose} takes one input, a direction", place_of(program)
     if isinstance(program, sh.Program):

@@ -61,7 +61,7 @@ def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _ProbeResults:
 
 
 def fingerprint(renderer: Renderer) -> str:
-    """Return a digest of what decides a worker's bits: the tables of the scene, and the results of `probe`.
+    """Return a digest of all that determines a worker's bits: the tables of the scene, and the results of `probe`.
 
     Workers of the same fingerprint give the same picture; in strict mode all of them have the same.
     """

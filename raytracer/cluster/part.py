@@ -1,4 +1,4 @@
-"""A part of a scene in a worker: its triangles with an accelerator of their own, and what happens there to rays.
+"""A part of a scene in a worker: its triangles with an accelerator of their own, and its work on rays.
 
 Stage: cluster. The stages are those of the staged tracer (`kernels.stages`), so the pictures are the same to the bit.
 A ray visits parts one after the other, as it enters their boxes, and takes its nearest hit along; of triangles at the
@@ -34,7 +34,7 @@ SLACK = 2 * REACH
 AT_ONCE = 1 << 20
 """Pairs of a ray and a box that are computed at once."""
 GROWTH = 2.0**-16
-"""The part of the largest coordinate by which boxes are grown, which is many roundings of f32, but of f16 one."""
+"""The fraction of the largest coordinate by which boxes are grown: many roundings of f32, one rounding of f16."""
 
 
 @dataclass(frozen=True, eq=False)

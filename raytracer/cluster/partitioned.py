@@ -75,7 +75,7 @@ def render_partitioned(
 
 
 def check_partitions(job: Job, partitions: int) -> None:
-    """Raise SceneError for what partitions cannot render, as far as it can be seen before the scene is laid out."""
+    """Raise SceneError for a scene that partitions cannot render, as far as this shows before the scene is laid out."""
     chosen = job.integrator
     if not is_whole(partitions, 1, MOST):
         raise SceneError(f"a scene is cut into 1 to {MOST} partitions, not {partitions!r}")
@@ -107,7 +107,7 @@ def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> li
     low = np.array([corners[group].min(axis=(0, 1)) for group in groups])
     high = np.array([corners[group].max(axis=(0, 1)) for group in groups])
     camera = job.scene.camera
-    assert camera is not None  # a scene frames one if it has none
+    assert camera is not None  # a Scene sets its own camera by default
     shared: dict[str, Any] = {
         "low": low,
         "high": high,

@@ -87,7 +87,7 @@ class StagedTracer:
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
         options = {**self._place, "math": math}
-        # No budget of iterations: a stage goes through `at_once` cells or triangles and no more.
+        # No loop limit: a stage visits at most `at_once` cells or triangles.
         self.kernels = {name: program.compile(**options, loop_limit=None) for name, program in self.programs.items()}
         masks = stages.MASKS if early_z else {}
         self._masks = {name: program.compile(**options) for name, program in masks.items()}

@@ -1,4 +1,4 @@
-"""Turns: threads that share a Renderer wait for each other, as its params are those of one picture.
+"""Turns: threads that share a Renderer wait for each other, since its params hold the values of one picture.
 
 Stage: render.
 """

@@ -1,6 +1,6 @@
 """Textures and programs of a scene's materials: what they make of a point that was hit, and of the light on it.
 
-Stage: kernel. A scene whose materials are numbers alone has none of it. Materials are known by their places in
+Stage: kernel. A scene whose materials are numbers alone needs no such code. Materials are known by their places in
 `Layout.materials`; of each distinct program there is one branch.
 """
 
@@ -88,7 +88,7 @@ class Appearance:
         return bool(self.surfaces or self.shades or self.textured)
 
     def describe(self, material: Any, hit: Hit, variables: dict[str, Any], tilted: Callable[[Any], Any]) -> None:
-        """Store what textures and programs say of a point into the variables of these names.
+        """Evaluate textures and programs at a point, and store the results into the variables of these names.
 
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
         `tilted` gives the normal for a colour of a normal map.

@@ -223,7 +223,7 @@ class Component:
         return result
 
     def renew(self, normals: Rows | None, moved: Mapping[int, Mesh]) -> None:
-        """Update what the surfaces of objects have, each by its first triangle; the walk's tables have been updated.
+        """Update the attributes of objects' surfaces, each by its first triangle; the walk's tables have been updated.
 
         `normals` are those of the scene. A mesh that is mirrored has its corners in another order.
         """

@@ -38,7 +38,7 @@ class MediaStack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
     def __init__(self, places: int, body_arrays: list[Any]) -> None:
-        waiting = sh.Array(Waiting, places)  # which names the arrays in emitted texts
+        waiting = sh.Array(Waiting, places)  # emitted texts name the array after this variable
         self.rays, self.bodies = waiting, body_arrays
         count = sh.Attrib1i(0)
         self.count = count
@@ -105,7 +105,7 @@ class GlassTracer(Tracer):
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
                     clear[:] = surface.transmission * (1 - reflected)
                     light.scolor[:] = self.ambient * surface.color
-                    if emission is not None:  # mirrors and glass send out all of it, too
+                    if emission is not None:  # mirrors and glass emit in full, too
                         pixel.color[:] += share * emission
                     light.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
                 self.show_sky(light, ray)
@@ -120,7 +120,7 @@ class GlassTracer(Tracer):
         return pixel
 
     def show_sky(self, light: Any, ray: Any) -> None:
-        """Take a picture or program for what the ray sees, after the branch for one that has met something."""
+        """Take the background for a ray that has missed, after the branch of rays that have hit."""
         if not self.background.plain:
             with SH_ELSE():
                 light.scolor[:] = self.background.radiance(ray.direction)
@@ -128,7 +128,7 @@ class GlassTracer(Tracer):
     def meet_light(
         self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: RayBodies | None
     ) -> None:
-        """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
+        """Add the light of a shadow ray that has hit no surface, or continue it through the glass that it has hit."""
         through[:] = False
         lightcol = light.lightcol
         with SH_IF(hit.id >= 0):
@@ -152,8 +152,9 @@ class GlassTracer(Tracer):
         ray_bodies: RayBodies | None,
         successors: tuple[Any, Any, Any],
     ) -> Any:
-        """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits.
+        """Choose the next ray.
 
+        Of two rays it is the refracted one, and the mirrored one waits. Without a ray it is one that waits.
         `successors` are the shares of the mirrored and the refracted ray, and the direction of this. Return whether no
         ray is left.
         """

@@ -68,7 +68,7 @@ class RayBodies:
 
 
 class Media:
-    """The tables of bodies, and what they do to rays.
+    """The tables of bodies, and their effect on rays.
 
     `start` are the Params of the bodies that hold the eye, or the point `reference` where rays of a picture start in
     several media: `wades` says so, and an eye ray goes from there to its own origin first.
@@ -128,13 +128,14 @@ class Media:
         return 2 * self.body_of[number] + sh.cond(sh.dot(face, ray) > 0, 1, 0)
 
     def touching(self, limit: Any, ray: Any, accept: Any) -> TouchingHit:
-        """Return the hit of a ray that looks for what touches the nearest surface."""
+        """Return the hit of a ray that searches for surfaces in contact with the nearest one."""
         return TouchingHit(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
 
     def merge(self, hit: RayHit, ray: Any, behind: Callable[[], Any]) -> None:
         """Keep the other surfaces of a hit that touch the nearest one, and forget those that do not.
 
-        A ray that goes on from the nearest one, at `behind()`, would miss them. What is opaque takes the hit.
+        A ray that continues from the nearest surface, at `behind()`, would miss them. An opaque surface takes
+        precedence.
         """
         if not isinstance(hit, TouchingHit):
             return

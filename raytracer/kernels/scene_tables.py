@@ -39,7 +39,7 @@ class LightList:
 
     def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
-        assert self.table is not None  # else no ray is aimed
+        assert self.table is not None  # rays are aimed only if there is a table of lights
         first = 2 * n if self.count > 1 else 0
         place, color = self.table[first], self.table[first + 1]
         toward = sh.Vector3f(place.xyz)
@@ -73,7 +73,7 @@ class LeastShare:
 
 
 class SceneTables:
-    """The walk of a scene's rays, its surfaces and its background; `features` says what a kernel of them contains."""
+    """The walk of a scene's rays, its surfaces and its background; `features` lists the features of their kernels."""
 
     scattered = False
     """True for tracers whose rays soon have little in common with their neighbours: see `scene_walk`."""

@@ -23,7 +23,7 @@ from raytracer.appearance.textures import Texture
 class Sky:
     """The radiance of each direction by a `source`: a colour, a Texture, or a program.
 
-    `name` is that of the picture's table, `color` that of the Param, and `whose` says in errors what the source is of.
+    `name` names the picture's table, `color` the Param, and `whose` the owner of the source in errors.
     `plain` says whether it is a colour, the same in all directions.
     `examined` is the program as it was recorded, None where there is none. Raises SceneError and ShpyError for mistakes
     in the program.

@@ -265,7 +265,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
 
 
 def shading(tracer: Tracer) -> Any:
-    """Record the program that takes in what rays met, and makes the rays that come next."""
+    """Record the program that adds the light of the hits and makes the next rays."""
     types = SHADED | {"point": tracer.surfaces.interaction}
     shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
 

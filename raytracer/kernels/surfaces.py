@@ -29,7 +29,7 @@ from raytracer.scene.layout import Change, Layout, is_programmed
 from shpy import SH_ELSE, SH_IF
 
 FLAT = 1 / 250
-"""The slope up to which a normal map leaves the normal as it is: 8 bits say 0 by 127 or 128 of 255, which is 1/255."""
+"""The largest slope of a normal map that is taken for 0: 8 bits store 0 as 127 or 128 of 255, which is 1/255 off."""
 
 
 @sh.struct
@@ -309,7 +309,7 @@ class SurfaceTables:
         return clear * kept
 
     def meet(self, walk: Any, is_eye: Any, ray: Any, eye: Any, limit: Any, any_hit: Any = False) -> RayHit:
-        """Find the nearest hit as `kernels.walk.meet`, and with media what touches it."""
+        """Find the nearest hit as `kernels.walk.meet` does; with media, also the surfaces in contact with it."""
         media = self.media
         if media is None or not media.touches:
             return meet(walk, is_eye, ray, eye, limit, any_hit)
@@ -405,7 +405,7 @@ class SurfaceTables:
 
         The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
         to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
-        what stands out in front goes in.
+        bumps become dents.
         """
         a, b, c = (corner.xyz for corner in self.triangles[hit.id])
         start, to_b, to_c = rows_of(self.uvs, hit)

@@ -136,7 +136,7 @@ class Tracer(SceneTables):
     def gather(self, light: Any, pixel: Pixel, surface: Interaction, emission: Any) -> None:
         """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
         light.scolor[:] = self.ambient * surface.color
-        if emission is not None:  # a mirror sends out all of it, too
+        if emission is not None:  # mirrors emit in full, too
             pixel.color[:] += light.rn.x * emission
         light.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
 

@@ -129,7 +129,7 @@ class _Device:
         layers: list[NDArray[np.float32]] = []
         while True:
             for numbering, target in enumerate(now):
-                # What is drawn into is not bound: where no depth is known yet, none is read.
+                # A texture that is drawn into must not be bound; the first pass reads no depth of its own layer.
                 for unit, read in enumerate([*last, now[0] if numbering else last[0]]):
                     read.color_attachments[0].use(unit)
                 self.draw(shape, target, len(spans.place), bool(numbering))
