@@ -126,10 +126,12 @@ def _statements(node: Any) -> Iterator[ast.stmt]:
 
 
 def _own(node: ast.AST) -> Iterator[ast.AST]:
-    for child in ast.iter_child_nodes(node):
+    pending = list(ast.iter_child_nodes(node))[::-1]
+    while pending:  # without recursion, since expressions may be deep
+        child = pending.pop()
         yield child
         if not isinstance(child, _INNER):
-            yield from _own(child)
+            pending += list(ast.iter_child_nodes(child))[::-1]
 
 
 def _bindings(node: ast.AST) -> Iterator[Binding]:
