@@ -26,6 +26,7 @@ from shpy.lang.mistakes.statements import check_none
 from shpy.lang.recording.location import here, on_one_line, user_frame
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue, Part
 from shpy.lang.values.coerce import Literal, sequence
@@ -57,7 +58,7 @@ def _unary(op: str, what: str) -> Callable[[Any], Any]:
     return lambda self: self._unary(op, what)
 
 
-class Value(AbstractValue):
+class Value(AbstractValue, Symbolic):
     """A scalar or vector. Made by the constructors `Attrib1f`, `Point3f`, …; see docs for the rules.
 
     Raises ShpyTypeError where components do not add up or types do not mix, RecordError for stores that cannot be.
