@@ -21,8 +21,8 @@ import traitlets
 from numpy.typing import NDArray
 
 from shpy.notebook.drawn import Pixels, Running
-from shpy.pictures.png import png
-from shpy.pictures.screen import Moment, pixels
+from shpy.png import png
+from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 
 

@@ -24,9 +24,9 @@ from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
 from shpy.pictures.evolution import Evolution
-from shpy.pictures.screen import Moment, check_pictures, pixels, run_at
 from shpy.pictures.videos import FPS, writing
 from shpy.programs import Program
+from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
 
 Frame = NDArray[np.uint8]

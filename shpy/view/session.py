@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.passes.modes import MODES
-from shpy.pictures.screen import Moment, pixels
+from shpy.screen import Moment, pixels
 from shpy.view import oddities, questions
 from shpy.view.controls import Controls
 from shpy.view.frames import Frame, History
