@@ -3,20 +3,19 @@
 python -m benchmarks --only calls
 """
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from benchmarks.rounds import PAUSE, once
+from benchmarks.rounds import in_turns
 from benchmarks.tables import Table
 from benchmarks.work import Run
 from raytracer import Mesh
 
 COUNT = 64
-ROUNDS = 15
+ROUNDS = 14
 CALLS = 200
 STEPS = 100
 """Kernels of a chain, of which the table shows one."""
@@ -30,7 +29,7 @@ def increment(x: sh.Attrib1f) -> sh.Attrib1f:
 def calls(mesh: Mesh, quick: bool) -> Table:
     """Microseconds of a call: the median of the rounds' means, their quartiles, and the best mean."""
     x = np.arange(COUNT, dtype=np.float32)
-    runs: dict[str, tuple[Run, int]] = {}
+    runs: dict[str, tuple[Run, int]] = {"shpy, plain call": (lambda: increment(x), 1)}
     for info in sh.backends():
         if info.available:
             runs |= _ours(info.name, x)
@@ -39,23 +38,21 @@ def calls(mesh: Mesh, quick: bool) -> Table:
             runs[name] = make(x), 1
         except ImportError:
             continue
-    seconds: dict[str, list[float]] = {name: [] for name in runs}
-    for number in range(3 if quick else ROUNDS):
-        for name, (run, parts) in runs.items():
-            time.sleep(PAUSE)
-            count = 5 if quick else max(CALLS // parts, 10)
-            mean = sum(once(run) for _ in range(count)) / count / parts
-            if number:  # the first round compiles and settles
-                seconds[name].append(1e6 * mean)
+    rounds = 2 if quick else ROUNDS
+    calls = {name: 5 if quick else max(CALLS // parts, 10) for name, (_, parts) in runs.items()}
+    warm = {name: run for name, (run, _) in runs.items()}
+    in_turns(warm, 1, calls)  # compiles and settles
+    seconds = {name: np.divide(t.seconds, runs[name][1]) for name, t in in_turns(warm, rounds, calls).items()}
     rows = []
     for name, means in seconds.items():
-        low, middle, high = np.percentile(means, (25, 50, 75))
-        rows.append([name, f"{middle:.1f}", f"{low:.1f} to {high:.1f}", f"{min(means):.1f}"])
+        low, middle, high = np.percentile(1e6 * means, (25, 50, 75))
+        rows.append([name, f"{middle:.1f}", f"{low:.1f} to {high:.1f}", f"{1e6 * means.min():.1f}"])
     note = (
-        f"Microseconds of a call of x + 1 over {COUNT} float32 numbers: the median of {ROUNDS - 1} rounds of {CALLS} "
+        f"Microseconds of a call of x + 1 over {COUNT} float32 numbers: the median of {rounds} rounds of {CALLS} "
         f"calls, the quartiles, the best round. Of a chain of {STEPS} kernels, one kernel."
     )
-    return Table("calls", note, ["call", "median", "quartiles", "best"], rows)
+    means_by_name = {name: means.tolist() for name, means in seconds.items()}
+    return Table("calls", note, ["call", "median", "quartiles", "best"], rows, means_by_name)
 
 
 def _ours(backend: str, x: np.ndarray) -> dict[str, tuple[Run, int]]:
@@ -95,6 +92,7 @@ def _numba(x: np.ndarray) -> Run:
 def _jax(x: np.ndarray) -> Run:
     import jax
 
+    jax.config.update("jax_platforms", "cpu")
     function = jax.jit(lambda a: a + np.float32(1))
     return lambda: np.asarray(function(x))
 

@@ -166,13 +166,13 @@ def move(p: Particle, counts: sh.Table[sh.Attrib1i]) -> Particle:
     return p
 
 
-@PARTICLES.ours_on("opencl", "glsl", "numpy")
+@PARTICLES.ours_on("opencl", "plain", "glsl", "numpy")
 def particles(compiled, positions, velocities):
     """Start each step and read nothing; the cells are computed once a step, for the sort and the counts."""
     locate, advance = compiled(cell), compiled(move)
 
     def run():
-        bodies = sh.Stream({"at": positions, "speed": velocities}, Particle, advance.backend)
+        bodies = sh.Stream({"at": positions, "speed": velocities}, Particle, getattr(advance, "backend", None))
         for _ in range(SORTS):
             cells = locate(bodies)
             counts = sh.histogram(cells, CELLS)

@@ -4,8 +4,10 @@
     python -m benchmarks --only mandelbrot,nbody --peers numba,drjit --rounds 9
     python -m benchmarks --only primary,secondary --mesh bunny.obj
     python -m benchmarks --quick                          # small sizes, few rounds: does it work?
-    python -m benchmarks --json bench.json --markdown bench.md
-    python -m benchmarks record                           # seconds of recording and printing alone
+    python -m benchmarks --write --mesh bunny.obj         # measure docs/benchmarks.md anew, on a quiet machine
+    python -m benchmarks --only calls --write             # a part of it
+    python -m benchmarks --quick --write FOLDER           # the page and its results in another folder: does it work?
+    python -m benchmarks --json bench.json
     python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
 The exit status is 1 if an answer is wrong or a contender fails.
@@ -16,7 +18,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from datetime import date
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +32,6 @@ from benchmarks import (
     features,
     frames,
     machine,
-    paths,
     peers,
     rays,
     record,
@@ -46,7 +48,6 @@ from raytracer import Mesh
 from raytracer.meshes.shapes import knot
 from shpy.command import run, whole
 from shpy.errors import ShpyError
-from shpy.files import replacing
 from shpy.pictures.outputs import check_file, write_json
 
 KERNELS = {m.WORK.name: m.WORK for m in (mandelbrot, nbody, polynomial, shader, spheres, blur)}
@@ -57,21 +58,29 @@ STUDIES = studies.STUDIES | {
     "compiling": startup.compiling,
     "starting": startup.starting,
     "importing": startup.importing,
+    "small-calls": startup.small_calls,
     "calls": calls.calls,
     "features": features.features,
-    "path-z": lambda mesh, quick: paths.z_test(quick),
+    "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
 }
 """Studies of shpy, most of them without a peer."""
 
 
-WHAT = "record: recording alone; page: write docs/benchmarks.md"
+WHAT = "page: write docs/benchmarks.md from benchmarks/results, and measure nothing"
+WRITE = "keep the results there (benchmarks/results), and write the page of answers (docs/benchmarks.md)"
 
 
 def works(names: Sequence[str], mesh: Mesh) -> list[Work]:
     """Return the works of these names; those with triangles have the mesh's."""
     works_by_name = KERNELS | CHAINS | {w.name: w for w in (*rays.works(mesh), *frames.works(mesh))}
     return [works_by_name[name] for name in names]
+
+
+def work_of(name: str, mesh: Mesh, peer: str) -> Work:
+    """Return the work of a name in the process of a peer, which is started."""
+    peers.start(peer)
+    return works([name], mesh)[0]
 
 
 def mesh_of(path: Path | None, quick: bool) -> Mesh:
@@ -93,7 +102,7 @@ def chosen(text: str | None, choices: Any, what: str) -> list[str]:
 def arguments(argv: list[str] | None) -> argparse.Namespace:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=plain)
-    parser.add_argument("what", nargs="?", choices=["all", "record", "page"], default="all", help=WHAT)
+    parser.add_argument("what", nargs="?", choices=["all", "page"], default="all", help=WHAT)
     parser.add_argument("--only", metavar="WORKS", help=f"some of {','.join((*WORKS, *STUDIES))}")
     parser.add_argument("--peers", metavar="PEERS", help=f"some of {','.join(peers.PEERS)}; 'none' for none")
     parser.add_argument("--targets", metavar="TARGETS", help=f"some of {','.join(TARGETS)}")
@@ -102,7 +111,7 @@ def arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", type=whole(1), help="a size other than a work's own")
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="every number")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="the tables")
+    parser.add_argument("--write", type=Path, nargs="?", const=answers.FOLDER, metavar="FOLDER", help=WRITE)
     return parser.parse_args(argv)
 
 
@@ -113,8 +122,6 @@ def main(argv: list[str] | None = None) -> int:
 
 def compare(options: argparse.Namespace) -> int:
     """Measure and write what the options ask for; gives the exit status."""
-    if options.what == "record":
-        return record.main()
     if options.what == "page":
         answers.write_page()
         return 0
@@ -129,12 +136,9 @@ def compare(options: argparse.Namespace) -> int:
     subjects = works([n for n in names if n in WORKS], mesh)
     targets = chosen(options.targets, TARGETS, "target")
     present, missing = peers.available(peer_names)
-    for name in present:
-        peers.start(name)
     here = machine.describe(present)
     print(report.heading(here, missing), end="\n\n")
-    results = measure(subjects, [*targets, *present], options)
-    print(report.means(results))
+    results = measure(subjects, mesh, [*targets, *present], options)
     tables = []
     for name in (n for n in names if n in STUDIES):
         progress(name)
@@ -147,17 +151,20 @@ def compare(options: argparse.Namespace) -> int:
 
 def check_files(options: argparse.Namespace) -> None:
     """Raise ShpyError for a file that cannot be written, before anything is measured."""
-    for path in filter(None, (options.json, options.markdown)):
-        check_file(path)
+    if options.json:
+        check_file(options.json)
+    if options.write == answers.FOLDER and (options.quick or options.size):
+        raise ShpyError("results of --quick and --size are not for the page: --write FOLDER, another one")
 
 
-def measure(subjects: list[Work], contenders: list[str], options: argparse.Namespace) -> list[Measured]:
+def measure(subjects: list[Work], mesh: Mesh, contenders: list[str], options: argparse.Namespace) -> list[Measured]:
     """Measure each work and print its table at once."""
     results = []
     count = options.rounds or (2 if options.quick else 9)
     for work in subjects:
         size = options.size or (work.quick if options.quick else work.size)
-        results.append(rounds.run(work, size, contenders, count, progress))
+        find = partial(work_of, work.name, mesh)
+        results.append(rounds.run(work, size, contenders, count, progress, find))
         progress("")
         print(report.table(results[-1]).markdown(), flush=True)
     return results
@@ -177,16 +184,22 @@ def write(
     tables: list[Table],
 ) -> None:
     """Write the files that were asked for."""
+    words = ["python -m benchmarks", *sys.argv[1:]]
+    files = {"--json", f"{options.json}", "--write", f"{options.write}"}
+    document = {
+        "date": f"{datetime.now():%Y-%m-%d %H:%M}",
+        "machine": report.processor(here),
+        "command": " ".join(word for word in words if word not in files),
+        "apart": True,  # peers had processes of their own
+        "system": here,
+        "missing": missing,
+        "works": [report.as_json(m) for m in results],
+        "tables": [vars(table) for table in (*map(report.table, results), *tables)],
+    }
     if options.json:
-        words = ["python -m benchmarks", *sys.argv[1:]]
-        files = {"--json", f"{options.json}", "--markdown", f"{options.markdown}"}
-        command = " ".join(word for word in words if word not in files)
-        document = {"date": f"{date.today()}", "machine": report.processor(here), "command": command, "system": here}
-        document |= {"missing": missing, "works": [report.as_json(m) for m in results]}
-        document["tables"] = [vars(table) for table in (*map(report.table, results), *tables)]
         write_json(options.json, document)
-    if options.markdown:
-        parts = [report.heading(here, missing).replace("\n", "  \n"), "", report.means(results)]
-        parts += [table.markdown() for table in (*map(report.table, results), *tables)]
-        with replacing(options.markdown) as path:
-            path.write_text("\n".join(parts))
+    if options.write:
+        options.write.mkdir(parents=True, exist_ok=True)
+        write_json(options.write / f"{(options.only or 'all').replace(',', '-')[:60]}.json", document)
+        answers.drop_superseded(options.write)
+        answers.write_page(options.write)

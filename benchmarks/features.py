@@ -8,7 +8,6 @@ alone.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import shpy as sh
-from benchmarks.studies import in_turns
+from benchmarks.rounds import in_turns
 from benchmarks.tables import Table
 from raytracer import Camera, DirectionalLight, Material, Mesh, PointLight, Scene, Surface, Texture, shaders
 from raytracer.integrators.renderer import Renderer
@@ -110,19 +109,22 @@ def features(mesh: Mesh, quick: bool) -> Table:
         renderer = case.renderer("numpy")
         shot = renderer.render((64, 64), samples=case.samples).stats.rays / 64**2
         rows[name] = [name, f"{sum(count_ops(renderer.program.ir).values()):,}", f"{shot:.2f}"]
+    rounds = {}
     for backend in backends:
         size = 16 if quick else SIZES[backend]
-        runs = []
-        for case in cases_by_name.values():
-            runs.append(partial(case.renderer(backend).render, (size, size), samples=case.samples))
-        seconds = in_turns(runs, 1 if quick else 5, time.process_time)
-        for row, busy in zip(rows.values(), seconds, strict=True):
-            row.append(f"{busy / seconds[0]:.2f}")
-        rows["plain"][-1] = f"{1e3 * seconds[0]:.1f} ms"
+        runs = {
+            name: partial(case.renderer(backend).render, (size, size), samples=case.samples)
+            for name, case in cases_by_name.items()
+        }
+        times = {name: t.cpu for name, t in in_turns(runs, 1 if quick else 5).items()}
+        for name, row in rows.items():
+            row.append(f"{min(times[name]) / min(times['plain']):.2f}")
+        rows["plain"][-1] = f"{1e3 * min(times['plain']):.1f} ms"
+        rounds |= {f"{name}, {backend}": cpu for name, cpu in times.items()}
     head = ["feature", "operations", "rays a pixel", *backends]
     pixels = ", ".join(f"{SIZES[b]}² on {b}" for b in backends)
     note = (
         f"{mesh.name}, {len(mesh):,} triangles, on a floor. Of the kernel: the statements that are recorded. Of each "
         f"backend: how many times the CPU time of the plain picture, the best of 5 in turns; pixels: {pixels}."
     )
-    return Table("features", note, head, list(rows.values()))
+    return Table("features", note, head, list(rows.values()), rounds)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rays import mitsuba_eye_rays, mitsuba_mesh, mitsuba_sensor
+from benchmarks.rays import mitsuba_eye_rays, mitsuba_scene, mitsuba_sensor
 from benchmarks.work import Work
 from raytracer import Camera, Material, Mesh, PointLight, Scene
 from raytracer.integrators.renderer import Renderer
@@ -50,7 +50,7 @@ def _work(mesh: Mesh, size: int) -> Work:
     work.group = "frames"
     work.seen = squares
     slow = ("numpy",) if size == 256 else ()
-    work.ours_on("opencl", "glsl", *slow)(partial(_ours, mesh=mesh))
+    work.ours_on("opencl", "plain", "glsl", *slow)(partial(_ours, mesh=mesh))
     work.version("mitsuba")(partial(_mitsuba_path, mesh=mesh))
     work.version("whitted")(partial(mitsuba_whitted, mesh=mesh))
     return work
@@ -77,46 +77,14 @@ def squares(pixels: np.ndarray) -> np.ndarray:
 
 
 def _ours(compiled: Any, size: int, mesh: Mesh) -> Any:
-    renderer = Renderer(scene_of(mesh), backend=compiled.keywords["backend"], bounces=1)
+    renderer = Renderer(scene_of(mesh), backend=compiled.keywords.get("backend"), bounces=1)
     return lambda: renderer.render((size, size)).pixels
-
-
-@cache
-def _mitsuba_scene(mesh: Mesh) -> Any:
-    import mitsuba as mi
-
-    scene = scene_of(mesh)
-    plain, ground = scene.meshes
-    surfaces: list[Any] = [
-        {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(MATT.color)}}},
-        {"type": "twosided", "bsdf": {"type": "conductor", "material": "none"}},
-    ]
-    meshes = []
-    for part, surface in zip((plain, ground), surfaces, strict=True):
-        properties = mi.Properties()
-        properties["bsdf"] = mi.load_dict(surface)
-        properties["face_normals"] = True
-        meshes.append(mitsuba_mesh(part, properties))
-    camera, light = scene.camera, scene.lights[0]
-    assert camera is not None
-    assert isinstance(light, PointLight)
-    square = float(np.sum((np.asarray(light.position) - camera.target) ** 2))
-    return mi.load_dict({
-        "type": "scene",
-        "mesh": meshes[0],
-        "floor": meshes[1],
-        "light": {
-            "type": "point",
-            "position": list(light.position),
-            "intensity": {"type": "rgb", "value": [math.pi * square * c for c in light.color]},
-        },
-    })  # fmt: skip
 
 
 def _mitsuba_path(size: int, mesh: Mesh) -> Any:
     import mitsuba as mi
 
-    scene, camera = _mitsuba_scene(mesh), scene_of(mesh).camera
+    scene, camera = mitsuba_scene(scene_of(mesh)), scene_of(mesh).camera
     assert camera is not None
     sensor = mitsuba_sensor(camera, size)
     integrator = mi.load_dict({"type": "path", "max_depth": 3, "rr_depth": 100})
@@ -132,7 +100,7 @@ def mitsuba_whitted(size: int, mesh: Mesh) -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    scene = _mitsuba_scene(mesh)
+    scene = mitsuba_scene(scene_of(mesh))
     light = scene_of(mesh).lights[0]
     assert isinstance(light, PointLight)
     mirror = scene.shapes()[1]

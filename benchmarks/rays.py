@@ -18,7 +18,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.work import TARGETS, Work
-from raytracer import Camera, Intersector, Mesh
+from raytracer import Camera, Intersector, Mesh, PointLight, Scene
 from raytracer.accel.choice import build
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.walk import walk_with
@@ -50,7 +50,7 @@ def _work(mesh: Mesh, name: str) -> Work:
         group="coherent rays" if primary else "incoherent rays",
     )
     ours = ours_primary if primary else ours_given
-    work.ours_on("opencl", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
+    work.ours_on("opencl", "plain", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
     work.version("mitsuba")(partial(mitsuba, mesh=mesh, any_hit=any_hit))
     work.version("embreex")(partial(embreex, mesh=mesh, any_hit=any_hit))
     return work
@@ -75,8 +75,7 @@ def primary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
 def secondary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions, one for each primary ray that hits."""
     eye, ray = primary_rays(mesh, size)
-    backend = "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
-    hits = Intersector(mesh, backend=backend).intersect(eye, ray)
+    hits = Intersector(mesh).intersect(eye, ray)
     hit = hits.triangle >= 0
     normal = mesh.face_normals[hits.triangle[hit]]
     normal *= np.where(np.sum(normal * ray[hit], axis=1) > 0, -1, 1)[:, None]
@@ -86,12 +85,6 @@ def secondary_rays(mesh: Mesh, size: int) -> tuple[np.ndarray, np.ndarray]:
     radius = np.linalg.norm(np.ptp(mesh.corners.reshape(-1, 3), axis=0))
     start = eye[hit] + hits.t[hit, None] * ray[hit] + 1e-4 * radius * normal
     return start.astype(np.float32), away.astype(np.float32)
-
-
-def forget() -> None:
-    """Let go of meshes that were used."""
-    for kept in (secondary_rays, _structure, _mitsuba_scene):
-        kept.cache_clear()
 
 
 @cache
@@ -105,7 +98,7 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
     """Trace rays that the kernel makes."""
-    walk = walk_with(*_structure(mesh), compiled.keywords["backend"])
+    walk = walk_with(*_structure(mesh), compiled.keywords.get("backend", "opencl"))
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
     @sh.program
@@ -124,7 +117,8 @@ def ours_given(compiled: Any, origins: np.ndarray, directions: np.ndarray, mesh:
     alone = compiled.keywords == TARGETS["opencl"] and not alike(
         origins.astype(np.float64), directions.astype(np.float64), structure.low[0], structure.high[0]
     )
-    walk = WideIntersector(structure, rows) if alone else walk_with(structure, rows, compiled.keywords["backend"])
+    backend = compiled.keywords.get("backend", "opencl")
+    walk = WideIntersector(structure, rows) if alone else walk_with(structure, rows, backend)
 
     @sh.program
     def secondary(eye: sh.Point3f, ray: sh.Vector3f) -> sh.Attrib1f:
@@ -162,10 +156,32 @@ def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
 
 
 @cache
-def _mitsuba_scene(mesh: Mesh) -> Any:
+def mitsuba_scene(scene: Scene) -> Any:
+    """Return a scene of matt surfaces, perfect mirrors, lamps and point lights as Mitsuba's.
+
+    A point light is so far away that its falloff, which Mitsuba's has, cannot be seen.
+    """
     import mitsuba as mi
 
-    return mi.load_dict({"type": "scene", "mesh": mitsuba_mesh(mesh)})
+    assert scene.camera is not None
+    description: dict[str, Any] = {"type": "scene"}
+    for number, part in enumerate(scene.meshes):
+        look, properties = part.material, mi.Properties()
+        color = [look.numbers["diffuse"] * c for c in look.tint]
+        matt = {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}
+        surface = {"type": "conductor", "material": "none"} if look.numbers["reflectivity"] == 1 else matt
+        properties["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": surface})
+        properties["face_normals"] = True
+        if any(look.emission):
+            radiance = {"type": "rgb", "value": list(look.emission)}
+            properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
+        description[f"mesh_{number}"] = mitsuba_mesh(part, properties)
+    for number, light in enumerate(scene.placed_lights):
+        assert isinstance(light, PointLight)
+        square = float(np.sum((np.asarray(light.position) - scene.camera.target) ** 2))
+        intensity = {"type": "rgb", "value": [np.pi * square * c for c in light.color]}
+        description[f"light_{number}"] = {"type": "point", "position": list(light.position), "intensity": intensity}
+    return mi.load_dict(description)
 
 
 def _traced(scene: Any, ray: Any, coherent: bool, any_hit: bool) -> np.ndarray:
@@ -190,7 +206,7 @@ def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool, coherent: bool | None = None)
     import drjit as dr
     import mitsuba as mi
 
-    scene, primary = _mitsuba_scene(mesh), len(rays) == 1
+    scene, primary = mi.load_dict({"type": "scene", "mesh": mitsuba_mesh(mesh)}), len(rays) == 1
     ray = mitsuba_eye_rays(mesh, rays[0]) if primary else mi.Ray3f(*(a.T for a in rays))
     shape = (rays[0], rays[0]) if primary else (-1,)
     dr.eval(ray)

@@ -1,12 +1,10 @@
 """Reports of measurements: tables for the terminal and for Markdown, and JSON.
 
 print(table(measured).markdown())
-print(means(all_measured))
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +13,10 @@ from benchmarks.peers import PEERS
 from benchmarks.rounds import Measured
 from benchmarks.tables import Table
 from benchmarks.work import TARGETS
-from shpy.command import markdown
 
 OURS = {
     "opencl": "shpy, OpenCL",
+    "plain": "shpy, plain call",
     "opencl-relaxed": "shpy, OpenCL, relaxed",
     "opencl-1": "shpy, OpenCL, lanes=1",
     "glsl": "shpy, GLSL",
@@ -59,38 +57,6 @@ def table(measured: Measured) -> Table:
     failures = (f"{label(name)} failed: {why}." for name, why in measured.failed.items())
     title = measured.work.title.format(size=measured.size)
     return Table(measured.work.name, " ".join(filter(None, [f"{title}.", measured.work.note, *failures])), head, rows)
-
-
-def geometric_means(results: Iterable[Measured], base: str) -> dict[str, tuple[float, float, float, float, int]]:
-    """By contender, geometric means of its ratios to `base`: medians, best calls, CPU; the least median; how many."""
-    ratios_by_name: dict[str, list[tuple[float, float, float]]] = {}
-    for m in results:
-        for name in m.seconds if base in m.seconds else ():
-            if name != base:
-                cpu = np.median(m.cpu[name]) / np.median(m.cpu[base])
-                median = float(np.median(m.ratios(name, base)))
-                ratios_by_name.setdefault(name, []).append((median, m.best[name] / m.best[base], float(cpu)))
-    means = {}
-    for name, ratios in ratios_by_name.items():
-        median, best, cpu = np.exp(np.mean(np.log(ratios), axis=0)).tolist()
-        means[name] = (median, best, cpu, min(r[0] for r in ratios), len(ratios))
-    return means
-
-
-def means(results: Sequence[Measured], bases: Sequence[str] = ("opencl", "opencl-relaxed", "numpy")) -> str:
-    """Return the geometric means over each group of works, as Markdown that a terminal shows well too."""
-    lines = []
-    for group in dict.fromkeys(m.work.group for m in results):
-        members = [m for m in results if m.work.group == group]
-        for base in bases:
-            means_by_name = geometric_means(members, base)
-            if means_by_name:
-                lines += [f"How many times as long as {label(base)} they take, geometric means of {group}:", ""]
-                head = ["", "medians", "best calls", "CPU", "least median", "works"]
-                body = [[label(n), *(f"{x:.2f}" for x in m), f"{c}"] for n, (*m, c) in means_by_name.items()]
-                lines.append(markdown([head, *body]))
-                lines.append("")
-    return "\n".join(lines)
 
 
 def processor(machine: dict[str, Any]) -> str:

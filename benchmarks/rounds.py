@@ -4,24 +4,29 @@
     measured.ratios("numba", "opencl")     # how many times as long numba took as opencl, one number a round
 
 Each contender is warmed up first, which compiles what is compiled; its answer is then compared with the reference. A
-sample is the mean over as many calls as take `ENOUGH` seconds. Between contenders there is a pause, in which the
-threads of the one before, which look for work for a while, fall asleep. On a machine that does other work too, threads
-wait for each other and medians tell about that work as well. The best single call of all rounds then tells more, and so
-does the time that all threads of the process spent computing, though threads that only look for work count there too.
+sample is the mean over as many calls as take `ENOUGH` seconds. Peers run in processes of their own, since their threads
+look for work for a while after a call and slow down the other threads of their process; a pause lets them fall asleep.
+On a machine that does other work too, threads wait for each other and medians tell about that work as well. The best
+single call of all rounds then tells more, and so does the CPU time, though threads that look for work count there too.
 """
 
 from __future__ import annotations
 
 import gc
 import math
+import multiprocessing
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 
-from benchmarks.work import Agreement, Run, Work, judge
+from benchmarks.work import OURS, Agreement, Run, Work, judge
 
 ENOUGH = 0.02
 PAUSE = 0.03
@@ -63,38 +68,129 @@ def once(run: Run) -> float:
     return time.perf_counter() - started
 
 
+@dataclass
+class Times:
+    """The seconds of each round, and the CPU seconds of all threads of the process."""
+
+    seconds: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+
+
+def in_turns(runs: Mapping[str, Run], rounds: int, calls: Mapping[str, int] | None = None) -> dict[str, Times]:
+    """Time runs in turns: in each round a pause, a warm-up call, and the mean of one timed call, or of `calls`."""
+    times = {name: Times() for name in runs}
+    for _ in range(rounds):
+        for name, run in runs.items():
+            count = calls[name] if calls else 1
+            time.sleep(PAUSE)
+            run()
+            busy = time.process_time()
+            times[name].seconds.append(sum(once(run) for _ in range(count)) / count)
+            times[name].cpu.append((time.process_time() - busy) / count)
+    return times
+
+
+class Ready:
+    """A version of a work, compiled."""
+
+    def __init__(self, find: Callable[[str], Work], size: int, name: str) -> None:
+        work = find(name)
+        inputs = work.inputs(size)
+        started = time.perf_counter()
+        self.run = work.versions[name](*inputs)
+        answer = self.run()
+        self.first = time.perf_counter() - started
+        self.answer = np.array(answer.get() if hasattr(answer, "get") else answer)
+
+    def __call__(self, calls: int | None) -> Any:
+        """Return the seconds of the first call and its answer, or of so many calls, and the CPU seconds of one."""
+        if calls is None:
+            return self.first, self.answer
+        busy = time.process_time()
+        durations = [once(self.run) for _ in range(calls)]
+        return durations, (time.process_time() - busy) / calls
+
+
+class Apart:
+    """A function in a new process, which makes it by `make`, a pickle; the process ends with the `with` block."""
+
+    def __init__(self, make: Callable[[], Callable[[Any], Any]]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, there = context.Pipe()
+        self.process = context.Process(target=_serve, args=(make, there), daemon=True)
+        self.process.start()
+        there.close()
+
+    def __enter__(self) -> Apart:
+        return self
+
+    def __call__(self, argument: Any) -> Any:
+        """Call the function; raise RuntimeError with its error, and EOFError where its process has ended."""
+        self.pipe.send(argument)
+        result, error = self.pipe.recv()
+        if error:
+            raise RuntimeError(error)
+        return result
+
+    def __exit__(self, *_: object) -> None:
+        self.pipe.close()
+        self.process.join()
+
+
+def _serve(make: Callable[[], Callable[[Any], Any]], pipe: Connection) -> None:
+    function = None
+    with suppress(EOFError):
+        while True:
+            argument = pipe.recv()
+            try:
+                function = function or make()
+                pipe.send((function(argument), ""))
+            except Exception as error:
+                traceback.print_exc(limit=-3)
+                pipe.send((None, f"{type(error).__name__}: {error}"))
+
+
 def run(
-    work: Work, size: int, contenders: Sequence[str], rounds: int, say: Callable[[str], None] = lambda _: None
+    work: Work,
+    size: int,
+    contenders: Sequence[str],
+    rounds: int,
+    say: Callable[[str], None] = lambda _: None,
+    find: Callable[[str], Work] | None = None,
 ) -> Measured:
-    """Measure a benchmark. A contender that raises an error is noted and left out."""
+    """Measure a benchmark. A contender that raises an error is noted and left out.
+
+    `find` gives the work in the process of a peer, by the peer's name; without it all contenders run in this process.
+    """
     measured, ready = Measured(work, size), {}
     inputs = work.inputs(size)
     reference = np.array(work.versions["masks"](*inputs)()) if "masks" in work.versions else None
-    contenders = [c for c in contenders if c in work.versions]
-    for name in contenders:
-        say(f"{work.name}: {name}")
-        started = time.perf_counter()
-        try:
-            timed = work.versions[name](*inputs)
-            answer = timed()
-        except Exception as error:
-            measured.failed[name] = f"{type(error).__name__}: {error}".splitlines()[0]
-            traceback.print_exc(limit=-3)
-            continue
-        measured.first[name] = time.perf_counter() - started
-        answer = np.array(answer.get() if hasattr(answer, "get") else answer)
-        reference = answer if reference is None else reference
-        measured.agreement[name] = judge(work, answer, reference, inputs)
-        ready[name] = (timed, max(1, math.ceil(ENOUGH / max(min(once(timed), once(timed)), 1e-6))))
-        measured.seconds[name], measured.cpu[name] = [], []
-    gc.collect()
-    for number in range(rounds):
-        say(f"{work.name}: round {number + 1} of {rounds}")
-        for name, (timed, calls) in ready.items():
-            time.sleep(PAUSE)
-            busy = time.process_time()
-            durations = [once(timed) for _ in range(calls)]
-            measured.cpu[name].append((time.process_time() - busy) / calls)
-            measured.seconds[name].append(sum(durations) / calls)
-            measured.best[name] = min(measured.best.get(name, math.inf), *durations)
+    with ExitStack() as ending:
+        for name in (c for c in contenders if c in work.versions):
+            say(f"{work.name}: {name}")
+            contender: Ready | Apart
+            try:
+                if find is None or name in OURS:
+                    contender = Ready(lambda _: work, size, name)
+                else:
+                    contender = ending.enter_context(Apart(partial(Ready, find, size, name)))
+                measured.first[name], result = contender(None)
+                trial, _ = contender(2)
+            except Exception as error:
+                measured.failed[name] = f"{type(error).__name__}: {error}".splitlines()[0]
+                traceback.print_exc(limit=-3)
+                continue
+            reference = result if reference is None else reference
+            measured.agreement[name] = judge(work, result, reference, inputs)
+            ready[name] = (contender, max(1, math.ceil(ENOUGH / max(min(trial), 1e-6))))
+            measured.seconds[name], measured.cpu[name] = [], []
+        gc.collect()
+        for number in range(rounds):
+            say(f"{work.name}: round {number + 1} of {rounds}")
+            for name, (contender, calls) in ready.items():
+                time.sleep(PAUSE)
+                durations, busy = contender(calls)
+                measured.cpu[name].append(busy)
+                measured.seconds[name].append(sum(durations) / calls)
+                measured.best[name] = min(measured.best.get(name, math.inf), *durations)
     return measured

@@ -16,11 +16,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 import shpy as sh
 from benchmarks import record
 from benchmarks.tables import Table
 from raytracer import Mesh
-from shpy import SH_ELSE, SH_IF
 from shpy.backend.base import Options
 from shpy.backend.opencl.device.driver import TARGET as OPENCL
 from shpy.passes.pipeline import prepare
@@ -29,26 +30,16 @@ from shpy.passes.size import count_ops
 CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
 IMPORTED = ("numpy", "shpy", "raytracer")
 IMPORT = "import time; start = time.process_time(); import {package}; print(time.process_time() - start)"
+SMALL = """
+import time, numpy, shpy
+from benchmarks.calls import COUNT, increment
+numbers = numpy.arange(COUNT, dtype=numpy.float32)
+for _ in range({count}):
+    increment(numbers)
+print(time.process_time())
+"""
 COMMAND = "import sys; from raytracer.cli import main; sys.exit(main())"
 RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
-
-
-def branchy(lines: int) -> Any:
-    """Record a program of nearly 4 statements a line; every fifth line is a condition that varies."""
-
-    @sh.program
-    def work(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
-        x, y = sh.Attrib1f(a), sh.Attrib1f(b)
-        for k in range(0, lines, 5):
-            with SH_IF(x > y):
-                x[:] = x * 0.5 + (k % 7)
-                y += b
-            with SH_ELSE():
-                y[:] = y * 0.25 - x
-            x[:] = x + a * y
-        return x + y
-
-    return work
 
 
 def _spheres() -> Any:
@@ -60,7 +51,7 @@ def _spheres() -> Any:
 PROGRAMS: dict[str, Callable[[], Any]] = {
     "spheres": _spheres,
     "ray tracer": record.ray_tracer,
-    "branches": lambda: branchy(800),
+    "branches": lambda: record.straight(270),
 }
 
 
@@ -69,17 +60,16 @@ def statements(program: Any) -> int:
     return sum(count_ops(prepare(program.ir, Options(), OPENCL).module).values())
 
 
-def child(name: str, backend: str, lanes: str) -> None:
+def child(name: str, backend: str) -> None:
     """Print seconds of recording, emitting and compiling, and the statements, as JSON: for a process of its own."""
     sh.backends()  # opening the device is no part of it, and neither is the scene's accelerator
     record.mixed()
-    wide: Any = int(lanes) if lanes.isdigit() else lanes
     started = time.perf_counter()
     program = PROGRAMS[name]()
     recorded = time.perf_counter()
     record.TEXTS[backend](program.ir)
     emitted = time.perf_counter()
-    program.compile(backend, lanes=wide, loop_limit=None)
+    program.compile(backend, loop_limit=None)
     done = time.perf_counter()
     print(json.dumps([recorded - started, emitted - recorded, done - emitted, statements(program)]))
 
@@ -100,22 +90,21 @@ def _backends() -> list[str]:
 
 def compiling(mesh: Mesh, quick: bool) -> Table:
     """Measure recording, emission and compilation of programs, each in a new process, cold and then warm."""
-    rows = []
-    cases = [(name, backend, "auto") for name in PROGRAMS for backend in _backends()]
-    cases += [("branches", "opencl", "16"), ("branches", "opencl", "1")] if "opencl" in _backends() else []
-    for name, backend, lanes in [("spheres", "numpy", "auto")] if quick else cases:
+    rows, rounds = [], {}
+    cases = [(name, backend) for name in PROGRAMS for backend in _backends()]
+    for name, backend in [("spheres", "numpy")] if quick else cases:
         with tempfile.TemporaryDirectory() as cache:
-            runs = [json.loads(_run(["-c", CHILD, name, backend, lanes], cache)[0]) for _ in range(2)]
+            runs = [json.loads(_run(["-c", CHILD, name, backend], cache)[0]) for _ in range(2)]
         (recorded, emitted, cold, count), (*_, warm, _) = runs
-        label = backend if lanes == "auto" else f"{backend}, {lanes} lanes"
-        rows.append([name, label, f"{count:,}", *(f"{t:.3f}" for t in (recorded, emitted, cold, warm))])
+        rows.append([name, backend, f"{count:,}", *(f"{t:.3f}" for t in (recorded, emitted, cold, warm))])
+        rounds[f"{name}, {backend}"] = [run[2] for run in runs]
     head = ["program", "target", "statements", "record", "emit", "compile, cold", "compile, warm"]
-    return Table("compiling", "Seconds; `compile` emits too, and waits for the driver's code.", head, rows)
+    return Table("compiling", "Seconds; `compile` emits too, and waits for the driver's code.", head, rows, rounds)
 
 
 def starting(mesh: Mesh, quick: bool) -> Table:
     """`raytracer render boxes` in a new process, cold and then warm."""
-    rows = []
+    rows, rounds = [], {}
     for backend in ["numpy"] if quick else _backends():
         with tempfile.TemporaryDirectory() as cache:
             command = [part.format(backend=backend, out=os.path.join(cache, "boxes.png")) for part in RENDER]
@@ -123,22 +112,43 @@ def starting(mesh: Mesh, quick: bool) -> Table:
             if not os.path.exists(command[-1]):
                 raise RuntimeError(f"no picture was made by {command}")
         rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
+        rounds[backend] = [cold, *warm]
     note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
-    return Table("starting", note, ["target", "cold", "warm"], rows)
+    return Table("starting", note, ["target", "cold", "warm"], rows, rounds)
+
+
+def small_calls(mesh: Mesh, quick: bool) -> Table:
+    """Measure a new process of plain calls of x + 1 over 64 numbers beside the same one with each backend pinned."""
+    count, turns = (10, 2) if quick else (5000, 9)
+    seconds: dict[str, list[float]] = {name: [] for name in ("auto", *_backends())}
+    with tempfile.TemporaryDirectory() as cache:
+        for number in range(turns + 1):
+            for name, own in seconds.items():
+                output, _ = _run(["-c", SMALL.format(count=count)], cache, {"SHPY_BACKEND": name})
+                own += [float(output)] * bool(number)  # the first one fills the caches
+    least = {name: min(own) for name, own in seconds.items()}
+    rows = [
+        [f"SHPY_BACKEND={name}", f"{least[name]:.3f}", f"{np.median(own):.3f}", f"{least[name] / least['numpy']:.2f}"]
+        for name, own in seconds.items()
+    ]
+    note = (
+        f"CPU seconds of a process of {count:,} plain calls of x + 1 over 64 numbers; the least of {turns}, the median."
+    )
+    return Table("small-calls", note, ["backend", "least", "median", "of numpy's"], rows, seconds)
 
 
 def importing(mesh: Mesh, quick: bool) -> Table:
     """Measure imports of packages, each in a new process, without bytecode and then with it, as pip leaves it."""
-    rounds = 2 if quick else 9
-    rows = []
+    rounds, rows, seconds_of = 2 if quick else 9, [], {}
     with tempfile.TemporaryDirectory() as cache:
         for package in IMPORTED:
             without = [_import_seconds(package, os.path.join(cache, str(n), package)) for n in range(rounds)]
             _import_seconds(package, cache, writes=True)
             kept = [_import_seconds(package, cache) for _ in range(rounds)]
             rows.append([f"`{package}`", *(f"{min(seconds):.3f}" for seconds in (without, kept))])
+            seconds_of |= {package: without, f"{package}, with bytecode": kept}
     note = "Seconds of processor time of `import` in a new process, dependencies included, without Python's own start."
-    return Table("importing", note, ["package", "without bytecode", "with bytecode"], rows)
+    return Table("importing", note, ["package", "without bytecode", "with bytecode"], rows, seconds_of)
 
 
 def _import_seconds(package: str, bytecode: str, *, writes: bool = False) -> float:

@@ -2,64 +2,30 @@
 
     print(STUDIES["lights"](mesh, quick=False))
 
-Each study gives a `Table`. Times are those of the best of five calls; CPU times are those of all threads. Ours run on
+Each study gives a `Table`. Times are those of the best of five rounds; CPU times are those of all threads. Ours run on
 OpenCL where there is a device, otherwise on numpy.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import shpy as sh
 from benchmarks import frames, peers, rays
-from benchmarks.rounds import PAUSE, once
+from benchmarks.rounds import in_turns
 from benchmarks.tables import Table
 from raytracer import Mesh, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
 
+ROUNDS = 5
+
 
 def backend() -> str:
     """Return "opencl" where there is a device, otherwise "numpy"."""
     return "opencl" if any(b.available for b in sh.backends() if b.name == "opencl") else "numpy"
-
-
-def best(run: Callable[[], Any], calls: int = 5) -> tuple[float, float]:
-    """Return the seconds of the fastest call after one warm-up call, and the least CPU seconds of all threads."""
-    run()
-    measurements = []
-    for _ in range(calls):
-        busy = time.process_time()
-        measurements.append((once(run), time.process_time() - busy))
-    return min(f[0] for f in measurements), min(f[1] for f in measurements)
-
-
-def in_turns(
-    runs: Sequence[Callable[[], Any]], turns: int = 5, clock: Callable[[], float] = time.perf_counter
-) -> list[float]:
-    """Return the seconds of the fastest call of each run; the runs take turns as in `rounds_of`."""
-    return [min(times) for times in rounds_of(runs, turns, clock)]
-
-
-def rounds_of(
-    runs: Sequence[Callable[[], Any]], turns: int, clock: Callable[[], float] = time.perf_counter
-) -> list[list[float]]:
-    """Return the seconds of the timed calls of each run, in turns: a pause, a warm-up call, a timed call.
-
-    With `time.process_time` as the clock they are the CPU seconds of all threads of the process.
-    """
-    seconds: list[list[float]] = [[] for _ in runs]
-    for _ in range(turns):
-        for run, times in zip(runs, seconds, strict=True):
-            time.sleep(PAUSE)
-            run()
-            started = clock()
-            run()
-            times.append(clock() - started)
-    return seconds
 
 
 def rate(count: int, seconds: float) -> str:
@@ -72,7 +38,8 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
     size = 32 if quick else 512
     compiled = partial(sh.Program.compile, backend=backend())
     with_mitsuba = not quick and not peers.available(["mitsuba"])[1]
-    rows = []
+    rows, rounds = [], {}
+    names = ["primary", "secondary", "Mitsuba, primary", "Mitsuba, secondary"]
     for segments, sides in [(50, 10)] if quick else [(50, 10), (160, 32), (500, 100), (1600, 320)]:
         knotted = knot(segments=segments, sides=sides)
         ray_arrays = rays.secondary_rays(knotted, size)
@@ -87,24 +54,24 @@ def triangles(mesh: Mesh, quick: bool) -> Table:
                 rays.mitsuba(*ray_arrays, mesh=knotted, any_hit=False),
             ]
         counts = [size * size, len(ray_arrays[0])] * 2
-        rates = [rate(n, seconds) for n, seconds in zip(counts, in_turns(runs), strict=False)]
+        times = in_turns(dict(zip(names, runs, strict=False)), ROUNDS)
+        rates = [rate(n, min(t.seconds)) for n, t in zip(counts, times.values(), strict=False)]
         rows.append([f"{len(knotted):,}", *rates])
-        rays.forget()
-    head = ["triangles", "primary", "secondary", "Mitsuba, primary", "Mitsuba, secondary"][: len(rows[0])]
-    return Table(
-        "triangles", f"Million rays a second, closest hit, {size} x {size} pixels, on {backend()}.", head, rows
-    )
+        rounds |= {f"{len(knotted):,}, {name}": t.seconds for name, t in times.items()}
+    note = f"Million rays a second, closest hit, {size} x {size} pixels, on {backend()}."
+    return Table("triangles", note, ["triangles", *names][: len(rows[0])], rows, rounds)
 
 
 def _frames(name: str, note: str, what: str, cases: Sequence[tuple[Any, Scene, int, int]]) -> Table:
-    rows = []
+    rows, rounds = [], {}
     for case, scene, size, bounces in cases:
         renderer = Renderer(scene, backend=backend(), bounces=bounces)
-        seconds, cpu = best(partial(renderer.render, (size, size)))
-        shot = int(renderer.render((size, size)).stats.rays)
-        rows.append([str(case), f"{1e3 * seconds:.1f}", f"{1e3 * cpu:.1f}", f"{shot:,}", rate(shot, cpu)])
+        (times,) = in_turns({name: partial(renderer.render, (size, size))}, ROUNDS).values()
+        shot, cpu = int(renderer.render((size, size)).stats.rays), min(times.cpu)
+        rows.append([str(case), f"{1e3 * min(times.seconds):.1f}", f"{1e3 * cpu:.1f}", f"{shot:,}", rate(shot, cpu)])
+        rounds[str(case)] = times.seconds
     head = [what, "ms", "CPU ms", "rays", "million rays a CPU second"]
-    return Table(name, f"{note} On {backend()}.", head, rows)
+    return Table(name, f"{note} On {backend()}.", head, rows, rounds)
 
 
 def pixels(mesh: Mesh, quick: bool) -> Table:

@@ -30,12 +30,20 @@ Version = Callable[..., Run]
 
 TARGETS: dict[str, dict[str, Any]] = {
     "opencl": {"backend": "opencl"},
+    "plain": {},
     "opencl-relaxed": {"backend": "opencl", "math": "relaxed"},
     "opencl-1": {"backend": "opencl", "lanes": 1},
     "glsl": {"backend": "glsl"},
     "numpy": {"backend": "numpy"},
 }
-"""The options with which our programs are compiled, by the name of the contender."""
+"""The options with which our programs are compiled, by the name of the contender; "plain" does not compile them."""
+OURS = (*TARGETS, "masks")
+"""Contenders whose threads slow down no others: they share a process."""
+
+
+def plain(program: sh.Program, **_: Any) -> sh.Program:
+    """Return the program, whose call takes the default backend."""
+    return program
 
 
 @dataclass
@@ -81,7 +89,8 @@ class Work:
 
         def keep(function: Version) -> Version:
             for name in targets:
-                self.versions[name] = partial(function, partial(sh.Program.compile, **TARGETS[name]))
+                compiled = partial(sh.Program.compile, **TARGETS[name]) if TARGETS[name] else partial(plain)
+                self.versions[name] = partial(function, compiled)
             return function
 
         return keep

@@ -202,7 +202,7 @@ def _mistake(path: Path, error: Exception) -> SceneError:
     """Return the error of a user's file with the last line of it that took part, if there is one."""
     line = _line_in(path, error)
     place = path if line is None else f"{path}:{line}"
-    text = traceback.TracebackException(type(error), error, None)  # whose text is one even if that of the error raises
+    text = traceback.TracebackException(type(error), error, None)  # safe if its __str__ raises
     return SceneError(f"{place}: {type(error).__name__}: {text}")
 
 

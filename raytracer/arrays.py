@@ -26,7 +26,7 @@ def array_of(what: str, values: Any) -> NDArray[Any]:
 
 
 def numbers(what: str, values: Any) -> NDArray[np.floating[Any]]:
-    """Return an array of f32 or f64 that keeps all digits of the given one; SceneError for what is no real number."""
+    """Return an array of f32 or f64 with all digits; raise SceneError unless `values` are real numbers."""
     array = array_of(what, values)
     if array.dtype.kind not in "biufO":
         raise SceneError(f"{what} are real numbers, not {array.dtype}")
@@ -48,7 +48,7 @@ def three_floats(values: Any) -> tuple[float, float, float] | None:
 
 
 def one_float(value: Any) -> float | None:
-    """Return a number as a float; None for anything else, for what stands in a string, and beyond binary64."""
+    """Return a number as a float; None for strings, other objects, and numbers beyond binary64."""
     try:
         return None if isinstance(value, str) else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -56,7 +56,7 @@ def one_float(value: Any) -> float | None:
 
 
 def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
-    """Return three numbers as floats; SceneError, which begins with `what`, unless they are three finite ones."""
+    """Return three finite numbers as floats; otherwise raise a SceneError that begins with `what`."""
     triple = three_floats(values)
     if triple is None or not all(map(math.isfinite, triple)):
         raise SceneError(f"{what} is three finite numbers, not {values!r}")
@@ -64,7 +64,7 @@ def finite_triple(what: str, values: Any) -> tuple[float, float, float]:
 
 
 def finite_number(what: str, value: Any) -> float:
-    """Return a number as a float; SceneError, which begins with `what`, unless it is finite."""
+    """Return a finite number as a float; otherwise raise a SceneError that begins with `what`."""
     number = one_float(value)
     if number is None or not math.isfinite(number):
         raise SceneError(f"{what} is a finite number, not {value!r}")
@@ -72,17 +72,17 @@ def finite_number(what: str, value: Any) -> float:
 
 
 def real(word: str) -> float:
-    """Read a number as files and commands write it; ValueError for what is none."""
+    """Read a number as files and commands write it; raise ValueError for other words."""
     return float(_plain(word))
 
 
 def whole(word: str) -> int:
-    """Read a whole number as files write it; ValueError for what is none."""
+    """Read a whole number as files write it; raise ValueError for other words."""
     return int(_plain(word))
 
 
 def _plain(word: str) -> str:
-    """Return a word; ValueError for what only Python takes for numbers: with _ between digits, or in other scripts."""
+    """Return a word; raise ValueError for numbers of Python alone: with _ between digits, or in other scripts."""
     if "_" in word or not word.isascii():
         raise ValueError(f"{word[:40]!r} is no number")
     return word

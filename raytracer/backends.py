@@ -11,7 +11,7 @@ import shpy as sh
 
 
 def chosen_backend(name: str | None, *, shares_cores: bool = False) -> str:
-    """Return `name`, or for None and "auto" the backend of work that surely pays for a compilation.
+    """Return `name`; for None and "auto" the backend for work that is long enough to pay for a compilation.
 
     With `shares_cores` that is numpy: workers share the cores of a machine, and OpenCL would take all for each.
     """

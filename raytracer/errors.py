@@ -1,4 +1,4 @@
-"""The errors of the ray tracer that are not the language's: each says what is wrong and what would be right."""
+"""The errors of the ray tracer that are not the language's: each names the mistake and the cure."""
 
 from __future__ import annotations
 

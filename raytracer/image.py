@@ -149,7 +149,7 @@ class Image:
             layers, samples, origin = _READERS[path.suffix.lower()](path)
         except SceneError:
             raise
-        # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
+        # Decoders raise errors of many types. Whichever it is, the user can only repair the file.
         except Exception as error:
             raise SceneError(
                 f"{path}: no picture that raytracer saved ({' '.join(str(error).split())[:200]})"
@@ -219,7 +219,7 @@ def _write_exr(image: Image, name: str) -> None:
     with exr.File(header, channels) as file:
         try:
             file.write(name)
-        except RuntimeError as error:  # a full disk, among others
+        except RuntimeError as error:  # for instance, the disk is full
             raise OSError(f"OpenEXR cannot write: {error}") from error
 
 

@@ -1,4 +1,4 @@
-"""Questions about the triangles of a mesh or scene: what rays hit, and which point is the closest.
+"""Questions about the triangles of a mesh or scene: hits of rays, and closest points.
 
 Stage: query. The same walk as the pictures', without their shading.
 
@@ -43,15 +43,15 @@ _FARTHEST = 2.0**56
 """The limit of the kernel's coordinates, 2**24 times the size of the scene: farther points are clamped to it."""
 
 _RECORDED = ("_component", "_walks", "_closest")
-"""The attributes with what programs have recorded, which copies make anew."""
+"""The attributes that hold recorded programs; copies record them again."""
 
 
 class Intersector:
     """Finds hits with the triangles of a mesh, or of all meshes of a scene one after the other.
 
-    `accel` is "bvh", "grid" or "brute" (see `Whitted`), which differ in time alone;
-    `backend` one of `sh.backends()`, None for the default; `precision` "f32", "f64" or "f16". Raises SceneError for
-    what is neither mesh nor scene, and for another accelerator or precision.
+    `accel` is "bvh", "grid" or "brute" (see `Whitted`), which differ in time alone; `backend` one of `sh.backends()`,
+    None for the default; `precision` "f32", "f64" or "f16". Raises SceneError unless it is a mesh or a scene, and for
+    another accelerator or precision.
 
     `accel` may also be a `LayeredCube` of the mesh, or "ldc", "ldc:resolution" or "ldc:resolution:hit", which make one:
     `intersect` and `occluded` are then as exact as the cube is; `count` and `all_hits` raise SceneError.
@@ -118,19 +118,19 @@ class Intersector:
         return build(accel, corners, self._precision, backend=self._target)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for copies and pickles, without kernels and without what programs have recorded."""
+        """Return the state for copies and pickles, without kernels and recorded programs."""
         return {name: value for name, value in self.__dict__.items() if name not in _RECORDED} | {"_kernels": {}}
 
     def move(self, name: str | int | ArrayLike | None = None, transform: ArrayLike | None = None) -> None:
-        """Place all meshes, or those of a name, where `transform` takes them from where they were made; None for there.
+        """Place all meshes, or the meshes of a name, by `transform` from their original places; None for there.
 
         `move(transform)` places all of them, and nothing is built anew: rays are taken to them in float64, which costs
         a little for each. `transform` (4, 4) multiplies columns (x, y, z, 1): a rotation, a move, and one scale for all
         axes; it may mirror.
 
         `move(name, transform)` places the meshes of a name, or the one of a number, among the others, by any matrix
-        that `Renderer.move` takes; the hits are those of a new Intersector of a scene made so. The first move of an
-        object gives it an accelerator of its own; later ones change its parts of the tables alone, unless the scene
+        that `Renderer.move` takes; the hits are the same as for a new Intersector of the moved scene. The first move of
+        an object gives it an accelerator of its own; later ones change its parts of the tables alone, unless the scene
         grows beyond the next power of two. `closest_point`, and on a grid `count` and `all_hits`, build a hierarchy
         anew after a move. Programs that `trace` the scene see later moves; one that was recorded before the first move
         of an object raises SceneError when it runs.
@@ -182,7 +182,7 @@ class Intersector:
             raise SceneError(
                 f"{users_line()}: {name} needs triangles, and this scene has none: give it a mesh with some"
             )
-        if not self._component.is_recorded():
+        if not sh.is_recording():
             other = "intersect" if name == "trace" else "occluded"
             raise SceneError(
                 f"{users_line()}: {name} works while a program is recorded: call it in a function under @sh.program, "
@@ -330,8 +330,8 @@ class Intersector:
         """Find the point of the mesh that is closest to each of `points` (..., 3).
 
         Of triangles at the same distance that of the lowest number. Errors are a few roundings of float32 of the mesh's
-        size and of the distance. Raises SceneError for other shapes, for what is no real number or not finite, and for
-        another precision than "f32".
+        size and of the distance. Raises SceneError for other shapes, for numbers that are not real or not finite, and
+        for another precision than "f32".
         """
         if self._precision != "f32":
             raise SceneError(f'closest_point works at precision="f32", not {self._precision!r}')
@@ -351,7 +351,7 @@ class Intersector:
             (place + way.astype(np.float64)) / self._geometry.frame.scale + self._geometry.frame.origin
         )
         apart = closest - flat
-        large = np.abs(apart).max(axis=1)  # whose square may leave f64
+        large = np.abs(apart).max(axis=1)  # the squares may overflow f64
         distance = large * np.linalg.norm(apart / np.where(large > 0, large, 1)[:, None], axis=1)
         return Closest(closest.reshape(query_points.shape), distance.reshape(shape), triangle.reshape(shape))
 
@@ -408,7 +408,7 @@ class Intersector:
         for exact in (False, True) if self._geometry.frame.is_direct else (True,):
             if exact:
                 rays.check()
-            with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
+            with np.errstate(over="ignore"):  # the kernel refuses infinities
                 inputs = [np.asarray(values, self._floats) for values in self._geometry.frame.inputs(rays, exact)]
             *outputs, wrong = self._kernel(name, rays, leaving, exact)(*inputs, *more)
             if exact or not wrong.any():

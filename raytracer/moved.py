@@ -147,5 +147,5 @@ class MovedObjects:
 
 
 def plain(mesh: Mesh) -> Mesh:
-    """Return a mesh without what only pictures need."""
+    """Return a mesh without the attributes that only pictures need."""
     return dataclasses.replace(mesh, colors=None, material=Material())

@@ -225,7 +225,7 @@ class Pose:
         return np.asarray((places - self.offset) @ self.back.T)
 
     def outside(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert the object's own places (..., 3) to those where they stand."""
+        """Convert places (..., 3) from the object's coordinates to the scene's."""
         return np.asarray(places @ self.turn.T + self.offset)
 
 
@@ -259,7 +259,7 @@ class Frame:
             return eye, ray, near, limit, np.zeros(3), 1.0
         eye, origin = rays.eye, self.origin
         if origin.any() and (eye.dtype != np.float32 or np.any(origin != np.float32(origin))):
-            with np.errstate(over="ignore"):  # a kernel says that it cannot use infinity
+            with np.errstate(over="ignore"):  # the kernel refuses infinities
                 eye = np.subtract(eye, origin, out=np.empty(eye.shape, np.float32), casting="same_kind")
             origin = np.zeros(3)
         return eye, rays.ray, rays.near, rays.limit, origin.astype(np.float32), np.float32(self.scale)
@@ -267,7 +267,7 @@ class Frame:
     def _converted(self, rays: Rays) -> tuple[Floats, Floats, Floats, Floats]:
         """Convert rays to the kernel's coordinates on the host, in f64, for numbers that f32 holds only afterwards."""
         exponent = _exponents(rays.ray)
-        with np.errstate(over="ignore"):  # a range's end that leaves f64 is clipped
+        with np.errstate(over="ignore"):  # an end beyond f64 is clipped
             eye = (rays.eye - self.origin) * self.scale
             ends = (np.ldexp(end.astype(np.float64) * self.scale, exponent) for end in (rays.near, rays.limit))
             near, limit = (np.clip(end, -FAR, FAR) for end in ends)
@@ -297,7 +297,7 @@ def alike(eye: NDArray[Any], ray: NDArray[Any], low: NDArray[Any], high: NDArray
     size = float(np.max(high - low))
     first = np.linspace(0, max(len(ray) - _NEIGHBOURS, 0), _GROUPS, dtype=np.int64)
     some = np.minimum(first[:, None] + np.arange(_NEIGHBOURS), len(ray) - 1)
-    with np.errstate(all="ignore"):  # of NaN nothing is said here
+    with np.errstate(all="ignore"):  # NaN is refused elsewhere
         eye, ray = eye[some].astype(np.float64), ray[some].astype(np.float64)
         ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
         along = np.sum(((low + high) / 2 - eye) * ray, axis=-1, keepdims=True)

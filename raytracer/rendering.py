@@ -43,7 +43,7 @@ def render(
     primary: GBuffer | None = None,
     **options: Unpack[Options],
 ) -> Image:
-    """Render a scene from its camera, `size` = (width, height) pixels; that of an empty one is its background.
+    """Render a scene from its camera, `size` = (width, height) pixels; an empty scene shows its background.
 
     `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
     directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
@@ -62,8 +62,8 @@ def render(
     With `partitions` the scene is cut into so many parts, each held by one worker, between which rays travel; this is
     for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
 
-    Raises SceneError for what makes no picture, does not fit into memory or does not go together, and an error that no
-    variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
+    Raises SceneError for arguments that make no picture, do not fit into memory or exclude each other, and for an error
+    that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
     """
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))

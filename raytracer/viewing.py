@@ -43,7 +43,7 @@ _NEGATIVE = ("--camera", "--target", "--up", "--background", "--exposure")
 PICTURES = frozenset(
     (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".ppm", ".hdr", ".exr")
 )
-"""The endings by which a background is taken for a picture, though there is no such file."""
+"""The endings of file names: a background with one of them is a picture, even if the file is missing."""
 MOST = 64.0
 """The largest exposure, in stops: beyond it a picture is black or white."""
 
@@ -146,7 +146,7 @@ def _altered(
     scene: Scene, options: argparse.Namespace, sky: Sequence[EnvironmentLight], shown: Background | None
 ) -> Scene:
     """Return a scene that is as it is made, seen as the options say and lit by a sky if there is one."""
-    assert scene.camera is not None  # a scene makes one
+    assert scene.camera is not None  # a Scene sets its own camera by default
     lights = [*(scene.placed_lights if sky else scene.lights), *sky]
     return _painted(dataclasses.replace(scene, lights=lights, camera=_turned(scene.camera, options)), shown)
 

@@ -56,13 +56,13 @@ from shpy.lang.programs.control import (
     SH_WHILE,
 )
 from shpy.lang.recording.location import here as _here
+from shpy.lang.recording.recorder import is_recording
 from shpy.lang.values.builtins import FUNCTIONS
 from shpy.lang.values.derivatives import dFdx, dFdy
 from shpy.lang.values.matrix import Matrix2f, Matrix3f, Matrix4f, determinant, inverse, transpose
 from shpy.lang.values.structs import struct
 from shpy.lang.values.structure import swap
 from shpy.lang.values.types import TYPES
-from shpy.pictures.png import picture as _picture  # which notebooks call
 from shpy.programs import Program, parse, program
 from shpy.run.kernel import Kernel
 from shpy.run.result import Result
@@ -73,9 +73,8 @@ globals().update(TYPES | FUNCTIONS)
 
 # The modules and the names that `__getattr__` loads on first use, each name with its module.
 _MODULES = {
-    **{name: name for name in ("accuracy", "command", "files", "library", "packages", "testing", "view")},
+    **{name: name for name in ("accuracy", "command", "files", "library", "packages", "screen", "testing", "view")},
     "outputs": "pictures.outputs",
-    "screen": "pictures.screen",
     "videos": "pictures.videos",
 }
 _LATER = {"animate": "pictures.animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}

@@ -20,7 +20,7 @@ from shpy import library as library
 from shpy import testing as testing
 from shpy import view as view
 from shpy.pictures import outputs as outputs
-from shpy.pictures import screen as screen
+from shpy import screen as screen
 from shpy.pictures import videos as videos
 from shpy.pictures.animation import animate as animate
 from shpy.notebook.live import widget as widget
@@ -58,6 +58,7 @@ from shpy.errors import ShpyIndexError as ShpyIndexError
 from shpy.errors import ShpyTypeError as ShpyTypeError
 from shpy.errors import ShpyWarning as ShpyWarning
 from shpy.errors import VerifyError as VerifyError
+from shpy.lang.recording.recorder import is_recording as is_recording
 from shpy.run.kernel import Kernel as Kernel
 from shpy.run.result import Result as Result
 from shpy.programs import Program as Program
@@ -6836,7 +6837,7 @@ def hash(x: _IntScalar, y: _IntScalar = ..., z: _IntScalar = ...) -> Attrib1u:
 def noise(p: _Number | Attrib1f | Attrib2f | Attrib3f | _Sequence) -> Attrib1f:
     """Return signed gradient noise of a point of 1 to 3 dimensions: continuous, 0 on whole numbers, about -1 to 1."""
 def swap(a: _T, b: _T) -> None:
-    """Exchange what two values, matrices or structs hold, in place."""
+    """Exchange the contents of two values, matrices or structs in place."""
 
 _E = TypeVar("_E")
 _Rank = TypeVar("_Rank", default=Literal[1])
@@ -7105,6 +7106,7 @@ __all__ = [
     "hypot",
     "inverse",
     "inversesqrt",
+    "is_recording",
     "isinf",
     "isnan",
     "ivec2",

@@ -47,7 +47,7 @@ class Choice:
         try:
             return picked(*args, **named)
         except TypeError as error:
-            if error.__traceback__ and error.__traceback__.tb_next:  # raised inside of the alternative
+            if error.__traceback__ and error.__traceback__.tb_next:  # raised inside the alternative
                 raise
             raise ShpyTypeError(
                 f"an alternative of the choice {self.name!r} is called with other arguments than it takes: {error}",

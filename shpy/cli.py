@@ -3,7 +3,7 @@
 Stage: above all others. Takes the arguments of the command line, prints, and returns the exit status.
 
     shpy --version
-    shpy doctor                                   # status 0 where numpy works, which needs nothing else
+    shpy doctor                                   # status 0 if numpy works; it needs no driver
     shpy doctor --all                             # status 0 only where every backend works
     shpy diff a.ir --backends numpy,opencl        # status 1 with the first statement at which two of them diverge
     shpy certify                                  # status 1 where a device gives other bits than the package ships
@@ -35,11 +35,11 @@ from shpy.view.command import add_view
 _LONGEST = 1 << 26
 """The most characters of an IR text that are read."""
 _WIDTH = 8
-"""Columns of a name, so that what is said of it lines up."""
+"""Columns of a name, so that the texts beside the names line up."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return the exit status: 0 where what was asked for is there, else 1; 130 after Ctrl-C."""
+    """Run the command; return the exit status: 0 if all that was asked for is available, else 1; 130 after Ctrl-C."""
     return run("shpy", lambda: _run(arguments))
 
 
@@ -116,7 +116,7 @@ def diff(options: argparse.Namespace) -> int:
         names = options.backends.split(",") if options.backends else None
         rank = grid_rank(program.ir) or 1
         shape = (max(1, round(options.count ** (1 / rank))),) * rank
-        # Beyond one axis, inputs are the same for every element: their place is what tells those apart.
+        # Beyond one axis, inputs are the same for every element, so elements are told apart by their index.
         inputs = testing.inputs(program, options.count if rank == 1 else 1, options.seed)
         settings = {"ulp": options.ulp, "shape": shape, "precision": options.precision, "math": options.math}
         print(testing.assert_equivalent(program, *inputs, backends=names, **settings))
@@ -178,13 +178,13 @@ def _examine(backend: sh.BackendInfo) -> str | None:
 
 
 def try_out(backend: str) -> str | None:
-    """Compile and run a small program; return what went wrong, or None."""
+    """Compile and run a small program; return the error, or None."""
 
     @sh.program
     def line(x: sh.Attrib1f) -> sh.Attrib1f:
         return sh.Attrib1f(2 * x + 1)
 
-    # Drivers fail in ways of their own, and a doctor that fails with them is of no use.
+    # Drivers raise errors of any type, and `doctor` must survive them.
     try:
         values = line.compile(backend)(np.arange(5))
     except Exception as error:

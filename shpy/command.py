@@ -45,7 +45,7 @@ def run(name: str, work: Callable[[], int], *, stopped: str = "stopped") -> int:
             finally:
                 sys.stdout.flush()  # a full disk is found here, and not when Python ends
     except BrokenPipeError:
-        _abandon_output()  # whoever read the output has enough, as `head` has
+        _abandon_output()  # the reader of the output has ended, as `head` does
         return 1
     except OSError as error:
         _abandon_output()

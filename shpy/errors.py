@@ -1,4 +1,4 @@
-"""The errors of shpy. Each says what is wrong, at which line of the user's code, and what to write instead."""
+"""The errors of shpy. Each names the mistake, the line of the user's code, and the text to write instead."""
 
 from __future__ import annotations
 
@@ -172,9 +172,10 @@ class BackendUnavailable(ShpyError):
 
 
 class LoopLimitExceeded(ShpyError):
-    """A loop ran out of its budget of iterations; `result` holds what was computed, `count` how many elements stopped.
+    """A loop ran out of its budget of iterations.
 
-    The `count` of a reduction or scan is that of its first dispatch with any, so it differs between devices.
+    `result` holds the computed values, `count` the number of elements that stopped: of a reduction or scan, those of
+    the first dispatch with any, so it differs between devices.
     """
 
     def __init__(

@@ -32,8 +32,8 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Where `path` is a link, the file that it leads to is replaced and the link stays. A file that is replaced keeps its
     mode. The name of the new file is no other process's or thread's, and it was no link when it was made. Unfinished
-    files that killed processes of this user left in the folder a day ago go. Raises OSError for what is no regular
-    file, such as a device, and for a file without the permission to write it.
+    files that killed processes of this user left in the folder a day ago go. Raises OSError for files that are not
+    regular, such as devices, and for files without the permission to write.
     """
     target = _target(path)
     temporary = _new_file(target, path.suffix)
@@ -47,7 +47,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def check_writable(path: Path) -> None:
-    """Raise OSError, with a sentence, where no file can be made at `path`: call it before what takes long."""
+    """Raise OSError, with a sentence, where no file can be made at `path`: call it before long work."""
     _check_name(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {path.parent}")

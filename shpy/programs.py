@@ -38,10 +38,10 @@ from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Layout, leaves, type_of
 from shpy.passes.modes import MODES, PRECISIONS, Math, Precision
+from shpy.png import picture
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate
-from shpy.shown import Shown
 from shpy.streams.stream import Place, Stream, streams_in
 from shpy.tracing import Step, trace
 
@@ -64,7 +64,7 @@ _LANES: tuple[Any, ...] = ("auto", 1, 4, 8, 16, 32, 64)
 evaluate_with(evaluate)
 
 
-class Program(Unchanging, Shown, Generic[_P, _R]):
+class Program(Unchanging, Generic[_P, _R]):
     """A recorded function. Call it with arrays to run it on the default backend, with values to inline it.
 
     A type checker knows it as `Program[parameters, result]` of the function: called with values it gives the result,
@@ -72,7 +72,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     """
 
     recorded: RecordedProgram
-    """The module, with what the host must know to run it: inputs, outputs, params, tables and defaults."""
+    """The module, with the facts that the host needs to run it: inputs, outputs, params, tables and defaults."""
 
     def __init__(self, recorded: RecordedProgram) -> None:
         self.recorded = recorded
@@ -210,7 +210,7 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
         ints, counted from 0; it may be left out where there is one element. `shape` is needed where no input has the
         shape of the run, as in a program that reads `grid_index`. An input named `at` comes before the index of that
         name. Each Step has the line, the name, the value and the iterations of the loops around it.
-        Raises ShpyTypeError, with what to write instead, for an index that does not fit the shape.
+        Raises ShpyTypeError, with a correction, for an index that does not fit the shape.
         """
         if at is not None and "at" in list(self.recorded.inputs)[len(args) :]:
             named, at = {**named, "at": at}, None
@@ -258,6 +258,10 @@ class Program(Unchanging, Shown, Generic[_P, _R]):
     def specialize(self, **values: Any) -> Program:
         """Make inputs or params constants, which are folded into the program."""
         return Program(algebra.specialized(self.recorded, values))
+
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture that a notebook shows, of a program of pixels; None for others, which show their text."""
+        return picture(self)
 
     def __repr__(self) -> str:
         defaults = {n: f" = {getattr(d, 'name', None) or repr(d)}" for n, d in self.recorded.defaults.items()}

@@ -33,7 +33,7 @@ from shpy.streams.stream import Stream
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a trace: the user's line, the name of what was computed or stored, and its value.
+    """One step of a trace: the user's line, the name of the computed or stored value, and the value.
 
     `iterations` are the numbers of the iterations of the loops around the step, counted from 1, the outermost loop
     first; empty outside of loops. A loop around the call of a subroutine is around the subroutine's steps too.

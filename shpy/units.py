@@ -1,4 +1,4 @@
-"""Distances in units in the last place, and such a unit as a budget.
+"""Distances in units in the last place, and a budget in these units.
 
 Stage: measure. Takes arrays of floats, gives their distances in the last place of the number that is judged.
 
@@ -70,7 +70,8 @@ def ulps(results: Array, exact: Array, *, dtype: Any = None, rest: Array | None 
 
     The unit is the spacing of the numbers around `exact`: below the least normal number that of the denormals (as in
     OpenCL C 3.0 section 7.4), past the largest finite one that of the largest. Two NaNs are 0 apart, a NaN and a number
-    infinitely; an infinity and what rounds to it 0. `rest` is what `exact`, in float64, leaves of the exact number.
+    infinitely; an infinity and what rounds to it 0. `rest` is the difference between the exact number and `exact`,
+    which is in float64.
     """
     info = np.finfo(dtype or results.dtype)
     with np.errstate(all="ignore"):
@@ -112,7 +113,7 @@ def steps(a: Array, b: Array) -> Array:
         return bits < 0, np.asarray(bits & np.int64(np.iinfo(integer).max))
 
     (minus_a, at_a), (minus_b, at_b) = place(a), place(b)
-    # Those of doubles of two signs may be further apart than an int64 holds.
+    # The distance of two doubles of different signs may exceed int64.
     across = at_a.astype(np.float64) + at_b.astype(np.float64)
     apart = np.where(minus_a == minus_b, np.abs(at_a - at_b).astype(np.float64), across)
     nan_a, nan_b = np.isnan(a), np.isnan(b)

@@ -138,11 +138,11 @@ def _best_cuts(lows: Floats, highs: Floats, order: Ints, start: Ints, count: Int
     low, high = lows[box], highs[box]
     bins = _binned(low + high, node, begins)
     cost, axis, border = _cheapest(low, high, bins, node, len(start))
-    # Boxes that no border parts are halved as they stand.
+    # Nodes that no plane divides are halved in their present order.
     before = np.where((np.isfinite(cost) & (not halves))[node], bins[axis[node], np.arange(len(node))] <= border[node],
                       within < (count // 2)[node])  # fmt: skip
     left = np.add.reduceat(before, begins, dtype=np.int64)
-    ahead = np.cumsum(before) - before  # how many come before, in all nodes so far
+    ahead = np.cumsum(before) - before  # the number of triangles in all nodes before
     ahead -= ahead[begins][node]
     moved = np.where(before, ahead, left[node] + within - ahead)
     order[start[node] + moved] = box

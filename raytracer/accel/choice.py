@@ -25,8 +25,8 @@ def build(
 ) -> Grid | Bvh:
     """Build the accelerator of this name for a kernel that works at `precision`; SceneError for an unknown name.
 
-    A grid has `across` cells along each axis, None for as many as suit the triangles. Builders that have kernels of
-    their own run them on `backend`, which makes no difference to what they build.
+    A grid has `across` cells along each axis, None for as many as suit the triangles. Builders with kernels run them on
+    `backend`; the result does not depend on it.
     """
     check(accel)
     if accel == "bvh":

@@ -96,7 +96,7 @@ class Share(NamedTuple):
 @LateProgram
 def share(area: sh.Attrib1f, first: sh.Attrib1i, few: sh.Table[sh.Attrib4f], many: sh.Table[sh.Attrib4f]) -> Share:
     """Compute the costs of a node from its area and `first`, its first child's row in the tables, -1 for a leaf."""
-    one, other = ([*few[first + k], *many[first + k]] for k in (0, 1))  # [k - 1] in k boxes
+    one, other = ([*few[first + k], *many[first + k]] for k in (0, 1))  # entry k - 1 is for a split into k boxes
     least, parts = [], []
     for boxes in range(2, WIDTH + 1):
         cost, part = one[0] + other[boxes - 2], sh.Attrib1i(1)

@@ -30,7 +30,7 @@ Corners = NDArray[np.floating]
 Ints = NDArray[np.int64]
 
 DEGRADED = 2.0
-"""Growth of a refitted hierarchy's expected cost at which it is built anew.
+"""Growth of a refitted hierarchy's expected cost at which it is rebuilt.
 
 Measured on a ring of 69,696 triangles that was deformed (OpenCL, CPU time): pictures at 1.7 and 2.5 times take 1.28 and
 1.31 times as long as through a new hierarchy, and building that takes as long as ten pictures of 512 x 512.
@@ -109,7 +109,7 @@ class Forest:
         """Rebuild the hierarchy over the objects' boxes, and link it to the nodes before and after it."""
         bvh, past = self.bvh, self.past_objects
         top = _Top(bvh, self.objects)
-        inner = len(self.objects)  # with node 0
+        inner = len(self.objects)  # node 0 counts, too
         before = bvh.links[:, :inner].copy()
         for octant in range(8):
             bvh.links[octant, 0] = top.root, END
@@ -123,7 +123,7 @@ class Forest:
 
 
 def still_of(count: int, moving: Sequence[tuple[int, int]]) -> Ints:
-    """Return the numbers of those of `count` triangles that are in none of the ranges (first, past) of `moving`."""
+    """Return the numbers below `count` of the triangles outside all ranges (first, past) of `moving`."""
     stays = np.ones(count, bool)
     for first, past in moving:
         stays[first:past] = False
@@ -208,7 +208,7 @@ class _Top:
         if len(members) == 1:
             return self.objects[int(members[0])].root
         node = len(self.children) + 1
-        self.children[node] = (0, 0, 0)  # its number is taken
+        self.children[node] = (0, 0, 0)  # reserve the number
         axis = int(np.ptp(self.centers[members], axis=0).argmax())
         order = members[np.argsort(self.centers[members, axis], kind="stable")]
         left, right = self._cut(order[: len(order) // 2]), self._cut(order[len(order) // 2 :])

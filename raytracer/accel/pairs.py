@@ -67,20 +67,20 @@ def partner(x: Side, y: Side, z: Side, past_x: Side, past_y: Side, past_z: Side)
     (total,) = x.shape
     own = [side[place] for side in sides]
     least = sh.Attrib1f(np.inf)
-    found = sh.Attrib1i(place)
+    nearest = sh.Attrib1i(place)
     for apart in range(1, REACH + 1):
         before = _surface(own, [side[place - apart] for side in sides])
         after = _surface(own, [side[place + apart] for side in sides])
         nearer = (place >= apart) & (before < least)
         least = sh.cond(nearer, before, least)
-        found = sh.cond(nearer, place - apart, found)
+        nearest = sh.cond(nearer, place - apart, nearest)
         nearer = after < least
         if apart == 1:
             nearer = nearer | ((after == least) & (place % 2 == 0))
         nearer = nearer & (place + apart < total)
         least = sh.cond(nearer, after, least)
-        found = sh.cond(nearer, place + apart, found)
-    return found
+        nearest = sh.cond(nearer, place + apart, nearest)
+    return nearest
 
 
 def _surface(one: Sequence[Any], other: Sequence[Any]) -> Any:

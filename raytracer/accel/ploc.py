@@ -198,7 +198,7 @@ class _Numbering:
 def _numbered(tree: _Tree, order: Ints) -> _Numbering:
     """Give the nodes numbers, depth first; a node of `MAX_LEAF` triangles or fewer is a leaf."""
     count, total = tree.count, tree.total
-    size = np.ones(len(count), np.int64)  # of the nodes of a tree below
+    size = np.ones(len(count), np.int64)  # nodes of each subtree
     for own in tree.rounds:
         nodes = slice(own.start + total, own.stop + total)
         size[nodes] += np.where(count[nodes] > MAX_LEAF, size[tree.left[own]] + size[tree.right[own]], 0)

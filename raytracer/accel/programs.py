@@ -33,6 +33,6 @@ class LateProgram:
     def on(self, backend: str) -> Any:
         """Return the kernel on a backend."""
         if backend not in self._kernels:
-            # No budget of iterations: each loop goes through the triangles, boxes or samples that there are.
+            # No loop limit: each loop visits every triangle, box or sample at most once.
             self._kernels[backend] = self.program.compile(backend, loop_limit=None)
         return self._kernels[backend]

@@ -24,7 +24,7 @@ WORKING: dict[str, type[np.floating]] = {"f16": np.float16, "f32": np.float32, "
 def origin_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the origin of the kernels' coordinates, (3,): 0, or near the middle of triangles that lie far from 0.
 
-    So what a scene looks like does not depend on where it stands. It is a multiple of a power of two that is about the
+    So the picture of a scene does not depend on its position. It is a multiple of a power of two that is about the
     size of the scene, so that subtracting it takes nothing from coordinates that were rounded already.
     """
     by_axis = [corners[..., axis] for axis in range(3)]  # ten times as fast as min over two axes of three

@@ -1,4 +1,4 @@
-"""The hierarchy with eight boxes a node and four triangles a leaf: what one ray can try at once on vectors of four.
+"""The hierarchy with eight boxes a node and four triangles a leaf: one ray tests them on vectors of four.
 
 Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. A node with four triangles
 or fewer is a leaf. A wide node replaces up to seven binary nodes, which `families` chooses.

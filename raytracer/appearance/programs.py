@@ -39,7 +39,7 @@ class _Lookup:
 
 
 class Hit(_Lookup):
-    """The point that a ray has met, as a material's `surface` sees it; only what it asks for is computed.
+    """The point that a ray has met, as a material's `surface` sees it; only the attributes that it reads are computed.
 
     `position` is the point in the scene's coordinates and `distance` how far the ray has come, in the scene's units;
     `normal` the interpolated unit normal and `face` that of the triangle, both on the viewer's side; `view` the unit
@@ -71,7 +71,7 @@ class Surface(_Lookup):
     A material's `shade` is handed one in which all but `transmission`, `ior` and `emission` are known, and
     `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`,
     a number or a Texture.
-    Raises SceneError, with the line, for what is no such value.
+    Raises SceneError, with the line, for values of other types.
     """
 
     color: sh.Color3f
@@ -129,7 +129,7 @@ _CUTOUT = "a cutout says where there is no surface"
 
 
 @dataclass(frozen=True, slots=True)
-class Examined:
+class UserProgram:
     """A program of the user's, recorded by itself: `program` is the sh.Program.
 
     `reads`: fields of its hit that a `surface` reads. `gives`: fields of the Surface that it returns.
@@ -196,7 +196,7 @@ def ask_shade(program: Callable[..., Any], surface: Surface, light: Any) -> Any:
 def ask_sky(program: Callable[..., Any], direction: Any, whose: str) -> Any:
     """Record a program of the light from a direction for a unit vector; SceneError where it gives no colour.
 
-    `whose` says in errors what the program is of, such as "an EnvironmentLight".
+    `whose` names the program's owner in errors, such as "an EnvironmentLight".
     """
     takes, where = f"the program of {whose} takes one input, a direction", place_of(program)
     if isinstance(program, sh.Program):
@@ -242,7 +242,7 @@ def _run(program: Any, sources: Sources, what: str) -> Any:
 _HitFields = NamedTuple("_HitFields", list(fields_of(Hit).items()))  # type: ignore[misc]
 
 
-def examine_surface(program: Callable[..., Any]) -> Examined:
+def examine_surface(program: Callable[..., Any]) -> UserProgram:
     """Record a material's `surface` by itself; raises SceneError or ShpyError for mistakes in it."""
     hits: list[Hit] = []
 
@@ -252,10 +252,10 @@ def examine_surface(program: Callable[..., Any]) -> Examined:
         return ask_surface(program, hits[-1]).values or sh.Attrib1f(0)
 
     _check_ends(program, surface, _CUTOUT)
-    return Examined(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
+    return UserProgram(frozenset(hits[-1].read), frozenset(surface.outputs) & set(GIVEN), surface)
 
 
-def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
+def examine_sky(program: Callable[..., Any], whose: str) -> UserProgram:
     """Record a program as `ask_sky` does, by itself; raises SceneError or ShpyError for mistakes in it."""
 
     @sh.program
@@ -264,7 +264,7 @@ def examine_sky(program: Callable[..., Any], whose: str) -> Examined:
         return color
 
     _check_ends(program, environment, "give black where there is no light")
-    return Examined(frozenset(), frozenset(), environment)
+    return UserProgram(frozenset(), frozenset(), environment)
 
 
 def examine_shade(program: Callable[..., Any]) -> None:

@@ -104,7 +104,7 @@ def _read(path: Path, alpha: bool) -> tuple[NDArray[Any], bool]:
             return np.ones((1, 1), np.float32) if pixels is None else pixels, not alpha and picture.mode != "F"
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
+    # Decoders raise errors of many types. Whichever it is, the user can only repair the file.
     except Exception as error:
         raise SceneError(f"{path}: not a readable picture ({' '.join(str(error).split())[:200]})") from error
 
@@ -177,8 +177,8 @@ def _reduced(numbers: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
 
 def alpha_of(picture: Any) -> Any:
     """Return the alpha of a Pillow picture as a grey picture; None if it has none."""
-    keyed = "transparency" in picture.info and picture.mode in ("1", "L", "RGB")  # one colour is clear
-    if keyed or picture.mode in ("P", "PA"):  # whose colours may be clear
+    keyed = "transparency" in picture.info and picture.mode in ("1", "L", "RGB")  # one colour is transparent
+    if keyed or picture.mode in ("P", "PA"):  # colours of a palette may be transparent
         picture = picture.convert("RGBA")
     return picture.getchannel("A") if picture.mode in ("LA", "RGBA") else None  # the A of LAB is a colour
 

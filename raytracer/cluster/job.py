@@ -29,7 +29,7 @@ class Job:
     backend: str
 
 
-class Prepared:
+class JobRenderer:
     """A job's Renderer in this process, the fingerprint of its results, and its `Renderer.origin`."""
 
     def __init__(self, job: Job) -> None:
@@ -38,7 +38,7 @@ class Prepared:
         self.origin = self.renderer.origin()
 
 
-class _Probed(NamedTuple):
+class _ProbeResults(NamedTuple):
     quotient: sh.Attrib1f
     fused: sh.Attrib1f
     roots: sh.Attrib2f
@@ -48,9 +48,9 @@ class _Probed(NamedTuple):
 
 
 @sh.program
-def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _Probed:
+def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _ProbeResults:
     """Compute operations that drivers and processors may round differently."""
-    return _Probed(
+    return _ProbeResults(
         x / y,
         x * y + x,
         sh.Attrib2f(sh.sqrt(x), sh.rsqrt(y)),
@@ -61,7 +61,7 @@ def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _Probed:
 
 
 def fingerprint(renderer: Renderer) -> str:
-    """Return a digest of what decides a worker's bits: the tables of the scene, and the results of `probe`.
+    """Return a digest of all that determines a worker's bits: the tables of the scene, and the results of `probe`.
 
     Workers of the same fingerprint give the same picture; in strict mode all of them have the same.
     """

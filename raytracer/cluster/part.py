@@ -1,4 +1,4 @@
-"""A part of a scene in a worker: its triangles with an accelerator of their own, and what happens there to rays.
+"""A part of a scene in a worker: its triangles with an accelerator of their own, and its work on rays.
 
 Stage: cluster. The stages are those of the staged tracer (`kernels.stages`), so the pictures are the same to the bit.
 A ray visits parts one after the other, as it enters their boxes, and takes its nearest hit along; of triangles at the
@@ -23,7 +23,8 @@ from raytracer.integrators.integrator import Whitted
 from raytracer.kernels import stages
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.eye_rays import eye_rays_of
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.pixel import Pixel
+from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.triangle import REACH
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
@@ -33,7 +34,7 @@ SLACK = 2 * REACH
 AT_ONCE = 1 << 20
 """Pairs of a ray and a box that are computed at once."""
 GROWTH = 2.0**-16
-"""The part of the largest coordinate by which boxes are grown, which is many roundings of f32, but of f16 one."""
+"""The fraction of the largest coordinate by which boxes are grown: many roundings of f32, one rounding of f16."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class PartData:
 
 
 @dataclass
-class Stepped:
+class StepResult:
     """The records that go to each other part, those that are finished, and the fingerprint of the worker's arithmetic.
 
     `visits` counts the rays that were intersected.
@@ -106,7 +107,7 @@ class Part:
         self.eyes.params["first_row"].value = top
         rays = self.kernels["generate"](shape=(count, width))
         records, size = Records({}), count * width
-        for name in stages.Generated._fields:
+        for name in stages.EyeRayOutputs._fields:
             records.take(name, getattr(rays, name))
         for name, column in records.columns.items():
             records.columns[name] = column.reshape(size, *column.shape[2:])
@@ -114,15 +115,15 @@ class Part:
         records.columns["place"] = np.arange(first, first + size)
         return records
 
-    def first_step(self, *band: int) -> Stepped:
+    def first_step(self, *band: int) -> StepResult:
         """Make eye rays (`begin`) and trace them until each is finished or goes to another part."""
         return self._follow([self._aimed(self.begin(*band))])
 
-    def step(self, incoming: Records) -> Stepped:
+    def step(self, incoming: Records) -> StepResult:
         """Trace the incoming rays until each is finished or goes to another part."""
         return self._follow(self._advanced(incoming))
 
-    def _follow(self, batches: list[Records]) -> Stepped:
+    def _follow(self, batches: list[Records]) -> StepResult:
         sent: dict[int, list[Records]] = {}
         while len(records := joined(batches)):
             goals = records.columns["goal"]
@@ -132,7 +133,7 @@ class Part:
             batches = self._advanced(records[goals == self.data.number])
         done, visits = joined(self.done), self.visits
         self.done, self.visits = [], 0
-        return Stepped({goal: joined(parts) for goal, parts in sent.items()}, done, visits, self.fingerprint)
+        return StepResult({goal: joined(parts) for goal, parts in sent.items()}, done, visits, self.fingerprint)
 
     def _advanced(self, records: Records) -> list[Records]:
         """Shade the rays that are to be shaded here, and let the others meet the triangles; return where they go."""

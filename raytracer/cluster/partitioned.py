@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from raytracer.appearance.programs import examine_sky
 from raytracer.arrays import is_whole
 from raytracer.cluster.job import Job, check_alike
-from raytracer.cluster.part import Part, PartData, Records, Stepped, joined
+from raytracer.cluster.part import Part, PartData, Records, StepResult, joined
 from raytracer.cluster.tasks import KEPT, await_worker, is_loss, kept, shown
 from raytracer.errors import SceneError
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted, check_scene
 from raytracer.integrators.layers import Progress, canvas, rows_at_once, take_samples, unscale, whole_size
 from raytracer.kernels.appearance import Appearance
+from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.surfaces import is_black
-from raytracer.kernels.tracer import Pixel
 from raytracer.layered.cube import is_layered
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Background
@@ -75,7 +75,7 @@ def render_partitioned(
 
 
 def check_partitions(job: Job, partitions: int) -> None:
-    """Raise SceneError for what partitions cannot render, as far as it can be seen before the scene is laid out."""
+    """Raise SceneError for a scene that partitions cannot render, as far as this shows before the scene is laid out."""
     chosen = job.integrator
     if not is_whole(partitions, 1, MOST):
         raise SceneError(f"a scene is cut into 1 to {MOST} partitions, not {partitions!r}")
@@ -107,7 +107,7 @@ def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> li
     low = np.array([corners[group].min(axis=(0, 1)) for group in groups])
     high = np.array([corners[group].max(axis=(0, 1)) for group in groups])
     camera = job.scene.camera
-    assert camera is not None  # a scene frames one if it has none
+    assert camera is not None  # a Scene sets its own camera by default
     shared: dict[str, Any] = {
         "low": low,
         "high": high,
@@ -237,21 +237,21 @@ class _Run:
         return self.client.submit(function, sent, sent.key, len(self.parts), work, workers=[home], pure=False)
 
 
-def _begin(data: PartData, key: str, count: int, work: tuple[int, int, int, int]) -> Stepped:
+def _begin(data: PartData, key: str, count: int, work: tuple[int, int, int, int]) -> StepResult:
     with kept(key, lambda: Part(data), KEPT + count) as part:
         return part.first_step(*work)
 
 
-def _step(data: PartData, key: str, count: int, batches: list[Records]) -> Stepped:
+def _step(data: PartData, key: str, count: int, batches: list[Records]) -> StepResult:
     with kept(key, lambda: Part(data), KEPT + count) as part:
         return part.step(joined(batches))
 
 
-def _tell(stepped: Stepped) -> tuple[dict[int, tuple[int, int]], Records, int, str]:
+def _tell(stepped: StepResult) -> tuple[dict[int, tuple[int, int]], Records, int, str]:
     """Return how many records and bytes go to each part, the finished pixels, the rays traced, and the fingerprint."""
     counts = {goal: (len(records), records.nbytes) for goal, records in stepped.sent.items()}
     return counts, stepped.done, stepped.visits, stepped.fingerprint
 
 
-def _batch(stepped: Stepped, goal: int) -> Records:
+def _batch(stepped: StepResult, goal: int) -> Records:
     return stepped.sent[goal]

@@ -17,7 +17,7 @@ from itertools import zip_longest
 from typing import Any
 
 from raytracer.appearance.programs import examine_shade, examine_sky, examine_surface
-from raytracer.cluster.job import Job, Prepared, check_alike
+from raytracer.cluster.job import Job, JobRenderer, check_alike
 from raytracer.cluster.tasks import finished, kept, key_of, scattered
 from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import check_scene
@@ -98,14 +98,14 @@ def _check_programs(scene: Scene) -> None:
 def _tile(job: Job, key: str, size: tuple[int, int], piece: tuple[int, int, _Begun | None]) -> Tile:
     """Render rows in a worker."""
     top, count, begun = piece
-    with kept(key, lambda: Prepared(job)) as here:
+    with kept(key, lambda: JobRenderer(job)) as here:
         started = time.perf_counter()
         layers = here.renderer.rows(size, top, count, start=begun)
         return Tile(layers, here.renderer.stats(layers, started), here.fingerprint, here.origin)
 
 
 def _origin(job: Job, key: str, _: Any) -> str:
-    with kept(key, lambda: Prepared(job)) as here:
+    with kept(key, lambda: JobRenderer(job)) as here:
         return here.origin
 
 

@@ -1,4 +1,4 @@
-"""Tasks on a cluster: their results as they come, and their errors as if raised here, and what workers keep.
+"""Tasks on a cluster: results as they are completed, errors as if raised here, and objects that workers keep.
 
 Stage: cluster.
 
@@ -46,7 +46,7 @@ def await_worker(client: Any) -> None:
 
 @contextmanager
 def scattered(client: Any, thing: Any) -> Iterator[Any]:
-    """Send a thing to every worker once; give the future that stands for it, which is released at the end."""
+    """Send a thing to every worker once; yield its future, which is released at the end."""
     await_worker(client)
     try:
         future = client.scatter(thing, broadcast=True, hash=False)
@@ -59,7 +59,7 @@ def scattered(client: Any, thing: Any) -> Iterator[Any]:
 
 
 def key_of(thing: Any) -> str:
-    """Return a key of a thing's content, by which a worker finds again what it has made of it."""
+    """Return a key of an object's content, by which a worker finds the results that it has kept."""
     from dask.base import tokenize
 
     return str(tokenize(thing))
@@ -115,7 +115,7 @@ def is_loss(error: Exception) -> bool:
 
 
 def shown(error: Exception) -> Exception:
-    """Return a task's error with the lines of the user's code alone, or the ClusterError that says what befell it."""
+    """Return a task's error with the lines of the user's code alone, or the ClusterError that explains its loss."""
     from distributed import CancelledError, KilledWorker
     from distributed.comm import CommClosedError
 

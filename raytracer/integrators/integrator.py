@@ -21,8 +21,8 @@ from raytracer.accel.choice import check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
+from raytracer.kernels.scene_tables import MIN_CONTRIBUTION
 from raytracer.kernels.stages import AT_ONCE
-from raytracer.kernels.tracer import MIN_CONTRIBUTION
 from raytracer.layered.cube import LayeredCube, is_layered
 from raytracer.scene.scene import Scene
 
@@ -87,7 +87,7 @@ class Whitted(Integrator):
     """Light that comes from lights directly, in mirrors and through glass; one kernel follows a ray to its end.
 
     A ray is mirrored or refracted at most `bounces` times. A pixel is the mean of `samples` eye rays, a square number,
-    on a regular grid; layers other than the colour are those of the middle one. `secondary`, a `LayeredCube`, finds
+    on a regular grid; layers other than the colour come from the middle ray. `secondary`, a `LayeredCube`, finds
     the hits of all rays but the eye's; `accel="ldc[:resolution[:hit]]"` makes one.
 
     A mirrored or refracted ray is followed if its share of the pixel, in the brightest channel, is above
@@ -199,7 +199,7 @@ class Options(TypedDict, total=False):
 
 
 def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
-    """Return an integrator as it is, or the one that a name, "whitted" or "path", and `Options` stand for.
+    """Return an integrator unchanged, or make it from a name, "whitted" or "path", and `Options`.
 
     A `threshold` and a `seed` may be given to integrators that have none. Raises SceneError for an unknown name, and
     for options that do not go together; TypeError for unknown options.
@@ -234,7 +234,7 @@ def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
 
 
 def check_scene(scene: Scene, integrator: Integrator) -> None:
-    """Raise SceneError for what is no Scene, and for a sky that the integrator cannot show."""
+    """Raise SceneError unless this is a Scene with a sky that the integrator can show."""
     if not isinstance(scene, Scene):
         raise SceneError(f"pictures show a Scene, such as Scene.framed(mesh), not {scene!r:.60}")
     if not scene.triangles and not isinstance(scene.background, tuple):

@@ -18,7 +18,7 @@ import numpy as np
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.image import LAYERS
-from raytracer.kernels.tracer import Pixel
+from raytracer.kernels.pixel import Pixel
 from raytracer.memory import PIXEL, check_fits
 
 Progress = Callable[[int, int], None]

@@ -168,7 +168,7 @@ def all_or_nothing(changed: object) -> Iterator[None]:
 
 
 def moved_rows(motion: Motion, moving: Sequence[int], layout: Layout, precision: str) -> list[Change] | None:
-    """Move the objects `moving` in a layout; return what has changed, None where it has to be made anew.
+    """Move the objects `moving` in a layout; return the changes, or None if the scene must be rebuilt.
 
     Tables stay where these objects alone have moved, the scene's coordinates stay, and so do the cubes of objects.
     """
@@ -184,7 +184,7 @@ def has_cubes(integrator: Integrator) -> bool:
 
 
 def scene_cube(integrator: Integrator, scene: HasMeshes, backend: str) -> LayeredCube:
-    """Return the cube of a scene in which nothing moves: the integrator's own, or one that is made as it says."""
+    """Return the cube of a scene in which no object moves: the integrator's own cube, or a new one with its options."""
     own_cube: LayeredCube | None = getattr(integrator, "secondary", None)
     return _build_cube(integrator, scene, backend) if own_cube is None else own_cube
 

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from raytracer.appearance.materials import Material
-from raytracer.appearance.programs import Examined
+from raytracer.appearance.programs import UserProgram
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Path
@@ -33,9 +33,9 @@ GENERATION: Final = "3"
 _SAME_BITS: Final = ("strict", "portable")
 """The modes of arithmetic in which all backends give the same bits."""
 _NO_BITS: Final = ("samples", "accel", "grid", "secondary")
-"""The options of an integrator that are no words of an origin: `secondary` is there as that of the layout."""
+"""The options of an integrator that an origin leaves out; `secondary` is included with the layout."""
 _DIGEST: Final = re.compile("[0-9a-f]{16}")
-# What the text of a recorded program says of the user's file, of the first values of Params, and of names in Python.
+# Parts of a recorded program's text that change no pixel: places in the user's file, first values of Params, and names.
 _LOCATIONS: Final = re.compile(r"^file .*\n| @\d+:\d+", re.MULTILINE)
 _VALUES: Final = re.compile(r"^(param .*?) = .*$", re.MULTILINE)
 _NAMES: Final = re.compile(r"([%$])(?:\w+|\"(?:[^\"\\]|\\.)*\")\.(\d+)")
@@ -114,7 +114,7 @@ def _picture(texture: Texture) -> str:
     return _digest(texture.image, texture.filter, texture.wrap)
 
 
-def _recorded(examined: Examined) -> Iterable[Any]:
+def _recorded(examined: UserProgram) -> Iterable[Any]:
     """Yield what decides the results of a recorded program: its text, and the data that it reads at present."""
     recorded = examined.program.recorded
     text = str(examined.program.ir)

@@ -92,7 +92,7 @@ def size_of(
     *,
     chooses: bool = False,
 ) -> tuple[int, int]:
-    """Return the size of a picture; None stands for that of a G-buffer, and for 512 x 512 without one.
+    """Return the size of a picture; None means the size of the G-buffer, or 512 x 512 without a G-buffer.
 
     Raises SceneError where a G-buffer cannot take the place of eye rays. `samples` None are the integrator's;
     `chooses`: a cluster renders the picture, or `max_error` chooses how.
@@ -127,7 +127,7 @@ def _check_fits(primary: GBuffer, scene: Any, integrator: Integrator, size: tupl
 
 
 def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> list[NDArray[Any]]:
-    """Return position, normal, object and uv in the coordinates of the kernel; SceneError for what makes no surface."""
+    """Return position, normal, object and uv in the coordinates of the kernel; SceneError for bad numbers."""
     seen = primary.object >= 0
     _check_objects(primary.object[seen], scene, layout, tracer)
     arrays = []

@@ -47,7 +47,8 @@ from raytracer.kernels.eye_rays import eye_rays_of
 from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.picture import eye_rays, seen_rays
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.pixel import Pixel
+from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.walk import lanes_of
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout
@@ -114,7 +115,7 @@ class Renderer:
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[str, bool, bool, bool], dict[str, Any]] = {}
-        assert scene.camera is not None  # a scene frames one if it has none
+        assert scene.camera is not None  # a Scene sets its own camera by default
         self._choose(scene.camera)
 
     def _laid_out(self, before: Any) -> Layout:
@@ -134,8 +135,8 @@ class Renderer:
         """Place the meshes of a name, or the one of a number, where `transform` takes them, from the next picture on.
 
         `transform` (4, 4) multiplies columns (x, y, z, 1), as an `Instance`'s does, and is relative to where the scene
-        has the mesh, or to the vertices that `deform` gave it: not to the last move. The picture is that of a scene
-        which was made so. A number is the place among the scene's meshes, which is the object id of pictures.
+        has the mesh, or to the vertices that `deform` gave it: not to the last move. The picture is the same as for a
+        new scene with these places. A number is the place among the scene's meshes, which is the object id of pictures.
 
         The first picture after an object's first move costs as much as a new Renderer: the object gets an accelerator
         of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
@@ -264,7 +265,7 @@ class Renderer:
         else:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
-        # No budget of iterations: each one of the walk finishes a triangle or a cell, each one of the tracer a ray.
+        # No loop limit: each iteration of the walk finishes a triangle or a cell, each iteration of the tracer a ray.
         kernel = program.compile(self.backend, **self._options, loop_limit=None)
         self.record_seconds += recorded - started
         self.compile_seconds += time.perf_counter() - recorded
@@ -401,7 +402,7 @@ class Renderer:
         top: int = 0,
     ) -> Iterator[tuple[dict[str, Any], int]]:
         """Add samples to the layers of rows from `top` on; see `passes`. `aim` sets the eye rays before each pass."""
-        assert self.layout is not None  # a scene without one has all samples from the start
+        assert self.layout is not None  # `passes` returns early for a scene without triangles
         aim()
         # A driver without a GPU ends loops of many iterations, and rays take more of them through a cube.
         at_once = 1 if self.backend == "glsl" and self.layout.secondary is not None else None

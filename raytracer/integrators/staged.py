@@ -24,7 +24,8 @@ import numpy as np
 import shpy as sh
 from raytracer.kernels import stages
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
-from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
+from raytracer.kernels.pixel import Pixel
+from raytracer.kernels.tracer import Light, Ray, Tracer
 
 SPARSE = 1 / 4
 """Share of the rays of a band that are on their way, below which they are copied to streams of their own."""
@@ -86,7 +87,7 @@ class StagedTracer:
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
         options = {**self._place, "math": math}
-        # No budget of iterations: a stage goes through `at_once` cells or triangles and no more.
+        # No loop limit: a stage visits at most `at_once` cells or triangles.
         self.kernels = {name: program.compile(**options, loop_limit=None) for name, program in self.programs.items()}
         masks = stages.MASKS if early_z else {}
         self._masks = {name: program.compile(**options) for name, program in masks.items()}

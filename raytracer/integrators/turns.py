@@ -1,4 +1,4 @@
-"""Turns: threads that share a Renderer wait for each other, as its params are those of one picture.
+"""Turns: threads that share a Renderer wait for each other, since its params hold the values of one picture.
 
 Stage: render.
 """
@@ -27,13 +27,13 @@ class Turn:
         return Turn, ()
 
 
-class Shared(Protocol):
+class LockedOwner(Protocol):
     """An object that threads share, with its lock."""
 
     turn: Turn
 
 
-_Owner = TypeVar("_Owner", bound=Shared)
+_Owner = TypeVar("_Owner", bound=LockedOwner)
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 

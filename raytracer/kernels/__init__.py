@@ -1,1 +1,1 @@
-"""The kernels, written in the language: what a ray meets, and what colour it brings back."""
+"""The kernels, written in the language: intersections of rays, and the colours that rays bring back."""

@@ -1,6 +1,6 @@
 """Textures and programs of a scene's materials: what they make of a point that was hit, and of the light on it.
 
-Stage: kernel. A scene whose materials are numbers alone has none of it. Materials are known by their places in
+Stage: kernel. A scene whose materials are numbers alone needs no such code. Materials are known by their places in
 `Layout.materials`; of each distinct program there is one branch.
 """
 
@@ -88,7 +88,7 @@ class Appearance:
         return bool(self.surfaces or self.shades or self.textured)
 
     def describe(self, material: Any, hit: Hit, variables: dict[str, Any], tilted: Callable[[Any], Any]) -> None:
-        """Store what textures and programs say of a point into the variables of these names.
+        """Evaluate textures and programs at a point, and store the results into the variables of these names.
 
         They hold the material's numbers before; a texture of colours multiplies, so that vertex colours tint it.
         `tilted` gives the normal for a colour of a normal map.
@@ -115,11 +115,11 @@ class Appearance:
 
     def number_at(self, name: str, material: Any, uv: Callable[[], Any], otherwise: Any) -> Any:
         """Return the number of a material's texture at `uv()`, which is recorded for it alone, or `otherwise`."""
-        found = sh.Attrib1f(otherwise)
+        value = sh.Attrib1f(otherwise)
         picture = self.pictures_of[material, self.textured.index(name)]
         with SH_IF(picture >= 0):
-            found[:] = self.atlas.sample(picture, uv()).r
-        return found
+            value[:] = self.atlas.sample(picture, uv()).r
+        return value
 
     def shade_of(self, material: Any) -> Any:
         """Return the number of a material's `shade`; 0 for Phong's model."""
@@ -181,11 +181,11 @@ class Atlas:
         place = sh.Attrib2f(self.wrapped(uv.x, mode), self.wrapped(1 - uv.y, mode)) * size
         if "linear" not in self.filters:
             return self.nearest(place, start, width, size)
-        found = sh.Color3f(self.linear(place, start, width, height, mode))
+        color = sh.Color3f(self.linear(place, start, width, height, mode))
         if "nearest" in self.filters:
             with SH_IF(mode < LINEAR):
-                found[:] = self.nearest(place, start, width, size)
-        return found
+                color[:] = self.nearest(place, start, width, size)
+        return color
 
     def nearest(self, place: Any, start: Any, width: Any, size: Any) -> Any:
         """Return the texel at `place`."""
@@ -223,10 +223,10 @@ class Atlas:
     def _chosen(self, ways: dict[Any, Any], mode: Any) -> Any:
         """Select the value for the wrap that the mode says, among those that textures have."""
         used = [wrap for wrap in WRAPS if wrap in self.wraps]
-        found = ways[used[0]]
+        texel = ways[used[0]]
         for wrap in used[1:]:
-            found = sh.cond((mode & (LINEAR - 1)) == WRAPS.index(wrap), ways[wrap], found)
-        return found
+            texel = sh.cond((mode & (LINEAR - 1)) == WRAPS.index(wrap), ways[wrap], texel)
+        return texel
 
 
 def _parts(texture: Texture) -> Iterator[tuple[int, NDArray[np.float32]]]:

@@ -75,6 +75,13 @@ def frame(axis: Any) -> tuple[Any, Any]:
     return across, sh.Vector3f(b, sign + axis.y * axis.y * a, -axis.y)
 
 
+def mirrored(surface: Any) -> Any:
+    """Return the mirrored ray, turned back outside where an interpolated normal would send it into the surface."""
+    mirrored = sh.reflect(-surface.view, surface.normal)
+    below = sh.min(sh.dot(mirrored, surface.face), 0.0)
+    return mirrored - (2 * below) * surface.face
+
+
 def largest(color: Any) -> Any:
     """Return the largest of a colour's components."""
     return sh.max(color.x, color.y, color.z)

@@ -223,7 +223,7 @@ class Component:
         return result
 
     def renew(self, normals: Rows | None, moved: Mapping[int, Mesh]) -> None:
-        """Update what the surfaces of objects have, each by its first triangle; the walk's tables have been updated.
+        """Update the attributes of objects' surfaces, each by its first triangle; the walk's tables have been updated.
 
         `normals` are those of the scene. A mesh that is mirrored has its corners in another order.
         """
@@ -233,14 +233,6 @@ class Component:
                 self._normals.update(normals[rows], start=rows.start)
             if self._uvs is not None:
                 self._uvs.update(uv_rows([mesh]), start=rows.start)
-
-    def is_recorded(self) -> bool:
-        """Return whether a program is recorded: a table's element has no number then."""
-        try:
-            float(self.precision[0])
-        except sh.ShpyError:
-            return True
-        return False
 
     def find(self, origin: Any, direction: Any, t_min: Any, t_max: Any, any_hit: bool, bound: AheadBound | None) -> Any:
         """Record a call of the walk; return its `FoundHit`."""

@@ -52,7 +52,7 @@ class SampledSurfaces:
         self._shaded_with = self._data()
 
     def renew(self, ranges: Sequence[tuple[int, int]] | None = None) -> None:
-        """Shade the samples anew: those of triangles in these ranges (first, past), or all."""
+        """Shade again the samples of the triangles in these ranges (first, past), or all samples."""
         if ranges is None:
             self._table.update(self._shade())
         triangles = self._inputs[0]

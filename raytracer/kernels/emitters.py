@@ -37,7 +37,7 @@ ONE = 1 << 24
 
 
 class Aim:
-    """A ray toward a light: where it goes and how far, and what it would bring.
+    """A ray toward a light: its direction, its length, and the light that it would bring.
 
     `incoming` is the light's radiance divided by the density with which the direction was chosen; `density` that with
     which `Emitters` would choose it, per steradian, 0 where no other ray could find the light. `around` says whether
@@ -96,7 +96,7 @@ class Emitters:
             [] if self.around is None else [pi * self.around.mean],
         ])  # fmt: skip
         if not weights.any():
-            weights += 1.0  # all of them are dark, which no choice can know
+            weights += 1.0  # all lights are black: choose each with the same probability
         numbers = np.concatenate([np.arange(self.placed.count), shining, [0] * bool(self.around)])
         per = np.concatenate([np.ones(self.placed.count), areas, [1.0] * bool(self.around)])
         per_glow = 1 / (size**2 * float(weights.sum())) if len(shining) else 0.0

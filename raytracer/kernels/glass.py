@@ -12,10 +12,11 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.bsdf import largest
-from raytracer.kernels.media import Held
+from raytracer.kernels.bsdf import largest, mirrored
+from raytracer.kernels.media import RayBodies
+from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.surfaces import Interaction, blank
-from raytracer.kernels.tracer import Pixel, Tracer, mirrored
+from raytracer.kernels.tracer import Tracer
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 WAITING = 8
@@ -37,19 +38,19 @@ class MediaStack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
     def __init__(self, places: int, body_arrays: list[Any]) -> None:
-        waiting = sh.Array(Waiting, places)  # which names the arrays in emitted texts
+        waiting = sh.Array(Waiting, places)  # emitted texts name the array after this variable
         self.rays, self.bodies = waiting, body_arrays
         count = sh.Attrib1i(0)
         self.count = count
 
-    def push(self, ray: Waiting, ray_bodies: Held | None) -> None:
+    def push(self, ray: Waiting, ray_bodies: RayBodies | None) -> None:
         """Let a ray wait."""
         self.rays[self.count] = ray
         for row, slot in zip(self.bodies, ray_bodies.slots if ray_bodies else (), strict=True):
             row[self.count] = slot
         self.count += 1
 
-    def pop(self, ray_bodies: Held | None) -> Any:
+    def pop(self, ray_bodies: RayBodies | None) -> Any:
         """Return the ray that came last; `ray_bodies` become its bodies."""
         self.count -= 1
         for row, slot in zip(self.bodies, ray_bodies.slots if ray_bodies else (), strict=True):
@@ -96,7 +97,7 @@ class GlassTracer(Tracer):
                     emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
                     reflectivity = self.surfaces.arrive(hit, ray.direction, ray.eye, surface, emission)
                     with SH_IF(pixel.object < 0):
-                        self.note(pixel, hit, surface)
+                        pixel.note(hit, surface, self.surfaces)
                     share *= self.surfaces.reach(ray_bodies, hit, surface)
                     reflected, bent[:] = refracted(surface)
                     opaque = 1 - surface.transmission
@@ -104,7 +105,7 @@ class GlassTracer(Tracer):
                     mirror[:] = opaque * reflectivity + surface.transmission * reflected
                     clear[:] = surface.transmission * (1 - reflected)
                     light.scolor[:] = self.ambient * surface.color
-                    if emission is not None:  # mirrors and glass send out all of it, too
+                    if emission is not None:  # mirrors and glass emit in full, too
                         pixel.color[:] += share * emission
                     light.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
                 self.show_sky(light, ray)
@@ -119,15 +120,15 @@ class GlassTracer(Tracer):
         return pixel
 
     def show_sky(self, light: Any, ray: Any) -> None:
-        """Take a picture or program for what the ray sees, after the branch for one that has met something."""
+        """Take the background for a ray that has missed, after the branch of rays that have hit."""
         if not self.background.plain:
             with SH_ELSE():
                 light.scolor[:] = self.background.radiance(ray.direction)
 
     def meet_light(
-        self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: Held | None
+        self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: RayBodies | None
     ) -> None:
-        """Add the light of a shadow ray that has met nothing, or send it on through the glass that it has met."""
+        """Add the light of a shadow ray that has hit no surface, or continue it through the glass that it has hit."""
         through[:] = False
         lightcol = light.lightcol
         with SH_IF(hit.id >= 0):
@@ -148,11 +149,12 @@ class GlassTracer(Tracer):
         surface: Interaction,
         share: Any,
         waiting: MediaStack,
-        ray_bodies: Held | None,
+        ray_bodies: RayBodies | None,
         successors: tuple[Any, Any, Any],
     ) -> Any:
-        """Go on to the refracted ray while the mirrored one waits, or to the one there is, or to one that waits.
+        """Choose the next ray.
 
+        Of two rays it is the refracted one, and the mirrored one waits. Without a ray it is one that waits.
         `successors` are the shares of the mirrored and the refracted ray, and the direction of this. Return whether no
         ray is left.
         """
@@ -161,7 +163,7 @@ class GlassTracer(Tracer):
         ray.tracing[:] = True
         goes_on = light.r > 0
         light.r -= 1
-        reflects, refracts = (goes_on & (largest(share) * part > self.least) for part in (mirror, clear))
+        reflects, refracts = (goes_on & (largest(share) * part > self.least.share) for part in (mirror, clear))
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):

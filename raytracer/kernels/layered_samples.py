@@ -47,7 +47,7 @@ class SingleSamples:
         self.samples = sh.Table(records, sh.Attrib4u if self.has_slopes else sh.Attrib2u, "samples", unique=False)
 
     def coding(self, frame: Any, axis: Any) -> None:
-        """Return what decodes the depths of an image, which these do not need."""
+        """Return the identity: these depths need no decoding."""
 
     def offset(self, texel: Any) -> Any:
         """Return where the samples of a texel begin."""
@@ -89,7 +89,7 @@ class HalfSamples:
         self.shift = sh.Param(sh.Attrib1i, tables.offsets.shift, name="shift", title="")
 
     def coding(self, frame: Any, axis: Any) -> DepthCoding:
-        """Return what decodes the samples of an image."""
+        """Return the decoder of an image's samples."""
         return DepthCoding(frame, axis)
 
     def offset(self, texel: Any) -> Any:

@@ -1,10 +1,10 @@
 """The walk through a layered depth cube: its samples, block by block and texel by texel.
 
-Stage: kernel. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), section 1.4. The images
-are walked one after the other, each hit shortening the rest of the way; first that along the ray's largest component,
-where the way through the texels is shortest. Both levels are a DDA in two dimensions (Amanatides and Woo 1987), whose
-crossings are computed anew from the integer cell, so that nothing drifts. A block or texel is looked into where the
-depths of the ray there come as near to those of its samples as a surface may leave its sample.
+Stage: kernel. Source: Bürger et al., GPU Rendering of Secondary Effects (VMV 2007), section 1.4. The images are walked
+one after the other, each hit shortening the rest of the way; first that along the ray's largest component, where the
+way through the texels is shortest. Both levels are a DDA in two dimensions (Amanatides and Woo 1987), whose crossings
+are computed anew from the integer cell, so that nothing drifts. A block or texel is visited if the ray's depths there
+are close enough to its samples' depths for a surface to be met.
 
 The walk begins where the ray enters the cube's box. That point is rounded once, so it lies on the ray however far away
 the ray comes from. Triangles are tested along the ray as it was given: a hit of theirs has the bits of other walks.

@@ -29,16 +29,16 @@ TOUCHING = 2.0**-12
 """The part of its distance by which a hit can be farther than another one and be taken for the same place."""
 
 
-class Held:
+class RayBodies:
     """The bodies that hold a ray: their numbers, 0 in the `slots` that are free.
 
     `beyond`, if it is there, are those behind the surface that the ray hit last.
     """
 
-    def __init__(self, slots: list[Any], beyond: Held | None = None) -> None:
+    def __init__(self, slots: list[Any], beyond: RayBodies | None = None) -> None:
         self.slots, self.beyond = slots, beyond
 
-    def take(self, other: Held) -> None:
+    def take(self, other: RayBodies) -> None:
         """Become equal to another one."""
         for slot, value in zip(self.slots, other.slots, strict=True):
             slot[:] = value
@@ -68,7 +68,7 @@ class Held:
 
 
 class Media:
-    """The tables of bodies, and what they do to rays.
+    """The tables of bodies, and their effect on rays.
 
     `start` are the Params of the bodies that hold the eye, or the point `reference` where rays of a picture start in
     several media: `wades` says so, and an eye ray goes from there to its own origin first.
@@ -112,12 +112,12 @@ class Media:
         if self.wades:
             self.reference.value = middle
 
-    def make_ray_bodies(self) -> Held:
+    def make_ray_bodies(self) -> RayBodies:
         """Return the variables of a ray that is in no body."""
         slots, beyond = ([sh.Attrib1i(0) for _ in self.start] for _ in range(2))
-        return Held(slots, Held(beyond))
+        return RayBodies(slots, RayBodies(beyond))
 
-    def of_rays(self, waiting: int) -> tuple[Held, Held, list[Any]]:
+    def of_rays(self, waiting: int) -> tuple[RayBodies, RayBodies, list[Any]]:
         """Return the bodies of a ray and of its shadow ray, and for each slot an array for those of rays that wait."""
         waiting_bodies = [sh.Array(sh.Attrib1i, waiting) for _ in self.start]
         return self.make_ray_bodies(), self.make_ray_bodies(), waiting_bodies
@@ -128,13 +128,14 @@ class Media:
         return 2 * self.body_of[number] + sh.cond(sh.dot(face, ray) > 0, 1, 0)
 
     def touching(self, limit: Any, ray: Any, accept: Any) -> TouchingHit:
-        """Return the hit of a ray that looks for what touches the nearest surface."""
+        """Return the hit of a ray that searches for surfaces in contact with the nearest one."""
         return TouchingHit(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
 
     def merge(self, hit: RayHit, ray: Any, behind: Callable[[], Any]) -> None:
         """Keep the other surfaces of a hit that touch the nearest one, and forget those that do not.
 
-        A ray that goes on from the nearest one, at `behind()`, would miss them. What is opaque takes the hit.
+        A ray that continues from the nearest surface, at `behind()`, would miss them. An opaque surface takes
+        precedence.
         """
         if not isinstance(hit, TouchingHit):
             return
@@ -153,7 +154,7 @@ class Media:
                 hit.places[0].take(other)
             other.surface[:] = sh.cond(touches & (other.surface > 0), other.surface, 0)
 
-    def begin(self, ray_bodies: Held, meet: Callable[..., RayHit], behind: Callable[..., Any], eye: Any) -> None:
+    def begin(self, ray_bodies: RayBodies, meet: Callable[..., RayHit], behind: Callable[..., Any], eye: Any) -> None:
         """Let `ray_bodies` be the bodies in which an eye ray from `eye` starts.
 
         `meet(ray, eye, limit)` finds a hit, and `behind(hit, ray, eye)` is where the ray goes on.
@@ -175,7 +176,7 @@ class Media:
             left[:] = sh.cond(hit.id >= 0, left - hit.l, 0.0)
             SH_UNTIL(left <= 0)
 
-    def reach(self, ray_bodies: Held, hit: RayHit, outside: Any, ior: Any) -> tuple[Any, Any]:
+    def reach(self, ray_bodies: RayBodies, hit: RayHit, outside: Any, ior: Any) -> tuple[Any, Any]:
         """Take in a hit of a surface from `outside`, or from inside, whose body has the refractive index `ior`.
 
         `ray_bodies` is corrected by it. Return the share of light that the way to the hit has left, and the refractive
@@ -200,10 +201,10 @@ class Media:
         """Return the refractive index of a medium: `ior` for the body that was hit, as a program may say it."""
         return sh.cond(medium == body, sh.cond(body > 0, ior, 1.0), self.rows[medium].a)
 
-    def kept(self, ray_bodies: Held, way: Any) -> Any:
+    def kept(self, ray_bodies: RayBodies, way: Any) -> Any:
         """Return the share (r, g, b) of light that a way in the ray's medium leaves, by Beer's law."""
         return sh.exp(-(way / self.scale) * self.rows[ray_bodies.innermost()].rgb)
 
-    def kept_to_light(self, ray_bodies: Held, way: Any) -> Any:
+    def kept_to_light(self, ray_bodies: RayBodies, way: Any) -> Any:
         """Return the same of the way to a light; nothing is lost to one that is infinitely far, beyond all bodies."""
         return sh.cond(way < far(), self.kept(ray_bodies, way), sh.Color3f(1, 1, 1))

@@ -21,14 +21,14 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
-from raytracer.kernels.bsdf import Bsdf, largest
+from raytracer.kernels.bsdf import Bsdf, largest, mirrored
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
-from raytracer.kernels.media import Held, Media
+from raytracer.kernels.media import Media, RayBodies
+from raytracer.kernels.pixel import Pixel, background_pixel
 from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.surfaces import Interaction, blank
-from raytracer.kernels.tracer import Pixel, background_pixel, mirrored
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER
 from raytracer.scene.layout import Layout
@@ -40,7 +40,7 @@ ROULETTE = 4
 EYE, LIGHTS, DIMENSIONS = 4, 7, 13
 """The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
 STRAIGHT = 2**32 - 1
-"""A path that has gone straight on hashes its key with this word, so that its next surface has numbers of its own."""
+"""Hashed with the key of a path that went straight through a surface: the next one gets other random numbers."""
 
 
 class PathSample:
@@ -69,8 +69,8 @@ class PathSample:
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
         self.number, self.key = number, key
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
-        self.ray_bodies: Held | None = None if media is None else media.make_ray_bodies()
-        self.shadow: Held | None = None if media is None else media.make_ray_bodies()
+        self.ray_bodies: RayBodies | None = None if media is None else media.make_ray_bodies()
+        self.shadow: RayBodies | None = None if media is None else media.make_ray_bodies()
         if straight:
             through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
             rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
@@ -203,7 +203,7 @@ class PathTracer(SceneTables):
                 self.aim(path, surface, ray, eye, limit, pending, around)
             if self.straight:
                 limit[:] = sh.cond(path.through, path.rest, limit)
-        any_hit = False if self.straight else path.lighting  # straight on, surfaces are taken in their order
+        any_hit = False if self.straight else path.lighting  # light that goes straight on needs the surfaces in order
         hit = self.surfaces.meet(self.intersector, lambda: (path.depth == 0) & ~path.lighting, ray, eye, limit, any_hit)
         pixel.rays[:] += sh.cond(limit > 0, 1, 0)
         with SH_IF((hit.id < 0) & (limit > 0)):
@@ -262,7 +262,7 @@ class PathTracer(SceneTables):
         self.surfaces.take(path.shadow, path.ray_bodies)
 
     def leave(self, path: PathSample, surface: Interaction, ray: Any, pending: Any, around: Any, limit: Any) -> None:
-        """Take in the light of a ray that has met nothing."""
+        """Add the light of a ray that has missed everything."""
         if path.shadow is not None and self.emitters.count:
             assert self.surfaces.media is not None
             pending *= self.surfaces.media.kept_to_light(path.shadow, limit)
@@ -293,15 +293,13 @@ class PathTracer(SceneTables):
         return self.emitters.share_around * self.emitters.around.density_at(ray, surface)
 
     def arrive(self, path: PathSample, surface: Interaction, pixel: Pixel, hit: RayHit, ray: Any, eye: Any) -> None:
-        """Take in the light of the surface that was hit, and prepare what comes next."""
+        """Add the light of the surface that was hit, and prepare the next ray."""
         emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
         reflectivity = self.surfaces.arrive(hit, ray, eye, surface, emission)
         if path.ray_bodies is not None:
             path.throughput *= self.surfaces.reach(path.ray_bodies, hit, surface)
         with SH_IF(self.is_first(path)):
-            pixel.depth[:] = hit.l
-            pixel.normal[:] = surface.normal
-            pixel.object[:] = self.surfaces.object_at(hit)
+            pixel.note(hit, surface, self.surfaces)
         if self.straight:
             path.way += hit.l
         if emission is not None:

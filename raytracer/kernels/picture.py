@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
+from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.point import SeenHit
 from raytracer.kernels.surfaces import Interaction, blank
-from raytracer.kernels.tracer import Pixel, Tracer
+from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.walk import meet
 from shpy import SH_ELSE, SH_IF, SH_WHILE
 
 
-class Seen(NamedTuple):
+class SeenSurface(NamedTuple):
     """The surface that a rasteriser has seen in a pixel, in the kernel's coordinates; `object` is -1 for nothing."""
 
     position: Any
@@ -48,12 +49,12 @@ def seen_rays(tracer: Tracer, rays: EyeRays | PanoramaRays, first_of: Any) -> An
     @sh.program
     def picture(position: sh.Point3f, normal: sh.Normal3f, object: sh.Attrib1i, uv: sh.TexCoord2f) -> Pixel:
         row, column = sh.grid_index(2)
-        return _follow(tracer, Seen(position, normal, object, uv), *rays(row, column), first_of, slack)
+        return _follow(tracer, SeenSurface(position, normal, object, uv), *rays(row, column), first_of, slack)
 
     return picture
 
 
-def _follow(tracer: Tracer, seen: Seen, direction: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
+def _follow(tracer: Tracer, seen: SeenSurface, direction: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
     """Follow a ray from the surface that was seen."""
     ray, light, pixel = tracer.begin(direction, eye)
     surface = blank(tracer.surfaces.interaction)
@@ -63,7 +64,7 @@ def _follow(tracer: Tracer, seen: Seen, direction: Any, eye: Any, first_of: Any,
         hit = SeenHit(distance, first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv)
         emission = sh.Color3f(0, 0, 0) if tracer.surfaces.glows else None
         light.rn.y = _arrive(tracer, seen, hit, ray.direction, surface, emission, slack)
-        tracer.note(pixel, hit, surface)
+        pixel.note(hit, surface, tracer.surfaces)
         tracer.gather(light, pixel, surface, emission)
     with SH_ELSE():
         light.scolor[:] = tracer.background.radiance(ray.direction)
@@ -78,7 +79,9 @@ def _follow(tracer: Tracer, seen: Seen, direction: Any, eye: Any, first_of: Any,
     return pixel
 
 
-def _arrive(tracer: Tracer, seen: Seen, hit: SeenHit, ray: Any, surface: Interaction, emission: Any, slack: Any) -> Any:
+def _arrive(
+    tracer: Tracer, seen: SeenSurface, hit: SeenHit, ray: Any, surface: Interaction, emission: Any, slack: Any
+) -> Any:
     """Fill in `surface` for what was seen, and `emission` in a scene that glows; return the reflectivity."""
     normal = sh.normalize(seen.normal)
     side = sh.cond(sh.dot(normal, ray) > 0, -1.0, 1.0)

@@ -34,8 +34,8 @@ def place_of(
 ) -> tuple[Any, Any]:
     """Return the point that was hit, and how far it may be off the triangle's plane.
 
-    It is that mean of the corners which `hit` says, or where the ray meets the plane if that is known far better.
-    `roundoff` is the largest relative error of one rounding.
+    It is the mean of the corners with the weights of `hit`, or the ray's intersection with the plane if that is far
+    more exact. `roundoff` is the largest relative error of one rounding.
     """
     sizes = barylerp(hit, *(abs(place) for place in places))
     plane = PlaneView(face, triangles.levels[hit.id], ray, eye)

@@ -1,7 +1,7 @@
 """Queries of rays: the nearest hit, whether there is any, how many there are, and the next ones after a hit.
 
 Stage: kernel. Rays arrive as the user gives them. The kernel moves and scales them exactly where it can: a subtraction,
-and products with powers of two. It also says which of them are no rays, so that the host need not look at them.
+and products with powers of two. It also marks invalid rays, so that the host need not check them.
 
 Directions keep their direction to the bit: they are not brought to length 1 but divided by a power of two, so that
 their largest component is in [1/4, 1/2). So they are shorter than 1, as bounds of rounding errors need it.
@@ -158,7 +158,7 @@ class HitList:
             found = (t, number, wb / whole, wc / whole)
             for place in reversed(range(len(self.t))):
                 here = self.is_before(t, number, place)
-                # What stands before it moves up where the new hit comes before that, too.
+                # If the new hit also precedes the entry before, that entry moves up.
                 ahead = self.is_before(t, number, place - 1) if place else False
                 for column, new in zip(self.columns, found, strict=True):
                     moved = sh.cond(ahead, column[place - 1], new) if place else new
@@ -219,7 +219,7 @@ def list_hits(walk: Walk, exact: bool, size: int = FEW) -> Any:
     `after` is in the kernel's coordinates; -infinity and -1 come before the first hit. The outputs are hits in fours,
     the last hit's distance in the kernel's coordinates, and whether the input is not a ray.
     """
-    named_tuple: Any = NamedTuple  # whose fields depend on the size
+    named_tuple: Any = NamedTuple  # the fields depend on the size
     fours = [(f"hits_{k}", Four) for k in range(0, size, 4)]
     outputs: Any = named_tuple("outputs", [*fours, ("last", sh.Attrib1f), ("wrong", sh.Attrib1b)])
 

@@ -6,10 +6,11 @@ Stage: kernel. `LightList.aim` is the tracer's `getLightValues`. A tracer adds t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import shpy as sh
 from raytracer.accel.bounds import far
+from raytracer.accel.grid import Grid
 from raytracer.accel.space import Rows
 from raytracer.kernels.deferred import SampledSurfaces
 from raytracer.kernels.sky import Sky
@@ -17,6 +18,9 @@ from raytracer.kernels.surfaces import Interaction, SurfaceTables
 from raytracer.kernels.walk import renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout, kinds_of
 from raytracer.scene.scene import Background, Scene
+
+MIN_CONTRIBUTION: Final = 2.0**-17
+"""The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
 
 
 class LightList:
@@ -35,7 +39,7 @@ class LightList:
 
     def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
-        assert self.table is not None  # else no ray is aimed
+        assert self.table is not None  # rays are aimed only if there is a table of lights
         first = 2 * n if self.count > 1 else 0
         place, color = self.table[first], self.table[first + 1]
         toward = sh.Vector3f(place.xyz)
@@ -52,13 +56,31 @@ class LightList:
             lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
 
 
+class LeastShare:
+    """The `share` of the picture below which no ray is followed: a param, if it is another than MIN_CONTRIBUTION."""
+
+    def __init__(self, share: float) -> None:
+        self.share: Any = share
+        self.cuts = share != MIN_CONTRIBUTION
+        if self.cuts:
+            self.share = sh.Param(sh.Attrib1f, share, name="min_contribution")
+
+    def ends(self, light: Any) -> Any:
+        """Return whether no mirrored ray follows; by default a scene without glass follows all of them."""
+        if self.cuts:
+            return (light.r == 0) | (light.rn.y == 0) | ~(light.rn.x > self.share)
+        return (light.r == 0) | (light.rn.y == 0)
+
+
 class SceneTables:
-    """The walk of a scene's rays, its surfaces and its background; `features` says what a kernel of them contains."""
+    """The walk of a scene's rays, its surfaces and its background; `features` lists the features of their kernels."""
 
     scattered = False
     """True for tracers whose rays soon have little in common with their neighbours: see `scene_walk`."""
     features: dict[str, bool | int]
     lights: LightList
+    ambient: Any = None
+    """The param of the ambient light, for tracers that add it."""
 
     def __init__(self, layout: Layout, background: Background, backend: str) -> None:
         self.intersector = scene_walk(layout, backend, scattered=self.scattered)
@@ -79,7 +101,7 @@ class SceneTables:
         return self.surfaces.renew(layout, changes) and self.renew_emitters(layout)
 
     def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
-        """Take the materials and lights of `Layout.painted`, and a scene's background.
+        """Take the materials and lights of `Layout.painted`, and a scene's background and ambient light.
 
         Return False, having changed nothing, where they need another kernel.
         """
@@ -89,4 +111,29 @@ class SceneTables:
         self.surfaces.repaint(layout, tinted)
         self.lights.renew(layout.lights)
         self.background.renew(scene.background)
+        if self.ambient is not None:
+            self.ambient.value = float(scene.ambient)
         return True
+
+
+def whitted_features(tracer: Any, layout: Layout) -> dict[str, bool | int]:
+    """Return what the kernel of a `Tracer` of this layout contains."""
+    surfaces, lights = tracer.surfaces, tracer.lights
+    features: dict[str, bool | int] = {
+        "lights": lights.count,
+        "point lights": lights.points,
+        "directional lights": lights.directions,
+        "reflections": tracer.most_bounces if tracer.reflects else 0,
+        "smooth normals": layout.normals is not None,
+        "vertex colours": layout.colors is not None,
+        "materials": len(layout.material_rows) // 2,
+        "highlights": surfaces.highlights,
+    }
+    if isinstance(layout.structure, Grid):
+        features["triangles outside the grid"] = layout.structure.outside
+    if surfaces.appearance:
+        features["surface programs"] = len(surfaces.appearance.surfaces)
+        features["shade programs"] = len(surfaces.appearance.shades)
+        features["textures"] = len(surfaces.appearance.textured)
+    others = {"glass": surfaces.clear, "cutouts": surfaces.accept is not None, "sky": not tracer.background.plain}
+    return features | {name: True for name, there in others.items() if there}

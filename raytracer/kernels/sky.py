@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.appearance.programs import Examined, ask_sky, examine_sky
+from raytracer.appearance.programs import UserProgram, ask_sky, examine_sky
 from raytracer.appearance.textures import Texture
 
 
 class Sky:
     """The radiance of each direction by a `source`: a colour, a Texture, or a program.
 
-    `name` is that of the picture's table, `color` that of the Param, and `whose` says in errors what the source is of.
+    `name` names the picture's table, `color` the Param, and `whose` the owner of the source in errors.
     `plain` says whether it is a colour, the same in all directions.
     `examined` is the program as it was recorded, None where there is none. Raises SceneError and ShpyError for mistakes
     in the program.
@@ -35,7 +35,7 @@ class Sky:
         self.source, self._whose = source, whose
         self.picture = source if isinstance(source, Texture) else None
         self.plain = self.picture is None and not callable(source)
-        self.examined: Examined | None = None
+        self.examined: UserProgram | None = None
         if self.picture is not None:
             self.size = self.picture.image.shape[:2]
             self._texels = sh.Texture2D(padded(self.picture.image), filter=self.picture.filter, name=name)

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple, cast
 import shpy as sh
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridBeside, GridIntersector, is_over
+from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.surfaces import PlainInteraction
-from raytracer.kernels.tracer import Light, Pixel, Ray, Tracer
+from raytracer.kernels.tracer import Light, Ray, Tracer
 from raytracer.kernels.triangle import RayHit, TriangleTest, Walk, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -56,7 +57,7 @@ class Nearest:
     id: sh.Attrib1i
 
 
-class Generated(NamedTuple):
+class EyeRayOutputs(NamedTuple):
     """The outputs of the generator of eye rays."""
 
     ray: Ray
@@ -65,7 +66,7 @@ class Generated(NamedTuple):
     state: sh.Attrib1i
 
 
-class Placed(NamedTuple):
+class PrecalculationOutputs(NamedTuple):
     """The outputs of the voxel precalculation."""
 
     cell: Cell
@@ -74,14 +75,14 @@ class Placed(NamedTuple):
     state: sh.Attrib1i
 
 
-class Tried(NamedTuple):
+class ObjectsOutputs(NamedTuple):
     """The outputs of the walk through the objects that move."""
 
     nearest: Nearest
     state: sh.Attrib1i
 
 
-class Traversed(NamedTuple):
+class TraverserOutputs(NamedTuple):
     """The outputs of the traverser."""
 
     cell: Cell
@@ -89,7 +90,7 @@ class Traversed(NamedTuple):
     state: sh.Attrib1i
 
 
-class Intersected(NamedTuple):
+class IntersectorOutputs(NamedTuple):
     """The outputs of the intersector."""
 
     items: Items
@@ -102,11 +103,11 @@ SHADED: dict[str, Any] = {"ray": Ray, "light": Light, "point": PlainInteraction,
 
 
 WRITES = {
-    "generate": Generated._fields,
-    "precalculate": Placed._fields,
-    "objects": Tried._fields,
-    "traverse": Traversed._fields,
-    "intersect": Intersected._fields,
+    "generate": EyeRayOutputs._fields,
+    "precalculate": PrecalculationOutputs._fields,
+    "objects": ObjectsOutputs._fields,
+    "traverse": TraverserOutputs._fields,
+    "intersect": IntersectorOutputs._fields,
     "shade": tuple(SHADED),
 }
 """The streams that a stage writes; those that it reads are its inputs."""
@@ -175,17 +176,17 @@ def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     """Record the program that makes the eye rays of a band."""
 
     @sh.program
-    def generate() -> Generated:
+    def generate() -> EyeRayOutputs:
         row, column = sh.grid_index(2)
         ray, light, pixel = tracer.begin(*rays(row, column))
-        return Generated(ray, light, pixel, sh.Attrib1i(ACTIVE))
+        return EyeRayOutputs(ray, light, pixel, sh.Attrib1i(ACTIVE))
 
     return generate
 
 
 def _precalculation(walk: GridIntersector) -> Any:
     @sh.program
-    def precalculate(ray: Ray, state: sh.Attrib1i) -> Placed:
+    def precalculate(ray: Ray, state: sh.Attrib1i) -> PrecalculationOutputs:
         SH_DISCARD(state != ACTIVE)
         cells = walk.walk(ray.direction, ray.eye, 0.0)
         lost = ~is_ray(ray.direction, ray.eye) | (ray.limit <= 0)
@@ -193,26 +194,26 @@ def _precalculation(walk: GridIntersector) -> Any:
         state[:] = sh.cond(lost, DEAD, sh.cond(walk.outside > 0, WAIT, sh.cond(beside, DEAD, ACTIVE)))
         nearest = Nearest(ray.limit, sh.TexCoord2f(0, 0), sh.Attrib1i(-1))
         items = Items(sh.Attrib1i(0), sh.Attrib1i(walk.outside))
-        return Placed(Cell(cells.t, cells.voxel), items, nearest, state)
+        return PrecalculationOutputs(Cell(cells.t, cells.voxel), items, nearest, state)
 
     return precalculate
 
 
 def _objects(walk: GridBeside) -> Any:
     @sh.program
-    def objects(ray: Ray, nearest: Nearest, state: sh.Attrib1i) -> Tried:
+    def objects(ray: Ray, nearest: Nearest, state: sh.Attrib1i) -> ObjectsOutputs:
         SH_DISCARD(state == FINISHED)
         hit = RayHit.held_in(nearest, walk.accept)
         walk.objects.collect(hit, ray.direction, ray.eye, 0.0, 0.0, ~ray.tracing)
         state[:] = sh.cond(~ray.tracing & (nearest.id >= 0), INACTIVE, state)
-        return Tried(nearest, state)
+        return ObjectsOutputs(nearest, state)
 
     return objects
 
 
 def _traverser(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
-    def traverse(ray: Ray, nearest: Nearest, cell: Cell, items: Items, state: sh.Attrib1i) -> Traversed:
+    def traverse(ray: Ray, nearest: Nearest, cell: Cell, items: Items, state: sh.Attrib1i) -> TraverserOutputs:
         SH_DISCARD(state != ACTIVE)
         hit: Any = nearest
         cells = walk.walk(ray.direction, ray.eye, 0.0)
@@ -227,7 +228,7 @@ def _traverser(walk: GridIntersector, at_once: Any) -> Any:
                 state[:] = sh.cond(items.item < items.end, WAIT, ACTIVE)
             steps += 1
             SH_UNTIL((state != ACTIVE) | (steps >= at_once))
-        return Traversed(Cell(cells.t, cells.voxel), items, state)
+        return TraverserOutputs(Cell(cells.t, cells.voxel), items, state)
 
     return traverse
 
@@ -246,7 +247,7 @@ def meeting(walk: Walk) -> Any:
 
 def _intersector(walk: GridIntersector, at_once: Any) -> Any:
     @sh.program
-    def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> Intersected:
+    def intersect(ray: Ray, items: Items, nearest: Nearest, state: sh.Attrib1i) -> IntersectorOutputs:
         SH_DISCARD(state != WAIT)
         hit = RayHit.held_in(nearest, walk.accept)
         test = TriangleTest(ray.direction, ray.eye, walk.bound)
@@ -258,13 +259,13 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
                 state[:] = INACTIVE
             tests += 1
             SH_UNTIL((state != WAIT) | (tests >= at_once))
-        return Intersected(items, nearest, state)
+        return IntersectorOutputs(items, nearest, state)
 
     return intersect
 
 
 def shading(tracer: Tracer) -> Any:
-    """Record the program that takes in what rays met, and makes the rays that come next."""
+    """Record the program that adds the light of the hits and makes the next rays."""
     types = SHADED | {"point": tracer.surfaces.interaction}
     shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
 

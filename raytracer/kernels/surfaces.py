@@ -20,7 +20,7 @@ from raytracer.appearance.materials import CUTOFF
 from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.bsdf import FAINT, diffuse_lobe, highlight
-from raytracer.kernels.media import Held, Media
+from raytracer.kernels.media import Media, RayBodies
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
@@ -29,7 +29,7 @@ from raytracer.scene.layout import Change, Layout, is_programmed
 from shpy import SH_ELSE, SH_IF
 
 FLAT = 1 / 250
-"""The slope up to which a normal map leaves the normal as it is: 8 bits say 0 by 127 or 128 of 255, which is 1/255."""
+"""The largest slope of a normal map that is taken for 0: 8 bits store 0 as 127 or 128 of 255, which is 1/255 off."""
 
 
 @sh.struct
@@ -279,7 +279,7 @@ class SurfaceTables:
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
 
-    def reach(self, ray_bodies: Held | None, hit: RayHit, surface: Interaction) -> Any:
+    def reach(self, ray_bodies: RayBodies | None, hit: RayHit, surface: Interaction) -> Any:
         """Return the share (r, g, b) of light that the way to a hit has left, in the medium that the ray was in.
 
         It also makes the surface's `ior` that inside relative to that outside.
@@ -290,7 +290,7 @@ class SurfaceTables:
         surface.ior[:] = ratio
         return kept
 
-    def passed(self, ray_bodies: Held | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
+    def passed(self, ray_bodies: RayBodies | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
         """Return the share (r, g, b) of light that comes to a hit and goes straight on, in the medium behind it.
 
         `straight`: only where it would not be refracted.
@@ -309,7 +309,7 @@ class SurfaceTables:
         return clear * kept
 
     def meet(self, walk: Any, is_eye: Any, ray: Any, eye: Any, limit: Any, any_hit: Any = False) -> RayHit:
-        """Find the nearest hit as `kernels.walk.meet`, and with media what touches it."""
+        """Find the nearest hit as `kernels.walk.meet` does; with media, also the surfaces in contact with it."""
         media = self.media
         if media is None or not media.touches:
             return meet(walk, is_eye, ray, eye, limit, any_hit)
@@ -317,12 +317,12 @@ class SurfaceTables:
         media.merge(hit, ray, lambda: self.behind(hit, ray, eye))
         return hit
 
-    def take(self, shadow: Held | None, ray_bodies: Held | None) -> None:
+    def take(self, shadow: RayBodies | None, ray_bodies: RayBodies | None) -> None:
         """Let a shadow ray start in the medium of a ray."""
         if shadow is not None and ray_bodies is not None:
             shadow.take(ray_bodies)
 
-    def begin(self, ray_bodies: Held | None, walk: Any, eye: Any) -> None:
+    def begin(self, ray_bodies: RayBodies | None, walk: Any, eye: Any) -> None:
         """Let `ray_bodies` be the bodies in which an eye ray from `eye` starts."""
         if self.media is not None and ray_bodies is not None:
             eyes = functools.partial(self.meet, walk, lambda: sh.Attrib1b(True))
@@ -405,7 +405,7 @@ class SurfaceTables:
 
         The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
         to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
-        what stands out in front goes in.
+        bumps become dents.
         """
         a, b, c = (corner.xyz for corner in self.triangles[hit.id])
         start, to_b, to_c = rows_of(self.uvs, hit)

@@ -12,35 +12,20 @@ meshes, no interpolated normals; one material, no lookup.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import nullcontext
-from math import inf
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import far
-from raytracer.accel.grid import Grid
-from raytracer.kernels.point import SeenHit
-from raytracer.kernels.scene_tables import LightList, SceneTables
+from raytracer.kernels.bsdf import mirrored
+from raytracer.kernels.pixel import Pixel, background_pixel
+from raytracer.kernels.scene_tables import MIN_CONTRIBUTION, LeastShare, LightList, SceneTables, whitted_features
 from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet
 from raytracer.scene.layout import Layout
-from raytracer.scene.scene import Background, Scene
+from raytracer.scene.scene import Background
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
-
-MIN_CONTRIBUTION: Final = 2.0**-17
-"""The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
-
-
-class Pixel(NamedTuple):
-    """The result of an eye ray: the layers of an `Image`."""
-
-    color: sh.Color3f
-    depth: sh.Attrib1f
-    normal: sh.Normal3f
-    object: sh.Attrib1i
-    rays: sh.Attrib1i
 
 
 @sh.struct
@@ -88,43 +73,11 @@ class Tracer(SceneTables):
         super().__init__(layout, background, backend)
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
-        self.least: Any = min_contribution
-        self.cuts = min_contribution != MIN_CONTRIBUTION
-        if self.cuts:
-            self.least = sh.Param(sh.Attrib1f, min_contribution, name="min_contribution")
+        self.least = LeastShare(min_contribution)
         self.lights = LightList(layout.lights, self.surfaces)
         self.reflects = self.surfaces.reflects
         self.loops = self.reflects or self.lights.count > 0
-        self.features = self._features(layout)
-
-    def _features(self, layout: Layout) -> dict[str, bool | int]:
-        appearance = self.surfaces.appearance
-        features: dict[str, bool | int] = {
-            "lights": self.lights.count,
-            "point lights": self.lights.points,
-            "directional lights": self.lights.directions,
-            "reflections": self.most_bounces if self.reflects else 0,
-            "smooth normals": layout.normals is not None,
-            "vertex colours": layout.colors is not None,
-            "materials": len(layout.material_rows) // 2,
-            "highlights": self.surfaces.highlights,
-        }
-        if isinstance(layout.structure, Grid):
-            features["triangles outside the grid"] = layout.structure.outside
-        if appearance:
-            features |= {"surface programs": len(appearance.surfaces), "shade programs": len(appearance.shades)}
-            features["textures"] = len(appearance.textured)
-        others = {
-            "glass": self.surfaces.clear, "cutouts": self.surfaces.accept is not None, "sky": not self.background.plain
-        }  # fmt: skip
-        return features | {name: True for name, there in others.items() if there}
-
-    def repaint(self, layout: Layout, tinted: Sequence[tuple[int, int]], scene: Scene) -> bool:
-        """Take other materials and lights as every tracer does, and a scene's ambient."""
-        if not super().repaint(layout, tinted, scene):
-            return False
-        self.ambient.value = float(scene.ambient)
-        return True
+        self.features = whitted_features(self, layout)
 
     def __call__(self, direction: Any, eye: Any) -> Pixel:
         """Follow an eye ray of unit length."""
@@ -164,7 +117,7 @@ class Tracer(SceneTables):
                 emission = sh.Color3f(0, 0, 0) if self.surfaces.glows else None
                 light.rn.y = self.surfaces.arrive(hit, ray.direction, ray.eye, surface, emission)
                 with SH_IF(pixel.object < 0):
-                    self.note(pixel, hit, surface)
+                    pixel.note(hit, surface, self.surfaces)
                 self.gather(light, pixel, surface, emission)
             with SH_ELSE():
                 light.scolor[:] = self.background.radiance(ray.direction)
@@ -183,7 +136,7 @@ class Tracer(SceneTables):
     def gather(self, light: Any, pixel: Pixel, surface: Interaction, emission: Any) -> None:
         """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
         light.scolor[:] = self.ambient * surface.color
-        if emission is not None:  # a mirror sends out all of it, too
+        if emission is not None:  # mirrors emit in full, too
             pixel.color[:] += light.rn.x * emission
         light.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
 
@@ -196,36 +149,9 @@ class Tracer(SceneTables):
             if self.reflects:
                 light.rn.x *= light.rn.y
                 pixel.color[:] -= light.rn.x * light.scolor
-                finished[:] = self.is_last(light)
+                finished[:] = self.least.ends(light)
                 light.r -= 1
                 ray.tracing[:] = True
                 ray.direction[:] = mirrored(surface)
                 ray.eye[:] = surface.inter
         return finished
-
-    def is_last(self, light: Any) -> Any:
-        """Return whether no mirrored ray follows."""
-        if self.cuts:
-            return (light.r == 0) | (light.rn.y == 0) | ~(light.rn.x > self.least)
-        return (light.r == 0) | (light.rn.y == 0)
-
-    def note(self, pixel: Pixel, hit: RayHit | SeenHit, surface: Interaction) -> None:
-        """Store the first surface that the eye ray hits in the layers."""
-        pixel.depth[:] = hit.l
-        pixel.normal[:] = surface.normal
-        pixel.object[:] = self.surfaces.object_at(hit)
-
-
-def background_pixel(color: Any, rays: Any) -> Pixel:
-    """Return the layers where nothing is hit."""
-    depth = sh.Attrib1f(inf)
-    normal = sh.Normal3f(0, 0, 0)
-    number = sh.Attrib1i(-1)
-    return Pixel(color, depth, normal, number, rays)
-
-
-def mirrored(surface: Interaction) -> Any:
-    """Return the mirrored ray, turned back outside where an interpolated normal would send it into the surface."""
-    mirrored = sh.reflect(-surface.view, surface.normal)
-    below = sh.min(sh.dot(mirrored, surface.face), 0.0)
-    return mirrored - (2 * below) * surface.face

@@ -108,7 +108,7 @@ class RayHit:
 
 
 class Place:
-    """A hit in a list of them: distance, weights, triangle, -1 for none, and its surface."""
+    """An entry of a list of hits: distance, weights, triangle (-1 if empty), and its surface."""
 
     def __init__(self, l: Any, uv: Any, id: Any, surface: Any) -> None:  # noqa: E741 - as in RayHit
         self.parts = l, uv, id, surface
@@ -215,7 +215,7 @@ class Sight:
 class Triangles:
     """Triangles as tables: `rows` (see `triangle_rows`), and `levels`, how far each one's plane is from 0.
 
-    `numbers` is the table of the numbers by which they are known, if not their places. `levels` are computed from
+    `numbers` is the table of their numbers, if these are not their places. `levels` are computed from
     `rows` if they are not given. `given` are the arrays of which the tables were made. With `copy=False` the table
     shares `rows`, which are read-only (see `sh.Table`); levels are always shared.
     """

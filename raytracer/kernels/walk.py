@@ -54,7 +54,7 @@ MANY = 6000
 
 @dataclass
 class SplitWalk:
-    """Two walks through the same triangles: an exact one for eye rays, and one for the rays that come of them."""
+    """Two walks through the same triangles: an exact walk for eye rays, and a walk for secondary rays."""
 
     exact: Walk
     secondary: Walk | AloneWalk
@@ -215,7 +215,7 @@ class QueryWalks:
 
     @property
     def tree_triangles(self) -> Any:
-        """The triangles of `tree`: those of the walk, or where objects have moved tables of what they are now."""
+        """The triangles of `tree`: the walk's own, or tables of the present positions if objects have moved."""
         return self.triangles if self.moved is None else Triangles.of(self.rows, self.floats)
 
 

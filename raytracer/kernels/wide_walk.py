@@ -77,10 +77,10 @@ class WideIntersector(Walk):
             self.find_nearest(node, block, hit, any_hit, wanted)
 
     def find_nearest(self, node: Any, block: Any, hit: Any, any_hit: Any = False, wanted: Any = True) -> None:
-        """Look into the nearest box first, and into none that begins behind the nearest hit.
+        """Visit the nearest box first, and skip boxes that begin behind the nearest hit.
 
-        Where `any_hit` holds, end at the first block with a hit; unless `wanted`, look into nothing. Each iteration
-        looks into one node or one block, so that rays that take turns do not wait long for each other.
+        Where `any_hit` holds, end at the first block with a hit; unless `wanted`, visit no node. Each iteration
+        visits one node or one block, so that rays that alternate do not wait long for each other.
         """
         wanted = sh.Attrib1b(wanted)
         stack = Stack((WIDTH - 1) * self.depth + 2)
@@ -88,7 +88,7 @@ class WideIntersector(Walk):
         place = sh.Attrib1i(0)
         key = sh.Attrib1u(0)
         with SH_WHILE(lambda: wanted):
-            with SH_IF((key & LEAF) == 0):  # not so of NONE either
+            with SH_IF((key & LEAF) == 0):  # false for NONE, too
                 row = ROWS * place
                 keys = node.keys(self.records, row, reach)
                 first = self.number(self.records[row + FIRST].x)
@@ -109,7 +109,7 @@ class WideIntersector(Walk):
                 wanted[:] = (stack.top != 0) if any_hit is False else (stack.top != 0) & ~(any_hit & (hit.id >= 0))
 
     def find_any(self, node: NodeTest, block: BlockTest, hit: Any) -> None:
-        """Look into boxes in the order in which they stand: a bit for each sibling that is met says what is left."""
+        """Visit boxes in their stored order: a bit for each sibling that the ray meets marks those that remain."""
         held = sh.Array(sh.Attrib2u, self.depth + 2)
         top = sh.Attrib1i(1)
         reach = farther(hit.l)
@@ -187,10 +187,10 @@ class Stack:
         self.top += sh.cond(key != NONE, 1, 0)
 
     def push_all(self, keys: list[Any], first: Any) -> None:
-        """Put on the stack what comes after the second, the farthest first: seldom anything, so that a branch pays."""
+        """Push the third and further children, the farthest first. There are seldom any, so that a branch pays."""
         met = sh.min(*keys) != NONE
         with SH_IF(met.x | met.y | met.z | met.w):
-            none = sh.Attrib4u(0)  # no key: one has been taken that is less
+            none = sh.Attrib4u(0)  # 0 is no key: every key on the stack is greater
             rest = [sh.Attrib4u(sh.cond(half != NONE, half, none)) for half in keys]
             farthest = greatest_of(rest)
             with SH_WHILE(lambda: farthest.x != 0):

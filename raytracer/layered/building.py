@@ -1,8 +1,8 @@
 """The samples of a layered depth cube, from the collective operations over streams: on every backend the same bits.
 
-Stage: accelerate. Each triangle gives rows, each row a span, each texel of a span a sample; a scan of the counts says
-where each one's begin. Samples are sorted by depth and then by texel, both stable, so those of a texel stand in the
-order of depth and, at equal depths, of the triangle's number. Memory grows with the samples.
+Stage: accelerate. Each triangle gives rows, each row a span, each texel of a span a sample; a scan of the counts gives
+the start of each. Samples are sorted by depth and then by texel, both stable, so those of a texel stand in the order of
+depth and, at equal depths, of the triangle's number. Memory grows with the samples.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from raytracer.layered.halves import Codes, decoded, depth_codes
 from raytracer.layered.peeling import Spans, peeled
 from raytracer.memory import free_bytes
 
-_table: Any = sh.Table  # of a stream, which has a type
+_table: Any = sh.Table  # untyped: a stream brings its own type
 _BYTES = 100
 """Bytes that a sample takes while samples are sorted."""
 
@@ -138,7 +138,7 @@ def sorted_samples(lines: Scanlines) -> tuple[Any, ...] | None:
 
 
 def peeled_samples(lines: Scanlines) -> tuple[Any, ...] | None:
-    """Return what `sorted_samples` does, with the order of samples that depth peeling finds."""
+    """Return the result of `sorted_samples`, with the samples in the order of depth peeling."""
     spans, backend = lines.spans, lines.backend
     if spans is None:
         return None
@@ -160,7 +160,7 @@ BUILDERS: dict[str, Callable[[Scanlines], tuple[Any, ...] | None]] = {"sort": so
 
 
 def nothing(resolution: int, blocks: int) -> Samples:
-    """Return the samples of triangles none of which has an area."""
+    """Return the samples of a scene in which no triangle has an area."""
     ranges = np.tile(np.array([FAR, -FAR], np.float32), (3 * blocks**2, 1))
     offsets, slopes = np.zeros(3 * resolution**2 + 1, np.int32), np.zeros((0, 2), np.float32)
     slices = np.zeros((3 * blocks**2, 2), np.uint32)

@@ -117,13 +117,13 @@ class LayeredCube:
         by drawing layer after layer with OpenGL, for backend "glsl". `shading` is "exact", from the triangle that was
         hit, or "deferred", from the sample. `depths` is "single" or "half", which hit="triangle" does not take.
 
-        Raises SceneError for what is neither mesh nor scene, for numbers out of range, for an unknown `hit`, `builder`,
-        `shading` or `depths`, for half depths with hit="triangle", and for more samples than memory holds;
+        Raises SceneError for objects that are neither mesh nor scene, for numbers out of range, for an unknown `hit`,
+        `builder`, `shading` or `depths`, for half depths with hit="triangle", and for more samples than memory holds;
         sh.BackendUnavailable for a missing backend.
         """
         backend = chosen_backend(backend)
         _check(mesh_or_scene, resolution, block, hit, tolerance)
-        resolution, block = int(resolution), int(block)  # from numpy's, as is the tolerance
+        resolution, block = int(resolution), int(block)  # numpy's ints become Python's; so does the tolerance
         tolerance = None if tolerance is None else float(tolerance)
         _check_builder(builder, backend)
         if shading not in SHADINGS:

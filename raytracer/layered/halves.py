@@ -38,7 +38,7 @@ Words = NDArray[np.uint32]
 Codes = NDArray[np.uint16]
 
 
-class Grouped(NamedTuple):
+class NumberGroups(NamedTuple):
     """Ascending numbers as those of the first of each group of `2**shift`, and differences from these, in pairs."""
 
     bases: NDArray[np.int32]
@@ -56,7 +56,7 @@ class HalfTables:
     depths: Words
     slopes: Words | None
     triangles: NDArray[np.int32]
-    offsets: Grouped
+    offsets: NumberGroups
 
     @classmethod
     def of(cls, cube: Any) -> HalfTables:
@@ -114,11 +114,11 @@ def pairs(codes: Codes) -> Words:
     return np.asarray(even[::2] | even[1::2] << _BITS)
 
 
-def grouped(numbers: NDArray[np.int32]) -> Grouped:
+def grouped(numbers: NDArray[np.int32]) -> NumberGroups:
     """Return ascending numbers in the largest groups, of up to 64, whose differences have 16 bits."""
     for shift in range(_GROUP, -1, -1):
         groups = np.pad(numbers, (0, -len(numbers) % (1 << shift)), mode="edge").reshape(-1, 1 << shift)
         within = groups - groups[:, :1]
         if within.max() < 1 << _BITS:
             break
-    return Grouped(groups[:, 0].copy(), pairs(within.reshape(-1).astype(np.uint16)), shift)
+    return NumberGroups(groups[:, 0].copy(), pairs(within.reshape(-1).astype(np.uint16)), shift)

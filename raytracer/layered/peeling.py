@@ -49,7 +49,7 @@ flat in vec2 change;
 out float found;
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    // As raster.Projected.depth has it, rounding by rounding.
+    // As raster.ProjectedTriangle.depth has it, rounding by rounding.
     precise float ahead = (float(texel.x) + 0.5 - origin.x) * change.x;
     precise float above = (float(texel.y) + 0.5 - origin.y) * change.y;
     precise float depth = origin.z + ahead;
@@ -129,7 +129,7 @@ class _Device:
         layers: list[NDArray[np.float32]] = []
         while True:
             for numbering, target in enumerate(now):
-                # What is drawn into is not bound: where no depth is known yet, none is read.
+                # A texture that is drawn into must not be bound; the first pass reads no depth of its own layer.
                 for unit, read in enumerate([*last, now[0] if numbering else last[0]]):
                     read.color_attachments[0].use(unit)
                 self.draw(shape, target, len(spans.place), bool(numbering))

@@ -77,7 +77,7 @@ class Block(NamedTuple):
     slices: sh.Attrib2u
 
 
-class Projected:
+class ProjectedTriangle:
     """A triangle as the image sees it: `corners` (column, row, depth) in texels and lengths; `axis`, -1 for no image.
 
     `slope` is how the depth changes by a texel along a row and along a column.
@@ -96,6 +96,11 @@ class Projected:
             self.corners.append((*turned(place, axis)[:2], turned(row.xyz, axis)[2]))
         size = turned(frame[SIZE].xyz, axis)
         self.slope = (-across / along) * size[0], (-down / along) * size[1]
+
+    def place_of(self, texel: Any, frame: Any) -> tuple[Any, Any]:
+        """Return the column and row of one of its image's texels, which is known by its number among all images'."""
+        resolution = sh.Attrib1i(frame[COUNTS].x)
+        return texel % resolution, texel // resolution - self.axis * resolution
 
     def depth(self, column: Any, row: Any) -> Any:
         """Return the depth of the triangle's plane at the centre of a texel."""
@@ -156,7 +161,7 @@ def rows_of_triangles(conservative: bool) -> Any:
 
     @LateProgram
     def rows(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f]) -> Rows:
-        seen = Projected(triangles, frame, sh.grid_index(1))
+        seen = ProjectedTriangle(triangles, frame, sh.grid_index(1))
         heights = [corner[1] for corner in seen.corners]
         resolution = sh.Attrib1i(frame[COUNTS].x)
         first, count = texels_between(lowest(*heights), highest(*heights), resolution, conservative)
@@ -177,7 +182,7 @@ def spans_of_rows(conservative: bool) -> Any:
         starts: sh.Table[sh.Attrib1i],
         first_rows: sh.Table[sh.Attrib1i],
     ) -> Span:
-        seen = Projected(triangles, frame, number)
+        seen = ProjectedTriangle(triangles, frame, number)
         row = first_rows[number] + sh.grid_index(1) - starts[number]
         middle = sh.Attrib1f(row) + 0.5
         reach = 0.5 + MARGIN if conservative else 0.0
@@ -204,7 +209,7 @@ def samples_of_spans(
     """
     triangle, row = span_triangle[number], span_row[number]
     column = span_first[number] + sh.grid_index(1) - starts[number]
-    seen = Projected(triangles, frame, triangle)
+    seen = ProjectedTriangle(triangles, frame, triangle)
     resolution = sh.Attrib1i(frame[COUNTS].x)
     texel = (seen.axis * resolution + row) * resolution + column
     return Sample(texel, seen.depth(column, row), triangle, sh.Attrib2f(*seen.slope))
@@ -219,7 +224,7 @@ def bits_below(count: Any) -> Any:
 @LateProgram
 def planes_of_spans(triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], number: sh.Attrib1i) -> Plane:
     """Return the plane of the triangle of each span."""
-    seen = Projected(triangles, frame, number)
+    seen = ProjectedTriangle(triangles, frame, number)
     return Plane(seen.axis, sh.Point3f(*seen.corners[0]), sh.Attrib2f(*seen.slope))
 
 
@@ -228,10 +233,8 @@ def samples_of_texels(
     triangles: sh.Table[sh.Attrib4f], frame: sh.Table[sh.Attrib4f], texel: sh.Attrib1i, triangle: sh.Attrib1i
 ) -> Sample:
     """Return the samples of texels that are known to be reached by triangles."""
-    seen = Projected(triangles, frame, triangle)
-    resolution = sh.Attrib1i(frame[COUNTS].x)
-    row = texel // resolution - seen.axis * resolution
-    return Sample(texel, seen.depth(texel % resolution, row), triangle, sh.Attrib2f(*seen.slope))
+    seen = ProjectedTriangle(triangles, frame, triangle)
+    return Sample(texel, seen.depth(*seen.place_of(texel, frame)), triangle, sh.Attrib2f(*seen.slope))
 
 
 @LateProgram
@@ -242,9 +245,8 @@ def weights_of_samples(
 
     The centre of a texel that a triangle only touches is moved into the triangle.
     """
-    seen = Projected(triangles, frame, triangle)
-    resolution = sh.Attrib1i(frame[COUNTS].x)
-    column, row = texel % resolution, texel // resolution - seen.axis * resolution
+    seen = ProjectedTriangle(triangles, frame, triangle)
+    column, row = seen.place_of(texel, frame)
     middle = sh.Attrib2f(sh.Attrib1f(column) + 0.5, sh.Attrib1f(row) + 0.5)
     b, c, whole = weights_at([(x - middle.x, y - middle.y) for x, y, _ in seen.corners])
     return sh.TexCoord2f(b / whole, c / whole)

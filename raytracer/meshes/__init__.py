@@ -1,4 +1,4 @@
-"""Triangle meshes: what they are, the parts of their files, and making them."""
+"""Triangle meshes: their classes, the readers of their files, and shapes."""
 
 from raytracer.meshes.mesh import Instance, Mesh
 

@@ -33,7 +33,7 @@ SHARPEST = 1000.0
 _SOFT = (0.05, 0.95)
 """The alpha between which a pixel is neither there nor not."""
 _EDGES = 0.1
-"""The share of such pixels up to which they are edges."""
+"""The largest share of such pixels that still counts as edges."""
 _FAINTEST = 32
 """An alpha below 1 / _FAINTEST is taken for 0."""
 _MTL_READ = {
@@ -50,7 +50,7 @@ Words = dict[str, list[str]]
 _PICTURES: Final = ("map_", "bump", "norm", "disp", "decal", "refl")
 """The beginnings of statements that name pictures."""
 _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
-"""Options of a picture that take numbers, up to so many; the others take one word."""
+"""Options of a picture that take numbers, with the most that they take; the others take one word."""
 
 
 class Alpha(NamedTuple):
@@ -101,9 +101,9 @@ def metallic_roughness(look: MetallicRoughness) -> Material:
     most 1: the normalization (s + 2) / 8 (Hoffman 2010) without the part that is spread over all directions, which is
     seen as diffuse light. F0 is ((ior - 1) / (ior + 1))**2, and a metal's own colour.
 
-    Mirror images have no colour here: a metal mirrors the part of its colour that all channels share, times
-    (1 - roughness)**2, as a rough one blurs what it mirrors. What is not mirrored is seen as diffuse light. The mirror
-    image in surfaces that are no metals is left out, but for clear ones.
+    Mirror images have no colour here: a metal mirrors the part of its colour that all channels share, times (1 -
+    roughness)**2, as a rough one blurs what it mirrors. What is not mirrored is seen as diffuse light. Of non-metals,
+    only clear surfaces show a mirror image.
 
     The clear share, transmission * (1 - metallic), has no colour either: the part of the colour that all channels share
     goes through, and the rest is seen as diffuse light. With an `absorption` it is the surface of a body that refracts
@@ -220,7 +220,7 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     The share 1 - d, or Tr, is clear. Without d, Tr 1 is opaque in the models below 4, which have no transparency:
     MeshLab and photogrammetry write it so. With illum 6 and 7 the clear share refracts by Ni and mirrors by Fresnel's
     equations; where d says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d
-    cuts out what is below 0.5. Raises ValueError for what is no number.
+    cuts out what is below 0.5. Raises ValueError for a word that is not a number.
     """
     color, shiny = _rgb(words, "kd", 0.8), float(np.mean(_rgb(words, "ks", 0.0)))
     model = int(_number(words, "illum", 2))
@@ -293,7 +293,7 @@ def read_mtl(data: bytes) -> dict[str, Words]:
             current = materials.setdefault(name_of(line[len("newmtl") :].strip()), {})
         elif words:
             key = name_of(words[0]).lower()
-            after = name_of(line[len(words[0]) + 1 :])  # of a name spaces count, except those around it
+            after = name_of(line[len(words[0]) + 1 :])  # spaces inside a name count
             current[key] = [after] if key.startswith(_PICTURES) and after else [name_of(word) for word in words[1:]]
     return materials
 

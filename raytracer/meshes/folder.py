@@ -44,7 +44,7 @@ class Fault(NamedTuple):
     many: str
 
     def of(self, count: int) -> str:
-        """Return the sentence for so many entries."""
+        """Return the sentence for a number of entries."""
         return f"{count:,} {self.one if count == 1 else self.many}"
 
 
@@ -94,7 +94,7 @@ class Notices:
         return f"{self.file}: left out: {_listed(entries)}" if entries else ""
 
     def text(self) -> str:
-        """Return what is ignored, in one line; "" where nothing is."""
+        """Return the notices in one line; "" where nothing is."""
         entries = [f"{what} ({count})" for what, count in self.ignored.items()]
         return f"{self.file}: ignored: {_listed(entries)}" if entries else ""
 

@@ -25,14 +25,14 @@ from raytracer.meshes.mesh import LOADERS, Instance, Mesh
 from raytracer.meshes.pictures import Picture, Pictures
 
 _GREY = (102, 102, 102)
-"""The colour of trimesh for what has none."""
+"""The default colour of trimesh."""
 
 
 def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
     """Convert a trimesh.Trimesh to a Mesh, of its own material unless another is given.
 
     Normals are those that `part` has computed or was given; without any, corners are smoothed. Colours of vertices and
-    faces are taken for sRGB. Raises SceneError for what is no Trimesh.
+    faces are taken for sRGB. Raises SceneError unless it is a Trimesh.
     """
     notices = Notices(name or _name(part))
     mesh = _mesh(part, material, name or _name(part), Pictures(notices), notices)
@@ -143,7 +143,7 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
     try:
         colours = str(image.getpalette()), repr(image.info.get("transparency"))
         key: Hashable = (image.size, image.mode, hashlib.sha256(image.tobytes()).digest(), *colours)
-    except Exception:  # of a picture that cannot be decoded, which `get` reports
+    except Exception:  # the picture cannot be decoded; `get` reports it
         key = object()  # equals no other key
     return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 

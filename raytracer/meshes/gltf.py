@@ -47,7 +47,7 @@ BROKEN: Final = (SceneError, KeyError, TypeError, ValueError, AttributeError, In
 
 
 class Document:
-    """The JSON of a file as `tree`, and what its buffers hold.
+    """The JSON of a file as `tree`, and the contents of its buffers.
 
     Raises SceneError for another version, for what is cut off, and for extensions that the file requires and that are
     not read: the specification forbids to show such a file without them.
@@ -138,7 +138,7 @@ class Document:
             return self.folder.read(unquote(uri))
         except SceneError as error:
             try:
-                return self.folder.read(uri)  # of exporters that write names as they are
+                return self.folder.read(uri)  # some exporters write names without escapes
             except SceneError:
                 raise error from None
 

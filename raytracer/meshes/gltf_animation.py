@@ -73,7 +73,7 @@ class Clip:
             node, path = target.get("node"), str(target["path"])
             if path not in _PATHS and path != "weights":
                 self.obstacle = f"changes the property {shown(path)}"
-            elif node is not None:  # without one an extension would say what is moved (section 3.11)
+            elif node is not None:  # only an extension could name another target (section 3.11)
                 if path in _PATHS and "matrix" in document.one("nodes", node):
                     raise SceneError(f"node {node} has a matrix, so that no animation can move it")
                 if (node, path) in seen:

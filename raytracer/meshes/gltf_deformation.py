@@ -70,7 +70,7 @@ class Deformation(NamedTuple):
 def deformation_of(
     document: Document, primitive: dict[str, Any], mesh: Mesh, normals: Rows | None, kept: Any
 ) -> Deformation | None:
-    """Return what deforms the mesh of a primitive, None if nothing does; `kept` is the index of its vertices' rows."""
+    """Return the deformation of a primitive's mesh, or None; `kept` is the index of its vertices' rows."""
 
     def read(attributes: dict[str, Any], name: str) -> Rows | None:
         if name not in attributes:
@@ -94,7 +94,7 @@ def deformation_of(
         return Deformation(mesh, normals, targets, None, None)
     shares = np.concatenate([weights for _, weights in sets], axis=1).astype(np.float64)
     whole = shares.sum(axis=1)
-    shares[whole == 0, 0] = 1  # of a vertex that no joint has, which the format does not allow
+    shares[whole == 0, 0] = 1  # the format requires a joint for each vertex
     shares /= shares.sum(axis=1, keepdims=True)
     return Deformation(mesh, normals, targets, np.concatenate([joints for joints, _ in sets], axis=1), shares)
 

@@ -1,7 +1,7 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_transmission, _volume and KHR_texture_transform are read as well. `appearance` says what becomes of a material; what
+_transmission, _volume and KHR_texture_transform are read as well. `appearance` converts a material; what
 has no counterpart is counted in `Notices`.
 
     materials = GltfMaterials(document, notices)
@@ -32,11 +32,11 @@ _NEAREST: Final = 9728
 _GLOSSY: Final = "pbrSpecularGlossiness"
 _ALPHA_MODES: Final = ("MASK", "BLEND")
 _SHARP: Final = 0.2
-"""The roughness from which one sees that a clear material blurs what is behind it."""
+"""The roughness above which a clear material blurs its background visibly."""
 _DARKEST: Final = 2.0**-24
-"""The least share of light that is taken to be left by an attenuation: no finite absorption leaves nothing."""
+"""The least share of light that is taken to be left by an attenuation: a finite absorption never reaches 0."""
 _DIELECTRIC: Final = 0.04
-"""The share of light that is reflected at normal incidence by what is no metal."""
+"""The share of light that non-metals reflect at normal incidence."""
 _PERCEIVED: Final = np.array((0.299, 0.587, 0.114))
 """The weights of the squared channels in the brightness that is perceived."""
 
@@ -68,7 +68,7 @@ class GltfMaterials:
         return number is not None and self.document.one("materials", number).get("alphaMode") in _ALPHA_MODES
 
     def is_cut_out(self, number: Any) -> bool:
-        """Return whether a mask leaves nothing of a material, as its alpha is below the cutoff everywhere."""
+        """Return whether a mask removes a material entirely: its alpha is below the cutoff everywhere."""
         entry = self.document.one("materials", number)
         if entry.get("alphaMode") != "MASK":
             return False

@@ -106,7 +106,7 @@ def blocks(text: bytes) -> Iterator[bytes]:
 
 
 def line_begins(text: Bytes) -> Ints:
-    """Return where each line of a text begins, which ends with a line feed."""
+    """Return the offset of each line; the text ends with a line feed."""
     return np.concatenate([[0], np.flatnonzero(text == LINE_FEED)[:-1] + 1])
 
 
@@ -124,9 +124,9 @@ def numbers_in(text: bytes | Bytes, begins: Ints | None = None) -> Numbers:
     counts = np.add.reduceat(word_begins(characters), begins, dtype=np.int64)
     text = characters.tobytes()
     words = text.split()
-    if len(words) != int(counts.sum()):  # control characters, which Python takes for letters
+    if len(words) != int(counts.sum()):  # Python takes control characters for letters
         words = np.where(characters < SPACE, np.uint8(SPACE), characters).tobytes().split()
-    if b"_" not in text:  # which Python allows between digits
+    if b"_" not in text:  # Python allows _ between digits
         try:
             return Numbers(np.fromiter(map(float, words), np.float64, len(words)), counts)
         except ValueError:

@@ -1,4 +1,4 @@
-"""A triangle mesh: vertices, faces, and what is known at the corners.
+"""A triangle mesh: vertices, faces, and the attributes of corners.
 
 Stage: scene description. `layout` takes its `corners`, `face_normals`, `normals` and `colors` into tables.
 
@@ -107,7 +107,7 @@ class Mesh:
         return vertices
 
     def _array(self, what: str, values: ArrayLike, size: int = 3) -> Floats:
-        array = numbers(f"{self.name}: {what}", values).astype(np.float64)  # a copy: who gave them may change them
+        array = numbers(f"{self.name}: {what}", values).astype(np.float64)  # a copy: callers keep their own
         if array.size and array.shape[-1:] != (size,):
             raise SceneError(f"{self.name}: {what} have {size} components, not shape {array.shape}")
         if not np.all(np.isfinite(array)):
@@ -125,9 +125,9 @@ class Mesh:
     def _of_unit_length(self, normals: Floats) -> Floats:
         """Divide normals (F, 3, 3) by their lengths; where they are zero, take those of the faces.
 
-        What has length 1 already, but for rounding to binary32, stays as it is.
+        Normals whose length is 1 within a rounding to binary32 stay unchanged.
         """
-        parts = (normals[start : start + _ROWS] for start in range(0, len(normals), _ROWS))  # which a cache holds
+        parts = (normals[start : start + _ROWS] for start in range(0, len(normals), _ROWS))  # each fits a cache
         if all(_has_unit_length(part).all() for part in parts):
             return normals
         return np.where(normals.any(axis=-1, keepdims=True), of_unit_length(normals), self.face_normals[:, None])
@@ -308,7 +308,7 @@ def _cofactors(matrix: Floats, mirrors: bool) -> Floats:
 
 
 def of_unit_length(vectors: Floats) -> Floats:
-    """Divide vectors by their lengths; those of length 1, but for rounding to binary32, stay as they are."""
+    """Divide vectors by their lengths; normals whose length is 1 within a rounding to binary32 stay unchanged."""
     return np.where(_has_unit_length(vectors)[..., None], vectors, unit(vectors))
 
 
@@ -333,11 +333,11 @@ def product(vectors: Floats, matrix: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """A mesh that stands in a scene where `transform` moves it.
+    """A mesh that is moved into place by `transform`.
 
     `transform` (4, 4) multiplies columns (x, y, z, 1); it may scale, shear and mirror. `name` is the mesh's own if none
-    is given. A `Scene` keeps a moved copy of the mesh's triangles for each of its instances, which take as much memory
-    as so many meshes. Raises SceneError for what is no mesh or no such matrix.
+    is given. A `Scene` keeps a moved copy of the mesh's triangles for each of its instances, so instances save no
+    memory. Raises SceneError for arguments of other types and shapes.
     """
 
     mesh: Mesh
@@ -359,7 +359,8 @@ class Instance:
 def placed_all(name: str, parts: Iterable[Mesh | Instance]) -> list[Mesh]:
     """Return meshes as they are, and instances in their places; `name` is that of the scene or file.
 
-    An sh.ShpyWarning says beforehand what many instances take. Raises SceneError where the triangles exceed the memory.
+    An sh.ShpyWarning announces the memory that many instances take. Raises SceneError where the triangles exceed the
+    memory.
     """
     parts = list(parts)
     instances = [part for part in parts if isinstance(part, Instance)]

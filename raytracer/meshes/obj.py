@@ -2,7 +2,7 @@
 
 Stage: scene description. They are read here and not by trimesh, which takes a negative number for one from the end of
 the file where it counts back from the face, drops the colours of vertices that have uv coordinates, and merges objects.
-A part is what stands under one name of `o`, or else of `g`, and has one material.
+A part is all faces with one material under one name of `o`, or of `g` without `o`.
 
     obj = read_obj(data, notices)
     meshes = list(obj.meshes("chair"))
@@ -56,7 +56,7 @@ def _meshes(statements: Statements, default: str, notices: Notices) -> Iterator[
     triangulation = triangulated(places, statements.corners[:, 0], statements.sizes)
     triangulation.report(notices, lambda face: f"line {statements.lines[face]}")
     corners = statements.corners[triangulation.corners]
-    uv, across = _table(statements.tables[1]), of_unit_length(_table(statements.tables[2]))  # once, for many parts
+    uv, across = _table(statements.tables[1]), of_unit_length(_table(statements.tables[2]))  # once for all parts
     parts = _parts(statements, triangulation.faces)
     smooth = _smoothed(places, corners[..., 0], parts.group)
     for part, chosen in parts.triangles():
@@ -116,7 +116,7 @@ def _rows(table: Floats, index: NDArray[np.int32]) -> Floats | None:
 
 def _used(index: NDArray[np.int32], count: int) -> tuple[Any, NDArray[Any]]:
     """Return which of `count` vertices triangles have, and the triangles with the numbers of these."""
-    if index.size < count:  # one of many parts
+    if index.size < count:  # a small part of a file
         used, faces = np.unique(index, return_inverse=True)
         return used, faces.reshape(-1, 3)
     mask = np.zeros(count, bool)

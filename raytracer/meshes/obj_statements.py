@@ -165,7 +165,7 @@ class _Reader:
         wide = kind == 0 and bool(colored.any())
         rows = numbers.rows(6 if wide else 2 if kind == 1 else 3)
         if kind == 1:
-            rows[numbers.counts == 1, 1] = 0  # textures of one dimension
+            rows[numbers.counts == 1, 1] = 0  # a texture of one dimension has no v
         if wide:
             rows[~colored, 3:] = np.nan
             odd = colored & ~np.isfinite(rows[:, 3:]).all(axis=1)

@@ -43,7 +43,7 @@ class Budget:
         self.left = MOST
 
     def factor(self, width: int, height: int, count: int = 1) -> int:
-        """Return the power of two by which `count` pictures are made smaller, to take at most half of what is left."""
+        """Return the power of two by which `count` pictures are made smaller, to take at most half of the rest."""
         factor = 1
         while factor < max(width, height) and count * (width // factor) * (height // factor) > self.left // 2:
             factor *= 2
@@ -191,7 +191,7 @@ class Pictures:
                 if self._decoded > MOST_DECODED:
                     raise SceneError(f"all pictures have more than {MOST_DECODED:,} pixels")
                 return pixels_of(picture, alpha=alpha, fit=lambda: self._read_budget.factor(*picture.size))
-        # A decoder's faults have no common type: whatever it raises, the file is what the user can mend.
+        # Decoders raise errors of many types. Whichever it is, the user can only repair the file.
         except Exception as error:
             self.notices.miss(name, shown(str(error) or type(error).__name__, 100))
             return None

@@ -1,9 +1,9 @@
 """Faces of any number of corners as triangles.
 
-Stage: scene description. Takes the corners of all faces, those of one after those of another, and how many each has. A
-face whose fan of triangles about its first corner covers it keeps that fan: all convex ones,
-planar or not. Others are cut into ears (`mapbox_earcut`): concave ones, and those with holes that a bridge of two equal
-edges joins to the outline. `triangles_of` first leaves out the faces that a file has wrong, and counts them.
+Stage: scene description. Takes the corners of all faces, one face after the other, and the number of corners of each
+face. A face whose fan of triangles about its first corner covers it keeps that fan: all convex ones, planar or not.
+Others are cut into ears (`mapbox_earcut`): concave ones, and those with holes that a bridge of two equal edges joins to
+the outline. `triangles_of` first leaves out the faces that a file has wrong, and counts them.
 
 >>> square = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
 >>> triangles = triangulated(square, np.arange(4), np.array([4]))

@@ -1,7 +1,7 @@
 """Shapes made from formulas: boxes, spheres, tori, a torus knot, cylinders, icosahedra, floors.
 
 Stage: scene description. Each gives a `Mesh` about the origin, y up, outside counter-clockwise; curved ones with the
-exact normals of the surface that they stand for. All but the checkerboard have uv coordinates: each face of a box, a
+exact normals of the surface that they approximate. All but the checkerboard have uv coordinates: each face of a box, a
 floor and each triangle of an icosahedron is a whole picture; round shapes have u around them and v along them.
 
 >>> len(sphere(rings=8, segments=16)), len(box())

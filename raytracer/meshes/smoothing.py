@@ -20,7 +20,7 @@ from raytracer.accel.planes import Vector, by_components, by_parts, normals_of, 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _MARGIN = 1e-6
-"""The least excess of the cosine to the mean over that of half the angle, for the faces at a place with one sum.
+"""The least difference between the cosine to the mean and the cosine of half the angle, for faces that share one sum.
 
 For two unit vectors the cosine between them is then above the limit by 1e-12 at least, and products round by 1e-15.
 """
@@ -35,14 +35,14 @@ _PAIRS_AT_ONCE = 1 << 15
 def normals_at_corners(vertices: Floats, faces: Ints, below: float) -> Floats:
     """Return normals (F, 3, 3): the mean, by area, of the faces that meet at less than `below` degrees at each corner.
 
-    Where faces cancel each other a corner has the normal of its own face, which is zero for one without area.
+    Where faces cancel each other, a corner has the normal of its own face, which is zero for a face without area.
     """
     widest = float(np.cos(np.radians(below)))
     weighted = by_parts(lambda some: _across(vertices.take(some, axis=0)), faces)
     units = unit(weighted)
     place = _places(vertices)[faces].reshape(-1)
     crowded = np.bincount(place) > _CROWDED
-    order = -1 if crowded.any() else 1  # of the faces in each sum, which decides its last bits
+    order = -1 if crowded.any() else 1  # the order of faces decides the last bits of each sum
     means = unit(_sums(weighted, place, order))
     is_mixed = crowded | _mixed(means, units, place, widest)
     normals = means.take(place, axis=0)

@@ -35,7 +35,7 @@ Corner = NDArray[np.float64]
 ANIMATED: Final = (".glb", ".gltf")
 """The formats whose animations are read."""
 _FRAMED: Final = 2048
-"""The most frames for which a scene is framed; of a longer animation so many, spread evenly."""
+"""The most frames for which a scene is framed; a longer animation has this number of them, spread evenly."""
 _CURE: Final = "render it still with `raytracer render`, or move its meshes with a Python file that defines scene(time)"
 
 

@@ -1,4 +1,4 @@
-"""The bodies of a scene's clear materials: what lies inside them, and which of them can hold a ray at once.
+"""The bodies of a scene's clear materials: their contents, and which of them can hold a ray at the same time.
 
 Stage: layout. A shell is a connected surface. A body is a shell whose triangles face outward, with the hollows in it:
 shells of the same material that face inward. Bodies are numbered by their volume, the largest first, so that of the

@@ -1,4 +1,4 @@
-"""The camera: where it stands, what it looks at, and the eye rays that follow for a picture of a given size.
+"""The camera: its position, its target, and its eye rays for a picture of a given size.
 
 Stage: scene description. `view` gives the few vectors from which the kernel makes the ray of each pixel.
 

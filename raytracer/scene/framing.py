@@ -71,7 +71,7 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
 
 
 def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Light, Light]:
-    """Return two lights for what lies in a box; SceneError where the box is too large."""
+    """Return two lights for the contents of a box; SceneError where the box is too large."""
     radius = radius_of(low, high)
     if radius > _LARGEST:
         raise SceneError(f"{name}: a mesh of {2 * radius:.3g} across is too large to be framed; scale it")
@@ -123,7 +123,7 @@ def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
 
 
 def ground(low: Matrix, high: Matrix, turn: Matrix) -> Mesh:
-    """Return the floor under what lies in a box."""
+    """Return a floor under the contents of a box."""
     radius = radius_of(low, high)
     x, _, z = ((low + high) / 2).tolist()
     placed = np.eye(4)

@@ -62,7 +62,7 @@ def nodes_of(document: Document, entry: Guard, pose: Pose = MappingProxyType({})
                 raise SceneError("it has more than one parent")
             properties = {**document.one("nodes", number), **pose.get(number, {})}
             seen.add(number)
-            with np.errstate(all="ignore"):  # infinities are told below
+            with np.errstate(all="ignore"):  # infinities are found below
                 matrix = outer @ local_matrix(properties) if _PLACED & properties.keys() else outer
             if not np.isfinite(matrix).all():
                 raise SceneError("its place is not finite")

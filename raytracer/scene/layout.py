@@ -1,7 +1,7 @@
 """A scene as the arrays that the kernels read: triangles, normals, colours, materials, lights.
 
-Stage: layout. Takes a `Scene`, gives a `Layout` in f64, which tables round to a kernel's working precision. What no
-mesh needs is not there, and `kernels.tracer` records no code for it.
+Stage: layout. Takes a `Scene`, gives a `Layout` in f64, which tables round to a kernel's working precision. Features
+that no mesh uses are left out, and `kernels.tracer` records no code for them.
 
 >>> from raytracer import Scene
 >>> Layout.of(Scene.builtin("boxes")).triangles.shape
@@ -135,7 +135,7 @@ class Layout:
         return layout if forest is None else layout.in_working_precision()
 
     def in_working_precision(self) -> Layout:
-        """Return the layout with rows as tables hold them: those of objects that move are often computed anew."""
+        """Return the layout with rows in the form of tables: rows of objects that move are computed often."""
         normals, colors, uvs = (
             None if rows is None else self.table_rows(rows) for rows in (self.normals, self.colors, self.uvs)
         )
@@ -156,7 +156,7 @@ class Layout:
         Each comes with the mesh that was in its place. Return what changed. The origin and the scale stay.
         """
         assert self.forest is not None
-        self.forest.stale_items.clear()  # of an attempt that was interrupted
+        self.forest.stale_items.clear()  # left from an interrupted attempt
         changes, places = [], {number: place for place, number in enumerate(moving)}
         for number, (mesh, before) in meshes.items():
             first, past = _range(self.object_of, number)
@@ -280,14 +280,14 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
             rows[2 * k] = *placed("the light", light.position, origin, scale, dtype), 1
             rows[2 * k + 1, 3] = light.falloff == "square"
         else:
-            direction = np.asarray(light.direction) / np.abs(light.direction).max()  # whose squares f64 holds
+            direction = np.asarray(light.direction) / np.abs(light.direction).max()  # so that squares fit into f64
             rows[2 * k, :3] = -direction / np.linalg.norm(direction)
         rows[2 * k + 1, :3] = light.color
     return rows
 
 
 def kinds_of(lights: Rows) -> tuple[int, bool, bool, bool]:
-    """Return what a kernel is recorded for: how many lights, and if any has a place, a direction, a falloff."""
+    """Return the features of a kernel: how many lights, and if any has a place, a direction, a falloff."""
     points, fades = lights[::2, 3] > 0, lights[1::2, 3] > 0
     return len(points), bool(points.any()), bool((~points).any()), bool(fades.any())
 

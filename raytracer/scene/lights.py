@@ -37,7 +37,7 @@ class PointLight:
 
     With the `falloff` "none" it is equally bright at every distance (as in the tracer of 2004). With "square" it shines
     as a light does, with `color` at the distance 1 and by the square of the distance less farther away.
-    Raises SceneError for what is not finite and for another falloff.
+    Raises SceneError for numbers that are not finite and for another falloff.
     """
 
     position: Triple
@@ -64,7 +64,7 @@ class DirectionalLight:
 
 
 class EnvironmentLight:
-    """Light from everywhere around the scene, for `integrator="path"`; it is also what is seen where nothing is.
+    """Light from everywhere around the scene, for `integrator="path"`; it is also the background.
 
     `source` is a colour (r, g, b), linear radiance; an equirectangular picture, as an array (H, W, 3), the path of a
     file, such as an .hdr or .exr one, or a `Texture`; or a program from a unit `direction`, an sh.Vector3f, to an

@@ -113,7 +113,7 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
 
 
 def bytes_of(path: Path) -> bytes:
-    """Return what a file holds; SceneError where that exceeds the memory, OSError where it cannot be opened."""
+    """Return the contents of a file; SceneError where that exceeds the memory, OSError where it cannot be opened."""
     try:
         return path.read_bytes()
     except MemoryError as error:

@@ -131,8 +131,8 @@ class Scene:
 
         The floor is the last mesh of the scene; without `floor` there is none. `up` is the direction in the meshes'
         coordinates from the floor to them. `lights` take the place of the two. `camera` is another camera, or a
-        function of the one that there would be; where meshes enclose it, the two lights are inside. Raises SceneError
-        for meshes without triangles, for too large ones, and for an `up` that is no direction.
+        function of the default camera; where meshes enclose it, the two lights are inside. Raises SceneError for meshes
+        without triangles, for too large ones, and for an `up` that is no direction.
         """
         parts = placed(meshes)
         name = name or next((mesh.name for mesh in parts), "scene")
@@ -158,13 +158,13 @@ class Scene:
     ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
-        A file with a camera or lights is shown as it says; two lights are added if it has none, and a camera that sees
-        everything. Other files are framed: `up`, `floor` and `camera` are those of `framed`. `lights` are added to
-        those of the file, and take the place of the two. docs/raytracer-files.md lists what is read; what a file holds
-        beyond that, and pictures that are not there, are an sh.ShpyWarning each. A bad entry, such as a face that names
-        a normal that the file lacks, is left out; a warning counts them. With `strict` bad entries and pictures that
-        are not there are errors. Raises FileNotFoundError, and SceneError for a file that cannot be read or holds no
-        triangles.
+        A file with a camera or lights is shown as it says; two lights are added to a file without lights, and a camera
+        that sees everything to a file without cameras. Other files are framed: `up`, `floor` and `camera` are those of
+        `framed`. `lights` are added to those of the file, and take the place of the two. docs/raytracer-files.md lists
+        what is read; other contents of a file, and missing pictures, cause an sh.ShpyWarning each. A bad
+        entry, such as a face that names a normal that the file lacks, is left out; a warning counts them. With `strict`
+        bad entries and pictures that are not there are errors. Raises FileNotFoundError, and SceneError for a file that
+        cannot be read or holds no triangles.
         """
         contents = load_contents(path, strict=strict)
         return furnished(contents, Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)

@@ -85,7 +85,7 @@ class ChristenStudy(report.Study):
     def find(self, **values: Any) -> list[TracerMeasurement]:
         """Return the measurements whose case has these values, and the default ones for those that are not named.
 
-        Those of one scene are together, and among them those of one backend.
+        They are grouped by scene, then by backend.
         """
         full = {
             "grid": GRID,
@@ -99,7 +99,7 @@ class ChristenStudy(report.Study):
         return sorted(matches, key=lambda m: (m.case.scene, backends.index(m.case.backend), WAYS.index(m.case.way)))
 
     def pictures(self) -> str:
-        """Return what was rendered."""
+        """Return a description of the pictures."""
         return f"{self.size[0]} x {self.size[1]} pixels"
 
     def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
@@ -241,7 +241,7 @@ def study(
 
     The case that runs then is the last; `ChristenStudy.skipped` has the others. With `cpu` all seconds are those of the
     processor's cores together, for machines that do other things too; a GPU's are not among them.
-    Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
+    Raises SceneError where no backend is left; sh.BackendUnavailable for a missing backend.
     """
     devices = devices_of(backends)
     last: dict[tuple[Any, ...], Renderer] = {}

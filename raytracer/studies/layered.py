@@ -69,7 +69,7 @@ class LayeredStudy(report.Study):
     }  # below the plots, not over the data
 
     def pictures(self) -> str:
-        """Return what was rendered."""
+        """Return a description of the pictures."""
         (width, height), small = self.plan.size, [n // SMALLER for n in self.plan.size]
         return f"pictures of {width} x {height} pixels, errors and rays of {small[0]} x {small[1]}"
 

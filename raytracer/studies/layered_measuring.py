@@ -199,7 +199,7 @@ class Bench:
         """Origins and directions of each kind of rays, from the points of the small picture; shadow rays have t < 1."""
         scene = self.scenes[0]
         camera, (width, height) = scene.camera, self.small
-        assert camera is not None  # a scene frames one if it has none
+        assert camera is not None  # a Scene sets its own camera by default
         eye, corner, across, down = camera.view(width, height)
         row, column = np.mgrid[:height, :width].reshape(2, -1, 1) + 0.5
         ray = corner + column * across + row * down

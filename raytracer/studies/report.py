@@ -49,7 +49,7 @@ class Study(ABC):
 
     @abstractmethod
     def pictures(self) -> str:
-        """Return what was rendered, as a part of a sentence."""
+        """Return a description of the pictures, as a part of a sentence."""
 
     @abstractmethod
     def tables(self) -> Iterable[tuple[str, Sequence[str], Sequence[Sequence[Any]]]]:
@@ -137,7 +137,7 @@ def curves(
 def devices_of(backends: Sequence[str] | None) -> dict[str, str]:
     """Return the device of each backend; None stands for all backends that are available.
 
-    Raises SceneError where no backend is left; sh.BackendUnavailable for one that is not there.
+    Raises SceneError where no backend is left; sh.BackendUnavailable for a missing backend.
     """
     devices = {b.name: b.devices[0].name for b in sh.backends() if b.available}
     names = list(devices) if backends is None else list(backends)

@@ -224,7 +224,7 @@ def errors(image: Image, reference: Image) -> dict[str, float]:
 def _flip(seen: Pixels, expected: Pixels) -> dict[str, float]:
     try:
         from flip_evaluator import evaluate
-    except ImportError:  # the table then has no such column, as `errors` says
+    except ImportError:  # the table then lacks that column: see `errors`
         return {}
     _, mean, _ = evaluate(expected.astype(np.float32), seen.astype(np.float32), "LDR", applyMagma=False)
     return {"flip": float(mean)}
@@ -248,7 +248,7 @@ def tradeoff(
 
 
 def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -> tuple[Variant, Renderer]:
-    """Return the variant that `tradeoff` picks, and what renders it; SceneError if there is none."""
+    """Return the variant that `tradeoff` picks, and its renderer; SceneError if there is none."""
     comparison, renderers = _measured(scene, max_error, backend, bounces, None)
     return comparison.pick.variant, renderers[comparison.pick.variant]
 
@@ -279,7 +279,7 @@ def _measured(
             built_renderers.append((variant, Renderer(scene, integrator=variant.integrator, backend=backend)))
         except sh.CompileError as error:
             skipped.append((str(variant), error.message))
-        except SceneError as error:  # of a cube that memory does not hold
+        except SceneError as error:  # memory cannot hold the cube
             skipped.append((str(variant), str(error)))
     tell(total, total)
     candidates = [
@@ -320,14 +320,14 @@ def _variants(scene: Scene, bounces: int) -> list[Variant]:
     accelerators = [a for a in ACCELERATORS if a != "brute" or scene.triangles <= _BRUTE]
     modes = [("f32", "strict"), ("f32", "relaxed"), ("f32", "fast"), ("f64", "strict"), ("f16", "strict")]
     variants = [Variant(p, m, "bvh", n) for (p, m), n in itertools.product(modes, numbers)]
-    if scene.triangles > _BRUTE and (scene.lights or (mirrors and bounces)):  # else there is no secondary ray
+    if scene.triangles > _BRUTE and (scene.lights or (mirrors and bounces)):  # the scene has secondary rays
         accelerators += LAYERED
     return variants + [Variant("f32", "strict", a, bounces if mirrors else 0) for a in accelerators if a != "bvh"]
 
 
 def reference(scene: Scene, backend: str, bounces: int) -> Renderer:
     """Return the renderer of the picture in f64: on the backend, or on numpy where that has none."""
-    accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # which differ in time alone
+    accel = "brute" if scene.triangles <= _BRUTE else "bvh"  # accelerators differ in time alone
     exact = Whitted(bounces=bounces, precision="f64", accel=accel)
     try:
         return Renderer(scene, integrator=exact, backend=backend)

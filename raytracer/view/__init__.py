@@ -5,7 +5,7 @@ here.
 
 - `command` reads the words of the command line and serves.
 - `opening` opens the scene that the words name, in the worker.
-- `session` holds the state of the view, gives its frames, and says what a pixel shows.
+- `session` holds the state of the view, gives its frames, and explains pixels.
 - `refining` makes the renderer of each backend and integrator, and pictures with one, a coarse one first.
 - `editing` gives materials and lights other numbers.
 """

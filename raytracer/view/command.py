@@ -52,7 +52,7 @@ def add_arguments(
 
 
 def view(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; return 0. Raises SceneError and sh.ShpyError for what cannot be shown."""
+    """Serve the page until Ctrl-C; return 0. Raises SceneError and sh.ShpyError for scenes that cannot be shown."""
     path, request = file_of(options.scene), request_of(options)
     chosen(options, options.integrator)
     viewing.check(options, _WRITTEN, lights_all=options.integrator == "path", framed=path.suffix.lower() in FORMATS)
@@ -90,7 +90,7 @@ def chosen(options: argparse.Namespace, kind: str) -> integrator.Integrator:
 
 
 def request_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the request that opens a session, in what JSON holds."""
+    """Return the request that opens a session, for JSON."""
     words = {name: str(value) if isinstance(value, Path) else value for name, value in vars(options).items()}
     words.pop("run", None)
     return {"path": str(file_of(options.scene)), "name": options.scene, "program": None, "options": words}

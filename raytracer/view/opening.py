@@ -28,7 +28,7 @@ from raytracer.scene.scene import Scene
 
 
 @dataclass(frozen=True)
-class Opened:
+class TimedScene:
     """A scene as a function of the time in seconds, its length, and the warnings that reading it gave.
 
     `seconds` is the length after which it starts again, 0 for a static scene.
@@ -39,14 +39,14 @@ class Opened:
     notices: tuple[str, ...] = ()
 
 
-def open_scene(options: argparse.Namespace) -> Opened:
+def open_scene(options: argparse.Namespace) -> TimedScene:
     """Open the scene of a command, with its options. Raises SceneError, and OSError for files."""
     with _heard() as notices:
         make, seconds = _function_of_time(options, notices)
         first = make(0.0)  # reads what is read on the first call
     if not isinstance(first, Scene):
         raise SceneError(f"scene(0) gives a {type(first).__name__}, not a raytracer.Scene")
-    return Opened(make, seconds, tuple(notices))
+    return TimedScene(make, seconds, tuple(notices))
 
 
 def scene_at(options: argparse.Namespace, time: float) -> Scene:

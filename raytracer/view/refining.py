@@ -133,7 +133,7 @@ class Refinement:
             return
         self._enlarge()
         for first, past in self._stages():
-            if past > 1 or piece.coarse:  # else the first picture had all pixels
+            if past > 1 or piece.coarse:  # otherwise the first picture had all pixels
                 yield from self._stage(first, past)
 
     def _stages(self) -> Iterator[tuple[int, int]]:

@@ -87,7 +87,7 @@ class Session(sh.view.Live):
     def seen(self) -> Camera:
         """The camera of the picture."""
         camera = self.camera or self._scene.camera
-        assert camera is not None  # a scene frames one if it has none
+        assert camera is not None  # a Scene sets its own camera by default
         return camera
 
     def describe(self) -> dict[str, Any]:
@@ -366,5 +366,5 @@ def files_of(request: dict[str, Any]) -> list[str]:
 
 
 def warm() -> None:
-    """Open the devices, and load what a session will need."""
+    """Open the devices, and import the modules of a session."""
     sh.view.warm()

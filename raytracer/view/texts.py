@@ -26,7 +26,7 @@ _SAVING = 'image.save("picture.png")'
 
 @dataclass(frozen=True)
 class Shown:
-    """The state of a view: what was asked for on the command line, and what the page has chosen since.
+    """The state of a view: the options of the command line, and the later choices of the page.
 
     `turned` is the camera that the page has turned, None for that of the scene; `seen` is the one of the picture.
     `time` is that of a scene that moves, and `length` its seconds; both are None for a still one. `changes` are the
@@ -66,7 +66,7 @@ class Shown:
         return shlex.join([*words, *self._seen()])
 
     def note(self) -> str:
-        """Return what the command cannot give; empty where it gives the picture to the bit."""
+        """Return the parts of a view that the command cannot express; empty where it gives the picture to the bit."""
         notes = []
         if self.meshes or self.lights:
             notes.append("No option changes materials and lights: the code has them.")

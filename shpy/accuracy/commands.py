@@ -161,7 +161,7 @@ def _run_module(where: str) -> dict[str, Any]:
         sys.path.insert(0, "")
         return vars(importlib.import_module(where))
     except ShpyError:
-        raise  # it names its line
+        raise  # the error names its line
     except SyntaxError as error:
         raise ShpyError(f"{error.filename}:{error.lineno}: {type(error).__name__}: {error.msg}") from error
     except ImportError as error:

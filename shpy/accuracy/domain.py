@@ -1,6 +1,6 @@
 """Domains: which inputs a program is measured on, special values always among them.
 
-Stage: measure. Takes what the user says of each input, gives arrays.
+Stage: measure. Takes the user's domain of each input, gives arrays.
 
     {"x": (1e-3, 1e3, "log"), "v": (-1, 1), "n": (0, 100), "t": array, "r": lambda rng, count: rng.normal(size=count)}
 """
@@ -35,7 +35,7 @@ _EXPONENTS = (-100, -64, -24, -12, -6, -3, -2, -1, 0, 1, 2, 3, 6, 12, 20, 24, 64
 
 @dataclass(frozen=True)
 class Samples:
-    """`inputs` as the program takes them; `leaves` by name, (n[, size]); `inside` (n,) tells those in the domain."""
+    """`inputs` as the program takes them; `leaves` by name, (n[, size]); `inside` (n,) marks those in the domain."""
 
     inputs: tuple[Any, ...]
     leaves: dict[str, Array]
@@ -181,7 +181,7 @@ def _sampled(sampler: Callable[..., Any], rng: np.random.Generator, count: int) 
     try:
         return sampler(rng, count)
     except TypeError as error:
-        if error.__traceback__ is None or error.__traceback__.tb_next is not None:  # an error of its own
+        if error.__traceback__ is None or error.__traceback__.tb_next is not None:  # raised inside `sampler`
             raise
         cure = "lambda rng, count: rng.random(count)"
         raise ShpyTypeError(f"a function of a domain takes rng and count: {error}", loc=here(), cure=cure) from None

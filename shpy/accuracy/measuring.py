@@ -43,7 +43,7 @@ class Variant:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The keywords of `compile`."""
+        """Return the keywords of `compile`."""
         mode = {"math": self.math} if self.math is not None else {}
         return {"precision": self.precision, **mode}
 
@@ -102,7 +102,7 @@ def measure(
     for variant in variants(backends, math, precision):
         if variant.precision not in truths:
             drawn = draw(program, domain, samples, np.random.default_rng(seed), precision=variant.precision)
-            setting = Setting(program, drawn.inputs, {}, None, {"precision": variant.precision})
+            setting = Setting(program, drawn.inputs, options={"precision": variant.precision})
             truths[variant.precision] = drawn, evaluate(setting, reference)
         drawn, truth = truths[variant.precision]
         try:
@@ -114,7 +114,7 @@ def measure(
 
 
 def _rows(program: Program, variant: Variant, drawn: Samples, truth: Truth) -> Iterator[Row]:
-    setting = Setting(program, drawn.inputs, {}, None, variant.options)
+    setting = Setting(program, drawn.inputs, options=variant.options)
     results = run(setting, variant.backend)
     flushed = meets_denormals(setting) if results.flushes else np.zeros(drawn.count, np.bool_)
     for k, name in enumerate(program.outputs):

@@ -156,8 +156,8 @@ class Comparison:
     """Points, fastest first, how to show them, and the choice among them.
 
     `headings` are those of the columns: name, time, spread, error, and the cells; `meanings` tells what is under a
-    heading or behind a short name. `time` and `error` are what the axes show, with units, `series` and `mode` what
-    colours and markers stand for.
+    heading or behind a short name. `time` and `error` are the labels of the axes, with units; `series` and `mode` are
+    the meanings of colours and markers.
     """
 
     title: str

@@ -4,7 +4,8 @@ Stage: measure. Draws a `Comparison` into an empty figure of matplotlib.
 
     draw(comparison, figure)
 
-The points of a frontier fall from the upper left to the lower right, and below it nothing is: there the labels stand.
+The points of a frontier fall from the upper left to the lower right, and the area below it is empty: there the labels
+stand.
 """
 
 from __future__ import annotations

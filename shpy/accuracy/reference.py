@@ -1,7 +1,7 @@
 """The result of a program without rounding: the reference that errors are measured against.
 
 Stage: measure. Takes a program and flat inputs, gives for each output the exact values as pairs of float64 whose sum
-they are, and how each element ends. It runs the recorded module, not what the passes make of it:
+they are, and how each element ends. It runs the recorded module without the passes:
 
 - "mpmath": the reference interpreter on numbers of 240 bits; in binary64 where mpmath has no such number (infinities,
   NaN, the sign of a zero);

@@ -20,15 +20,15 @@ from shpy.pictures.outputs import new_figure, save_figure
 Array = NDArray[Any]
 
 BINS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0, 256.0, 4096.0, 65536.0, 2.0**20)
-"""Upper ends of the histogram's bins, in ULP; a last bin holds what is beyond."""
+"""Upper ends of the histogram's bins, in ULP; a last bin holds all larger errors."""
 
 
 @dataclass(frozen=True)
 class Row:
     """The errors of one output of one variant, over the elements inside the domain.
 
-    `ulp` and `relative` are (max, 99th percentile, median). `worst` is the input of the largest error, with what was
-    found there and what is exact. `histogram` counts elements up to each of BINS, and beyond. Outside the domain,
+    `ulp` and `relative` are (max, 99th percentile, median). `worst` is the input of the largest error, with the
+    computed and the exact result. `histogram` counts elements up to each of BINS, and beyond. Outside the domain,
     `edges` of the `specials` special values are off by more than inside, and by more than 4 ULP. `flushed` elements
     meet a denormal on a device that flushes them, and are not counted.
     """

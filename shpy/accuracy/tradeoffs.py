@@ -1,4 +1,4 @@
-"""Time against error: every variant of a program run, and the fastest that keeps an error chosen.
+"""Time against error: run every variant of a program, and choose the fastest within an allowed error.
 
 Stage: measure. Takes a program (or a choice), a domain and a budget, gives a `Tradeoff`.
 
@@ -204,9 +204,9 @@ def tradeoff(
 
     Errors are those on `samples` elements of the domain and the special values inside it, against the first
     alternatives without rounding. Times are of `elements` elements from call to result, warmed up, all variants in
-    turn, `rounds` times. The pick holds on four times as many unseen elements as well, else the next is taken. What a
-    target cannot do is skipped, and said so. `progress` is called with how many variants and rounds of timing are done,
-    and how many there are.
+    turn, `rounds` times. The pick holds on four times as many unseen elements as well, else the next is taken. Variants
+    that a target cannot run are skipped and listed. `progress` is called with how many variants and rounds of timing
+    are done, and how many there are.
     """
     _check_budget(budget)
     check_count("elements", elements, 1)
@@ -310,7 +310,7 @@ class _Search:
         self.unseen: tuple[Samples, Truth] | None = None
 
     def exact(self, drawn: Samples, reference: Kind) -> Truth:
-        return evaluate(Setting(self.program, drawn.inputs, {}, None, {}), reference)
+        return evaluate(Setting(self.program, drawn.inputs), reference)
 
     def error(self, candidate: Candidate) -> float:
         """Return the candidate's largest error inside the domain."""
@@ -334,7 +334,7 @@ class _Search:
         return "f64" if self.error(double) <= 0.01 * self.budget.limit else self.reference
 
     def _error(self, candidate: Candidate, drawn: Samples, truth: Truth) -> float:
-        setting = Setting(candidate.program, drawn.inputs, {}, None, candidate.variant.options)
+        setting = Setting(candidate.program, drawn.inputs, options=candidate.variant.options)
         results = run(setting, candidate.variant.backend)
         counted = drawn.inside & (results.written | truth.written)
         if results.flushes:

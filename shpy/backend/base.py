@@ -178,11 +178,11 @@ class Collectives:
     take: Callable[[Any, Any], Any] | None = None
     """take(source, index): the element at each index, the nearest where it is out of range."""
     put: Callable[[Any, Any, Any], None] | None = None
-    """put(values, index, target): write each value to its place; of several for a place the last one stays."""
+    """put(values, index, target): write each value to its place; the last of several values for one place remains."""
     place: Callable[[Any, Any, Any], None] | None = None
     """place(values, index, target): write each value to its place, where no place occurs twice.
 
-    None too where a kernel with a condition saves by itself what a list of elements would save.
+    None also where a kernel with a condition is as fast as a list of elements.
     """
     mark: Callable[[Any, Any], None] | None = None
     """mark(mask, status): set the status WRITTEN where the mask is True, and DISCARDED elsewhere."""
@@ -228,7 +228,7 @@ class Tree(Protocol):
 
 
 class Space(Protocol):
-    """The memory of one device, and the order in which it runs things: as they were started."""
+    """The memory of one device, which runs work in the order in which it was started."""
 
     overwrites: bool
     """True if an output may be an input: each element has been read before it is written."""

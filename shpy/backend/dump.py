@@ -1,4 +1,4 @@
-"""SHPY_DUMP=ir,vector,tree,source: print what the stages give, to standard error.
+"""SHPY_DUMP=ir,vector,tree,source: print the results of the stages to standard error.
 
 Stage: emit. `ir` is the module as it was recorded, `vector` what `vectorize` made of it, `tree` each
 function of the output tree (see `emit/spell_tree.py`), `source` the emitted text.

@@ -65,7 +65,7 @@ def backends() -> list[BackendInfo]:
 
 
 class Default(str):
-    """The name of the default backend; `why` says what chose it, and `pinned` is True if the user did."""
+    """The name of the default backend; `why` is the reason for the choice, and `pinned` is True if the user chose."""
 
     why: str
     pinned: bool

@@ -93,7 +93,7 @@ class Chain(Unchanging, ABC):
         """Run the chain on the device where the streams lie; return the streams that it wrote, and counts.
 
         `streams` are Streams, host arrays, which are copied to the device once, Tables and Textures, and numbers and
-        Params, which hold for every element. They keep their elements: what the chain writes lies in memory of its own.
+        Params, which hold for every element. They keep their elements: the chain writes into its own memory.
         `shape` is that of kernels which read no stream by element and write a new one. `backend`, `device` and
         `precision` say where arrays go if no stream is given.
         Raises ShpyTypeError before anything runs for missing and unknown streams, and for a `shape` where every kernel
@@ -233,7 +233,7 @@ class Loop(Chain):
         )
 
     def perform(self, run: Run) -> None:
-        """Run rounds until one writes nothing; raises LoopLimitExceeded where there are too many."""
+        """Run rounds until a round writes no element; raises LoopLimitExceeded where there are too many."""
         with run.numbered(self, self.index, 0) as advance:
             self._perform(run, advance)
 

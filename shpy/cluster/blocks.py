@@ -88,7 +88,7 @@ def _chosen(sizes: Chunks, whole: Shape, chunks: Any, da: Any) -> Chunks:
     try:
         asked = da.core.normalize_chunks("auto" if chunks is None else chunks, whole, dtype="float32")
     except (TypeError, ValueError, ZeroDivisionError) as error:
-        reason = "a chunk has elements" if isinstance(error, ZeroDivisionError) else error  # Python's words differ
+        reason = "a chunk has elements" if isinstance(error, ZeroDivisionError) else error  # Python's message varies
         raise ShpyTypeError(
             f"chunks={chunks!r} of the shape {whole}: {reason}", loc=here(), cure="chunks=(512, 512), one for each axis"
         ) from error

@@ -1,4 +1,4 @@
-"""Jobs that workers run for blocks. A job is sent as bytes, and each thread of a worker keeps what it makes of them.
+"""Jobs that workers run for blocks. A job is sent as bytes, and each thread of a worker keeps its program.
 
 Stage: cluster, on the workers. A thread has Params of its own, so that it can set a block's place without a lock;
 compiled kernels are shared by all threads of a process.

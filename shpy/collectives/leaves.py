@@ -69,7 +69,7 @@ class Leaves:
     def put(self, values: Memory, index: Memory, target: Memory) -> Memory:
         """Return memory, possibly the target, with each value at its index; the last of several values stays.
 
-        Scalars and vectors; elements whose index is out of range are dropped, and other places keep what they held.
+        Scalars and vectors; elements whose index is out of range are dropped, and other places keep their values.
         """
         if not (values.count and target.count):
             return target

@@ -233,7 +233,7 @@ class Reduction(NamedTuple):
 def over_structs(combine: Program) -> tuple[Program, Any]:
     """Return a program over structs for one that combines NamedTuples, and the type that it combines.
 
-    A Table holds structs. A run returns one stream of structs, but for a NamedTuple one stream for each field.
+    A Table holds structs. A run returns one stream of structs; for a NamedTuple it returns one stream for each field.
     """
     element, output = next(iter(combine.inputs.values())), combine.recorded.output
     layout = layout_of(element, "an element")

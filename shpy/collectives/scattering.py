@@ -74,16 +74,15 @@ def scatter(
 ) -> Any:
     """Write each value to the place that its index names, in a new stream of `shape` or in `out`; return that stream.
 
-    `index`: an int for each value, a Stream of Attrib1i or Attrib1u or an array. It counts the places in C order.
-    A value whose index is out of range is dropped. Places to which no value goes hold zeros, or keep what `out` held.
-    Of several values for a place the last one stays: that with the largest position, in C order, among the values.
+    `index`: an int for each value, a Stream of Attrib1i or Attrib1u or an array. It counts the places in C order. A
+    value whose index is out of range is dropped. Places without a value hold zeros, or keep the values of `out`. Of
+    several values for a place the last one stays: that with the largest position, in C order, among the values.
     `combine`, a program (a, b) -> a, combines them instead: first with second, the result with the third, and so on in
-    the order of their positions, a left fold. What `out` held takes no part in it. The values of one place are
-    combined one after the other, so a place with many values takes long.
-    Of a Dask array of scalars or vectors, with an index that is one or an array of numpy, and a shape, it returns a
-    Dask array, for any chunks with the bits of one Stream. A worker holds all values that go to a block of it.
-    Raises ShpyTypeError for an index of another type, shape or device, a program of other types, and for an `out` of
-    another type, shape or device.
+    the order of their positions, a left fold. The previous values of `out` are not combined. The values of one place
+    are combined one after the other, so a place with many values takes long. Of a Dask array of scalars or vectors,
+    with an index that is one or an array of numpy, and a shape, it returns a Dask array, for any chunks with the bits
+    of one Stream. A worker holds all values that go to a block of it. Raises ShpyTypeError for an index of another
+    type, shape or device, a program of other types, and for an `out` of another type, shape or device.
     """
     if is_lazy(values) or is_lazy(index):
         return scatter_chunks(scatter, values, index, shape, combine, out)

@@ -36,12 +36,12 @@ from shpy.streams.stream import Stream
 def sort(stream: Any, key: Program | None = None, descending: bool = False) -> Any:
     """Return the elements in ascending order, of shape (n,) for n elements; several axes are taken in C order.
 
-    `key`, a program of one element that gives one number or bool, says by what; elements of one component need none.
-    The order is stable: elements of equal keys keep the order that they had, with `descending=True` too. -0 and +0 are
-    equal. NaN is greater than every number, whatever its sign and bits, so it stands last, and first if descending.
-    Of a Dask array of scalars or vectors it returns a Dask array, for any chunks the same one.
-    Raises ShpyTypeError for elements of several components without a key, for a program of other types, and for a
-    `descending` that is no bool.
+    `key` is a program from one element to one number or bool, by which elements are compared; elements of one component
+    need none. The order is stable: elements of equal keys keep the order that they had, with `descending=True` too. -0
+    and +0 are equal. NaN is greater than every number, whatever its sign and bits, so it stands last, and first if
+    descending. Of a Dask array of scalars or vectors it returns a Dask array, for any chunks the same one. Raises
+    ShpyTypeError for elements of several components without a key, for a program of other types, and for a `descending`
+    that is no bool.
     """
     descending = checked_bool(descending, "descending")
     if is_lazy(stream):

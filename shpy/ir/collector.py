@@ -57,7 +57,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Run the block without the collector. The last such block of all threads restores its state."""
+    """Run the block without the collector. The last of these blocks in all threads restores its state."""
     _PAUSE.enter()
     try:
         yield

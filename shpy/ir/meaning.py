@@ -4,8 +4,8 @@ Stage: represent. A scalar is an array of any shape L (() for one element, (lane
 is (n, *L). Every function takes and gives arrays of the types in the op table. Edges are those of docs/numerics.md.
 Floating-point warnings are the caller's to silence.
 
-Composite operations are defined by others: see `formula`. Their definition is their meaning on arrays, what `lower`
-writes for targets that lack them, and what the reference computes without rounding.
+Composite operations are defined by others: see `formula`. Their definition is their meaning on arrays; `lower` writes
+it for targets that lack them, and the reference evaluates it without rounding.
 """
 
 from __future__ import annotations
@@ -294,7 +294,7 @@ def _scale(v: Values) -> tuple[Values, Callable[[], Values]]:
         largest = np.max(np.abs(v), axis=0)
     else:
         sizes = [np.abs(c) for c in components(v)]
-        largest = named("largest", reduce(lambda a, b: where(a < b, b, a), sizes))  # of NaN nothing comes but NaN
+        largest = named("largest", reduce(lambda a, b: where(a < b, b, a), sizes))  # NaN gives NaN
     one, up, down = number(1, largest), number(factor, largest), number(1 / factor, largest)
     large, small = largest > high, largest < low
     return where(large, down, where(small, up, one)), lambda: where(large, up, where(small, down, one))
@@ -303,7 +303,7 @@ def _scale(v: Values) -> tuple[Values, Callable[[], Values]]:
 @operation
 def length(v: Values) -> Values:
     """Return sqrt(dot(v, v)), also where the squares would overflow or vanish."""
-    if isinstance(v, np.ndarray) and in_range(squares := dot(v, v)):  # what follows gives the same, in more time
+    if isinstance(v, np.ndarray) and in_range(squares := dot(v, v)):  # the code below gives the same in more time
         return np.sqrt(squares)
     scale, inverse = _scale(v)
     back = inverse()
@@ -369,7 +369,7 @@ def convert(x: Array, dtype: type[np.generic]) -> Array:
     target: np.dtype[Any] = np.dtype(dtype)
     if x.dtype.kind == "f" and target.kind in "iu":
         limits = np.iinfo(target)
-        if x.size and float(x.min()) > limits.min - 1.0 and float(x.max()) < limits.max + 1.0:  # and no NaN
+        if x.size and float(x.min()) > limits.min - 1.0 and float(x.max()) < limits.max + 1.0:  # also false for NaN
             return x.astype(target)
         whole = np.trunc(np.where(x != x, 0, x).astype(np.float64))
         return np.asarray(np.clip(whole, limits.min, limits.max).astype(target))

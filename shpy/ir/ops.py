@@ -68,7 +68,7 @@ class Op:
     `tolerance` is how far it may be off at f32 in strict mode, `portable` in portable mode, where all targets give the
     same bits in each, and `relaxed` in relaxed mode; `double` in strict mode at f64. Fast mode promises nothing.
 
-    `definition` is what a composite operation means in terms of others (see `formula.py`); `inline`: it is short enough
+    `definition` expresses a composite operation by others (see `formula.py`); `inline`: it is short enough
     to stand where it is used. `componentwise`: each component of the result depends on that component of the operands
     alone. `commutative`: operands may change places without changing a bit, save those of a NaN. `exact`: of binary16
     numbers it gives a binary16 without rounding.
@@ -95,7 +95,7 @@ class Op:
     exact: bool = False
 
     def bound(self, math: str) -> Tolerance:
-        """Return what is allowed at f32 in "strict", "portable" or "relaxed" mode."""
+        """Return the error that is allowed at f32 in "strict", "portable" or "relaxed" mode."""
         return {"strict": self.tolerance, "portable": self.portable, "relaxed": self.relaxed}[math]
 
     def distance(self, math: str) -> float:
@@ -127,7 +127,7 @@ class Op:
 
     @property
     def function(self) -> Callable[..., Any]:
-        """The function on arrays without what rounds its result: one of numpy, of `meaning.py`, or a lambda."""
+        """The function on arrays without the rounding of its result: one of numpy, of `meaning.py`, or a lambda."""
         whole: Callable[..., Any] = inspect.unwrap(self.meaning)
         return whole
 
@@ -309,7 +309,7 @@ COMPOSITES: Final = frozenset(name for name, op in OPS.items() if op.definition)
 COMMUTATIVE: Final = frozenset(name for name, op in OPS.items() if op.commutative)
 """The operations whose operands may change places."""
 
-# Structural operations: their types are ruled by the verifier, their meaning is the interpreter's.
+# Structural operations: the verifier has their types, the interpreter their meaning.
 STRUCTURAL: Final[Mapping[str, str]] = {
     "const": "a constant of the value's type; attr: its components",
     "load": "the variable's value; of an array, the element at the i (clamped) that is the argument; attr: its id",

@@ -1,4 +1,4 @@
-"""Textures beyond sh.Texture2D: in space, on a cube, and with smaller copies for what is far away.
+"""Textures beyond sh.Texture2D: in space, on a cube, and with smaller copies for distant surfaces.
 
 Stage: record. Each is used by closure: `sky = TextureCube(faces)`, then `sky(direction)` in a program. Filtering is the
 same arithmetic on every backend.
@@ -139,7 +139,7 @@ def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
     extent = image.shape[axis]
     fewer = np.maximum(extent // 2, 1)
     edges = np.linspace(0, extent, fewer + 1)
-    # How far each new pixel reaches into each old one.
+    # The overlap of each new pixel with each old one.
     reach = np.clip(edges[1:, None], np.arange(extent), np.arange(extent) + 1) - np.clip(
         edges[:-1, None], np.arange(extent), np.arange(extent) + 1
     )

@@ -1,5 +1,5 @@
 """Widgets of programs in a notebook.
 
 Stage: above all others but the command line. Programs of pixels and streams of colours show themselves
-(`pictures/png`); `sh.widget(program)` adds the sliders of `shpy view` (`live`), whose frames this process computes.
+(`png`); `sh.widget(program)` adds the sliders of `shpy view` (`live`), whose frames this process computes.
 """

@@ -21,8 +21,8 @@ import traitlets
 from numpy.typing import NDArray
 
 from shpy.notebook.drawn import Pixels, Running
-from shpy.pictures.png import png
-from shpy.pictures.screen import Moment, pixels
+from shpy.png import png
+from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 
 
@@ -67,7 +67,7 @@ class Canvas(anywidget.AnyWidget):  # type: ignore[misc, no-any-unimported, unus
         begun = time.monotonic()
         try:
             levels = self.frame(asked.get("time", 0), asked.get("frame", 0), asked.get("mouse", (0, 0, 0, 0)))
-        except Exception as error:  # of a driver too: the widget shows it and goes on
+        except Exception as error:  # drivers raise errors of any type; the widget shows them and continues
             self.send({"error": str(error)})
             return
         spent = 1000 * (time.monotonic() - begun)

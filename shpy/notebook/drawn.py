@@ -12,8 +12,8 @@ from typing import Any
 
 from shpy.chains.chain import Chain
 from shpy.pictures.evolution import Evolution
-from shpy.pictures.screen import Moment, moves, run_at
 from shpy.programs import Program
+from shpy.screen import Moment, moves, run_at
 from shpy.view.kernels import Form, Kernels
 
 

@@ -17,8 +17,8 @@ from shpy.lang.recording.location import here
 from shpy.notebook.drawn import Pixels, Running
 from shpy.packages import install
 from shpy.passes.modes import Math
-from shpy.pictures.screen import check_pictures
 from shpy.programs import Program
+from shpy.screen import check_pictures
 from shpy.view.kernels import Form
 
 

@@ -19,8 +19,7 @@ from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import defined, rewrite, uses, walk
 from shpy.passes.dead import without_dead
 from shpy.passes.dead_stores import without_dead_stores
-from shpy.passes.lanes import BOOL, Here
-from shpy.passes.leaving import ExitBuilder
+from shpy.passes.lanes import BOOL, Here, LaneBuilder
 from shpy.passes.returns import returns_outside_loops
 
 
@@ -152,8 +151,8 @@ def _renamed(function: Function, names: Mapping[str, str]) -> Function:
     return replace(function, name=names[function.name], body=rewrite(function.body, change))
 
 
-class CallBuilder(ExitBuilder):
-    """An ExitBuilder that also translates calls."""
+class CallBuilder(LaneBuilder):
+    """A LaneBuilder that translates calls, too."""
 
     def __init__(self, function: Function, varying_inputs: frozenset[int], callees: Callees) -> None:
         super().__init__(function, varying_inputs)

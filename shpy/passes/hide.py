@@ -1,4 +1,4 @@
-"""Hide from a driver's compiler what it gets wrong: derivable floats, and arrays of bools.
+"""Hide expressions that a driver's compiler gets wrong: derivable floats, and arrays of bools.
 
 Stage: improve, last. `hide_derivable` keeps a compiler from replacing `0 * x` by 0 or `x + 0` by x, which is wrong
 where x is infinite, NaN or -0.0. The printer of such a target writes a float zero as a value that the compiler does not

@@ -60,7 +60,7 @@ class Ranges:
             return anything
         key = "value", value
         if key not in self._spans:
-            self._spans[key] = anything  # for a value that depends on itself through a loop
+            self._spans[key] = anything  # ends the recursion for a value that depends on itself through a loop
             self._depth += 1
             unwrapped = self._span(let)
             self._depth -= 1

@@ -43,8 +43,8 @@ _BOOL: Final = vec(Base.B)
 def pair(function: Function) -> Function | None:
     """Return the function for two lanes; None if it is anything but statements, one loop, and statements.
 
-    Its inputs are those of one lane, `there`, which tells whether there is another lane, and those of the other lane.
-    It gives the outputs of the one, then those of the other, which have no meaning if it is not there.
+    Its inputs are the inputs of the first lane, `there` (whether there is a second lane), and the inputs of the second.
+    It returns the outputs of the first lane, then those of the second, which are undefined if `there` is False.
     """
     parts = _Parts.of(function)
     if parts is None:

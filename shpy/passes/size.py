@@ -77,7 +77,7 @@ def kept_apart(module: Module) -> frozenset[str]:
 def check_growth(module: Module, most: int, why: str, apart: Container[str] = ()) -> None:
     """Raise CompileError if a function has more than `most` statements with its calls inlined, but for `apart`.
 
-    `why` says who inlines them. A module that is large without inlining is not refused.
+    `why` names the pass that inlines them. A module that is large without inlining is not refused.
     """
     own = {f.name: sum(1 for _ in walk(f.body)) for f in module.functions}
     total = max(inlined_sizes(module, apart).values())

@@ -212,7 +212,7 @@ class _Vectorizer(CallBuilder):
     def operation(self, s: Let, here: Here) -> None:
         args = tuple(self.same.get(a, a) for a in s.args)
         varying = varies(s.op, (a in self.varying for a in args))
-        self.same.pop(s.value.id, None)  # left from an attempt at a loop in which the argument was still uniform
+        self.same.pop(s.value.id, None)  # an entry from an earlier attempt, in which the argument was still uniform
         match s:
             case Let(value, "any_lane" | "all_lanes") if args[0] not in self.varying:
                 self.same[value.id] = args[0]

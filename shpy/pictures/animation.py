@@ -24,9 +24,9 @@ from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
 from shpy.passes.modes import Math
 from shpy.pictures.evolution import Evolution
-from shpy.pictures.screen import Moment, check_pictures, pixels, run_at
 from shpy.pictures.videos import FPS, writing
 from shpy.programs import Program
+from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
 
 Frame = NDArray[np.uint8]
@@ -49,7 +49,7 @@ def animate(
 ) -> Path:
     """Write `frames` frames to a .gif, .webp or .mp4 file, or else to a folder of PNG files; return its path.
 
-    A program of pixels is run over `size` (width, height), (512, 512) where nothing is said, for each frame: frame k
+    A program of pixels is run over `size` (width, height), (512, 512) by default, for each frame: frame k
     shows the time k / fps, in seconds. Its inputs `uv`, `pixel`, `resolution`, `time`, `frame` and `mouse` are filled
     by their names. `values` are other inputs and Params, by name: a number, an array, or a function of the time.
 
@@ -59,7 +59,7 @@ def animate(
     One component is a grey, three a colour; an alpha is left out. Numbers from 0 to 1 are shown as they are; with
     `encode` they are linear light, which becomes sRGB. `progress` is called with how many frames are done and how many
     there are; None prints a line every five seconds. `resume` keeps the frames that a folder has.
-    Raises ShpyTypeError for what is no program of pixels, VideoError for numbers and paths that make no animation and
+    Raises ShpyTypeError unless it is a program of pixels, VideoError for numbers and paths that make no animation and
     where Pillow or ffmpeg is missing, OSError for a path that cannot be written.
     """
     tell = progress or progress_lines("frames")

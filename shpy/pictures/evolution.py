@@ -21,9 +21,9 @@ from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
-from shpy.pictures.screen import Moment, check_pictures, filled, first_output, values_of
 from shpy.programs import Program
 from shpy.run.host import common_shape, inputs as host_inputs
+from shpy.screen import Moment, check_pictures, filled, first_output, values_of
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Stream
 
@@ -76,7 +76,7 @@ def last_stream(chain: Chain) -> str:
 
 
 def given_to(chain: Chain, moment: Moment, streams: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a run of a chain takes at a moment: the streams that it has, and the inputs of a filled name.
+    """Return the arguments of a chain's run at a moment: the streams that it has, and the inputs of a filled name.
 
     A stream that the chain writes before it reads it is given, too: its shape tells that of the kernel.
     """
@@ -117,7 +117,7 @@ def _lacks_shape(chain: Chain, shapes: dict[str, Shape]) -> bool:
 
 
 def shapes_of(chain: Chain, streams: Mapping[str, Any]) -> dict[str, Shape]:
-    """Return the shape of the elements of each stream that a chain has; raise ShpyTypeError for no such stream."""
+    """Return the shape of the elements of each stream that a chain has; raise ShpyTypeError for an unknown stream."""
     named = (pair for step in chain.steps for pair in (*step.inputs.items(), *step.kernel.outputs))
     layouts = {name: element_layout(type_) for name, type_ in named}
     shapes = {}

@@ -195,7 +195,7 @@ def _as_mp4(path: Path, frames: int, fps: float, size: tuple[int, int], drawn: _
                         yield number + 1
                 process.stdin.close()
             except BrokenPipeError:
-                pass  # it says why
+                pass  # ffmpeg has ended; its message follows below
             except BaseException:
                 process.kill()
                 raise

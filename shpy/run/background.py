@@ -86,7 +86,7 @@ class Background(Generic[Key, Result]):
     def _run(self, key: Key, make: Callable[[], Result]) -> None:
         try:
             result = make()
-        except Exception as error:  # of a driver, too: other keys continue
+        except Exception as error:  # drivers raise errors of any type, and other keys continue
             with self._done:
                 self._errors[key] = error
                 self._done.notify_all()

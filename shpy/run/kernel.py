@@ -98,11 +98,11 @@ def _without_data(recorded: RecordedProgram) -> tuple[Module, str]:
 class Kernel(Unchanging):
     """A compiled program. Call it with arrays (*S, N), or numbers; outputs come back in the function's structure.
 
-    `source` is the emitted text, `notes` what there is to know about this target, `options` how it was compiled.
+    `source` is the emitted text, `notes` are remarks on this target, `options` those of the compilation.
     """
 
     recorded: RecordedProgram
-    """The program's module, with what the host must know to run it."""
+    """The program's module, with the facts that the host needs to run it."""
 
     def __init__(self, recorded: RecordedProgram, backend: Backend, options: Options) -> None:
         self.recorded = recorded
@@ -177,9 +177,9 @@ class Kernel(Unchanging):
     def run(self, /, *arrays: Any, out: Any = None, shape: Any = None, where: Any = None, **named: Any) -> Result:
         """Run on arrays; return a Result. `out` matches the outputs' dtypes and shapes and is written in place.
 
-        Discarded elements keep what `out` held (zeros without it); `out` may be one of the inputs. With a Stream among
-        the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device. `where`, bools of the
-        shape of the elements in an array or a Stream, tells which elements run; the others count as discarded.
+        Discarded elements keep the values of `out` (zeros without it); `out` may be one of the inputs. With a Stream
+        among the inputs, in a Table or as `out`, outputs and `written` are Streams on the same device. `where`, bools
+        of the shape of the elements in an array or a Stream, tells which elements run; the others count as discarded.
         """
         if where is not None:
             values = host.bind(self.recorded, arrays, named)
@@ -198,7 +198,7 @@ class Kernel(Unchanging):
                 if ran is not None:
                     return ran
             except MemoryError:
-                pass  # which the way that checks everything explains, as it does faults of `out`
+                pass  # the path with all checks explains this error, as it does faults of `out`
         values = host.bind(recorded, inputs, named)
         if self._holds_streams(values, out):
             ran = self.prepare_on_device(values, out, shape).run(self._executable)
@@ -220,7 +220,7 @@ class Kernel(Unchanging):
     def _guarded(self) -> Kernel:
         """The kernel with one more input, `where`, that discards the elements for which it is False."""
         kernel = Kernel(guarded(self.recorded, None, "where"), self._target, self.options)
-        if self._rank is None:  # else an element has to know its place among all
+        if self._rank is None:  # a list of elements has no grid index
             kernel._executable = ListedKernel(kernel._executable, self._executable, self.place.space)
         return kernel
 
@@ -235,7 +235,7 @@ class Kernel(Unchanging):
         return Place(name, self.options.device or 0, self.options.precision)
 
     def prepare_on_device(self, values: dict[str, Any], out: Any, shape: Any) -> PreparedCall:
-        """Check what a run over streams is given, and bring to the device what is not there yet."""
+        """Check the arguments of a run over streams, and copy host arrays to the device."""
         recorded, place = self.recorded, self.place
         check_places([*values.values(), out, *recorded.tables.values()], place, recorded.module.name)
         inputs = host.inputs(recorded.inputs, values, self.options.precision, self.options.math)
@@ -330,7 +330,7 @@ class Kernel(Unchanging):
             )
 
     def limit_error(self, count: int, first: int, result: Any) -> LoopLimitExceeded:
-        """Return the error for so many elements stopped in loops; `first` is the least of their statuses."""
+        """Return the error for a number of elements that stopped in loops; `first` is the least of their statuses."""
         elements = f"{count} element{'s' if count > 1 else ''}"
         loops = self._executable.loops
         if first < Status.FIRST_LOOP:

@@ -62,7 +62,7 @@ class Result:
     def __reduce__(self) -> Any:
         status = self.status
         if status is not None and self.place is not None:
-            status = Stream.over(Attrib1i, (status.count,), self.place, [status])  # whose elements travel
+            status = Stream.over(Attrib1i, (status.count,), self.place, [status])  # a list needs the stream of statuses
         return _sent, (self.outputs, self.shape, status, self.place)
 
 

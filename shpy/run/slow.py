@@ -1,4 +1,4 @@
-"""Says that a compilation takes long, and what makes it long, while it lasts.
+"""Reports a long compilation, and its reason, while it lasts.
 
 Stage: run. Takes a module that is being compiled; prints one line to standard error, or nothing. The live pages `hear`
 of every compilation.

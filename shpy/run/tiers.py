@@ -224,7 +224,7 @@ class TieredExecutable:
                 return
             with ieee_arithmetic(), uncollected(), announced(self._module, BETTER, _PATIENCE):
                 better = opencl.compile(self._module, self._options)
-        except Exception as error:  # of a driver, too
+        except Exception as error:  # drivers raise errors of any type
             self._refuse(f"{BETTER} does not take it ({_said(error)})")
             return
         store.remember(_COMPILED, text)
@@ -241,7 +241,7 @@ class TieredExecutable:
                 return better.run(call)
             start = time.perf_counter()
             status = better.run(call)
-        except Exception as error:  # such as memory that the device does not have
+        except Exception as error:  # for instance, too little memory on the device
             self._refuse(f"{BETTER} gave an error ({_said(error)})")
             return self._quick.run(call)  # type: ignore[no-any-return]
         self._trials.append((time.perf_counter() - start) / call.count)

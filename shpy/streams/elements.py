@@ -1,4 +1,4 @@
-"""Elements of streams on the host: their dtypes, their shapes, and the checks of what a user gives for them.
+"""Elements of streams on the host: their dtypes, their shapes, and the checks of a user's arrays.
 
 Stage: run.
 
@@ -68,7 +68,7 @@ def shape_before_data(name: str, cls: type[Value], array: Any, dtype: Any) -> Sh
 
 def _trailing(name: str, shape: Shape, size: int, *, is_color: bool) -> str:
     """Return the advice on giving an array a last axis of `size`, which never changes the order of its numbers."""
-    name = name if " " not in name else "array"  # "a stream" is no name of Python
+    name = name if " " not in name else "array"  # "a stream" is not an identifier
     if len(shape) == 2 and shape[0] == size and shape[1] > 4:
         return f"{name}.T"
     if is_color and len(shape) in (2, 3) and size == 3 and (shape[-1] < 3 if len(shape) == 3 else shape[-1] > 4):

@@ -32,7 +32,7 @@ def field_of(stream: Any, name: str) -> Any:
     part = layout.parts[place]
     memories = stream._memories[before : before + len(list(leaves(part, "")))]
     view = type(stream).over(type_of(part), stream.shape, stream.place, memories)
-    stream._owned = view._owned = False  # both keep this memory
+    stream._owned = view._owned = False  # the stream and its view share this memory
     return view
 
 
@@ -40,7 +40,7 @@ class StreamFields:
     """The fields of a Stream of structs as its attributes."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # what Python and numpy ask any object for
+        if name.startswith("_"):  # names that Python and numpy look up on any object
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         try:
             return field_of(self, name)

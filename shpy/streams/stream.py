@@ -29,7 +29,8 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
 from shpy.passes.modes import Precision
-from shpy.shown import Shown
+from shpy.png import png
+from shpy.screen import pixels
 from shpy.streams.elements import InputLeaf, Shape, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions
@@ -53,7 +54,7 @@ class Place(NamedTuple):
         return f"{self.backend}{at}{'' if self.precision == 'f32' else f', {self.precision}'}"
 
 
-class Stream(StreamReductions, StreamFields, Shown):
+class Stream(StreamReductions, StreamFields):
     """`Stream(array, type, backend=None, device=None)`: elements (*S, N), or (*S,) for N = 1, on one device.
 
     The type may be a matrix, from an array (*S, N, N), or a struct or NamedTuple, from a dict of fields, a structured
@@ -180,6 +181,11 @@ class Stream(StreamReductions, StreamFields, Shown):
             raise TypeError("a stream of one element without axes has no len()")
         return self._shape[0]
 
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture that a notebook shows, of colours in rows; None for others, which show their text."""
+        is_picture = len(self.shape) == 2 and getattr(self.type, "kind", "") == "Color"
+        return png(pixels(self.numpy())) if is_picture else None
+
     def __repr__(self) -> str:
         return f"<Stream {self._shape} of {self._type.__name__} on {self.place}>"
 
@@ -247,7 +253,7 @@ class Stream(StreamReductions, StreamFields, Shown):
             cure = f"a shape of {self.size:,} elements"
             raise ShpyTypeError(f"{self!r} has no view of the shape {extents}", loc=here(), cure=cure)
         view = Stream.over(self._type, extents, self.place, self._memories)
-        self._owned = view._owned = False  # as in `_shared`: both keep this memory
+        self._owned = view._owned = False  # as in `_shared`: the stream and its view share this memory
         return view
 
     def __copy__(self) -> Stream:

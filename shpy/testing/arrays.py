@@ -1,6 +1,6 @@
 """Arrays of a run, compared and shown: leaves of an output, bits and denormals.
 
-Stage: test. Takes what kernels take and give.
+Stage: test. Takes the inputs and outputs of kernels.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ _AHEAD = 16
 
 @dataclass(frozen=True)
 class Row:
-    """One event in both traces: what each computed there; None where one was elsewhere, or had ended."""
+    """One event in both traces, with the value that each computed; None where one was elsewhere, or had ended."""
 
     loc: Loc | None
     name: str | None

@@ -1,7 +1,7 @@
 """Compare a program on every backend; where two differ, say where and why.
 
 Stage: test. Takes a program and its inputs, runs it on every backend and lane width, gives an `Agreement` or raises
-AssertionError with the element, its inputs, what each backend made of it, and the first statement at which they part.
+AssertionError with the element, its inputs, the results of each backend, and the first statement at which they diverge.
 
     assert_equivalent(program, x)                          # every bit, but for NaNs
     assert_equivalent(program, x, ulp=4, math="relaxed")

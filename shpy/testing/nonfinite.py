@@ -93,22 +93,16 @@ def first_nan(
     if chosen is None:
         return None
     kind, element = chosen
-    about = dict(
-        program=program.name,
-        backend=backend,
-        kind=kind,
-        element=setting.index(element),
-        inputs=setting.element(element),
-    )
+    result = NonFinite(program.name, backend, kind, setting.index(element), setting.element(element))
     watching = BackendObserver(replace(setting, program=_with_inner_events(program)), backend, element, finiteness=True)
     event = watching.first_odd(kind)
     if event is None:
-        return NonFinite(**about)
+        return result
     seen = watching.look(frozenset({watching.site(event)})).seen(event)
     site = seen.site
     assert site is not None
-    return NonFinite(
-        **about,
+    return replace(
+        result,
         loc=site.loc,
         name=site.name,
         text=site.text,

@@ -1,6 +1,6 @@
 """Observers of a run: a backend, asked again for each event, or the interpreter, which notes all events at once.
 
-Stage: test. Takes a program, its inputs and one element; gives what was seen of each event of that element.
+Stage: test. Takes a program, its inputs and one element; gives the observations of each event of that element.
 
     one = observer(setting, "opencl-4", element=3)
     one.count, one.trail(17), one.site(17)       # events in all; the hash up to event 17; which statement it was
@@ -45,16 +45,16 @@ class Observation:
 
 @dataclass
 class Setting:
-    """A program and what it is run on. `options` are those of `Program.compile`.
+    """A program and its inputs. `options` are those of `Program.compile`.
 
     `check` is called before each compilation and run of an observer, which take seconds: it ends the search by raising.
     """
 
     program: Program
-    inputs: tuple[Any, ...]
-    named: Mapping[str, Any]
-    shape: Any
-    options: Mapping[str, Any]
+    inputs: tuple[Any, ...] = ()
+    named: Mapping[str, Any] = field(default_factory=dict)
+    shape: Any = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     watches: dict[tuple[frozenset[int], bool], WatchedModule] = field(default_factory=dict)
     check: Callable[[], None] = lambda: None
 

@@ -1,6 +1,6 @@
 """The pytest plugin: a test runs on each backend, and the command line says on which.
 
-Stage: test. It comes with the package (entry point `pytest11`).
+Stage: test. The package registers it (entry point `pytest11`).
 
     def test_double(shpy_backend):                      # once for each backend that is available
         assert double.compile(shpy_backend)(2) == 4

@@ -134,7 +134,7 @@ def targets(wanted: Iterable[str] | str | None = None) -> list[str]:
     """Return every way to run a program on the `wanted` backends: with 1, 4, 8 and 16 lanes where they have lanes.
 
     None stands for every backend that is available; a name with a width, "opencl-4", for that one; "interpreter" for
-    the reference interpreter. Raises BackendUnavailable for what is not there.
+    the reference interpreter. Raises BackendUnavailable for missing backends.
     """
     if wanted is None:
         wanted = [b.name for b in backends() if b.available]

@@ -30,7 +30,7 @@ OPERANDS = 4
 """The limit of operands that an event keeps."""
 
 _SILENT = frozenset({"const", "param", "lane_mask", "table_size"})
-"""Operations that are no events: nothing can go wrong there that is not seen where they are used."""
+"""Operations that are no events: errors there show where they are used."""
 
 _U, _F, _D = vec(Base.U), vec(Base.F), vec(Base.D)
 _FAMILY = {Base.F: Base.F, Base.H: Base.F, Base.D: Base.D, Base.I: Base.U, Base.U: Base.U, Base.B: Base.U}
@@ -42,7 +42,7 @@ _LOOPS = 4
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A statement that is watched: what it is called, what it says, the type of its value and of its operands."""
+    """A watched statement: its name, its text, and the types of its value and its operands."""
 
     number: int
     loc: Loc | None
@@ -236,7 +236,7 @@ class _Watcher:
         number = b.const(_U, [site.number])
         for word in (*self.words(value), number):
             mixed = b.let("mul", b.let("xor", trail, word), self.factor)
-            name = f"@{site.number}" if word is number else None  # the interpreter's trace tells events by it
+            name = f"@{site.number}" if word is number else None  # the interpreter's trace finds it by name
             trail = b.let("xor", mixed, b.let("shr", mixed, self.shift), name=name)
         within = b.let("le", count, target)
         b.store(self.slots["trail"], b.let("cond", within, trail, old))

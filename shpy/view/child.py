@@ -151,7 +151,7 @@ def main(descriptor: int, name: str) -> None:
     try:
         module.warm()
     except Exception:
-        traceback.print_exc()  # a broken driver: the page says so when it is asked for
+        traceback.print_exc()  # a broken driver: the page shows the error when that backend is chosen
     line.send({"kind": "warm"})
     hear(lambda text: line.send({"kind": "doing", "text": text}))
     worker.run()

@@ -22,7 +22,7 @@ from shpy.command import whole
 from shpy.errors import ShpyError
 from shpy.files import check_writable, import_from, replacing
 from shpy.passes.modes import Math
-from shpy.pictures.screen import Moment, pixels
+from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 from shpy.view.kernels import Form, preferred
 from shpy.view.ongoing import Ongoing

@@ -1,4 +1,4 @@
-"""Frames that were sent, with what made them: a page asks about the frame that it shows, which has passed by then.
+"""Frames that were sent, with their inputs: a page asks about the frame that it shows, which has passed by then.
 
 Stage: view.
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from shpy.pictures.screen import Moment
+from shpy.screen import Moment
 from shpy.view.kernels import Form
 
 

@@ -108,7 +108,7 @@ class Hub:
         if self._drawing is not None:
             self._drawing.pause()
         if worker.status is not None:
-            self._ended(worker)  # it ended before its end could be heard
+            self._ended(worker)  # the worker ended before anyone listened
         worker.send({"do": "open", "request": self.request, "state": self.state, "worker": worker.number})
 
     def stop(self) -> None:

@@ -110,4 +110,4 @@ def warm() -> None:
         try:
             small.compile(name)(np.zeros((4, 4, 2), np.float32))
         except ShpyError:
-            continue  # it is said when somebody asks for that backend
+            continue  # the error appears when the user chooses that backend

@@ -58,7 +58,7 @@ class Live(ABC):
 
     @abstractmethod
     def cancel(self, page: int | None) -> None:
-        """Cancel the long answers that a page waits for; None: those of all pages."""
+        """Cancel the long answers that a page waits for; None cancels them for all pages."""
 
     @abstractmethod
     def explain(self, error: BaseException) -> dict[str, Any]:

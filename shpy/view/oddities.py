@@ -3,7 +3,7 @@
 Stage: view. A screen shows NaN as black and infinity as white, which nobody can tell from black and white.
 
     counts(output)              # {"nan": 3, "infinite": 0}
-    first(output)               # (row, column) of the first such pixel, None for no such pixel
+    first(output)               # (row, column) of the first such pixel, or None
     marked(pixels, output)      # the picture, dark, with such pixels in colours that stand out
 """
 

@@ -21,9 +21,9 @@ from shpy.chains.chain import Chain, Repeat, Sequence
 from shpy.chains.member import Member
 from shpy.errors import ShpyError
 from shpy.pictures.evolution import extent, given_to, last_stream, stepped
-from shpy.pictures.screen import Moment, first_output, is_filled, values_of
 from shpy.programs import Program
 from shpy.run.background import Background
+from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import QUICK, Form, Kernels
 from shpy.view.rounds import read_before
@@ -192,7 +192,7 @@ class Ongoing:
         return error or (self.kernels.refused(choice) if self.kernels else None)
 
     def state(self) -> PictureParts | None:
-        """Return what the present picture was made of."""
+        """Return the inputs of the present picture."""
         return self._state
 
     def stepped(self, state: PictureParts, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from shpy.errors import ShpyError
 from shpy.lang.recording.text import written
 from shpy.packages import install
-from shpy.pictures.png import png
-from shpy.pictures.screen import pixels
+from shpy.png import png
+from shpy.screen import pixels
 from shpy.tracing import Step
 from shpy.units import steps
 from shpy.view import oddities

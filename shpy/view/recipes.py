@@ -17,7 +17,7 @@ _SAME = ("strict", "portable")
 
 
 def recipe(session: Any, frame: Any) -> dict[str, Any]:
-    """Return the command and the code that draw the full picture of a frame, and a note on what they cannot repeat."""
+    """Return the command and the code that draw the full picture of a frame, and a note on the parts that they omit."""
     subject, moment = session.subject, frame.whole
     inputs = _inputs(subject)
     named: dict[str, Any] = {"size": session.size, "backend": frame.form.backend}

@@ -18,7 +18,7 @@ from shpy.chains.member import Member
 from shpy.chains.running import Run
 from shpy.ieee import in_ieee_arithmetic
 from shpy.pictures.evolution import arguments_of
-from shpy.pictures.screen import Moment
+from shpy.screen import Moment
 
 
 class _Watch(Chain):

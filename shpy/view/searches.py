@@ -14,8 +14,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from shpy.pictures.screen import Moment, filled
 from shpy.programs import Program
+from shpy.screen import Moment, filled
 from shpy.view.kernels import Form
 
 
@@ -46,7 +46,7 @@ class Searches:
                 check()
             except Cancelled:
                 return
-            except Exception as error:  # the comparison itself stands
+            except Exception as error:  # the comparison remains valid
                 text = f"The search for the first statement ended: {error}"
             self._tell({"kind": "answer", "about": "divergence", "page": page, "divergence": text})
 

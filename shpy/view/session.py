@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.passes.modes import MODES
-from shpy.pictures.screen import Moment, pixels
+from shpy.screen import Moment, pixels
 from shpy.view import oddities, questions
 from shpy.view.controls import Controls
 from shpy.view.frames import Frame, History
@@ -175,7 +175,7 @@ class Session(Live):
     def _pause(self, seconds: float) -> None:
         """Compute no frame for these seconds, or until the wanted kernel is ready."""
         self._rest = time.monotonic() + seconds
-        self.wake_after(seconds + 0.001)  # just after the end, since it wakes only once
+        self.wake_after(seconds + 0.001)  # just after the end of the pause, since the timer fires once
 
     def _rests(self) -> bool:
         """Return whether a pause lasts; it ends early if the wanted kernel is ready."""
@@ -224,7 +224,7 @@ class Session(Live):
         return questions.answer(self, question)
 
     def cancel(self, page: int | None) -> None:
-        """Cancel the search that a comparison of this page began; None: those of all pages."""
+        """Cancel the search that a comparison of this page began; None cancels them for all pages."""
         self.searches.cancel(page)
 
     def explain(self, error: BaseException) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from shpy.chains.chain import Chain, sequence
 from shpy.errors import CompileError, Loc, ShpyError
 from shpy.files import import_from
 from shpy.lang.recording.text import latest, text_of
-from shpy.pictures.screen import check_pictures, unfilled
 from shpy.programs import Program
+from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
 
 START, SHOW = "start", "show"
@@ -55,7 +55,7 @@ class OpenedFile:
         return entries
 
     def in_order(self, params: Mapping[str, Any]) -> dict[str, Any]:
-        """Return Params in the order in which the file names them; those of other files follow."""
+        """Return Params in the order in which the file names them; programs of other files follow."""
         places = {name: k for k, name in enumerate(self.names)}
         return dict(sorted(params.items(), key=lambda item: places.get(item[0], len(places))))
 
@@ -111,7 +111,7 @@ def explain(error: BaseException, path: Path) -> dict[str, Any]:
     elif isinstance(error, SyntaxError):
         message = error.msg
     else:
-        message = str(traceback.TracebackException(type(error), error, None))  # of any error: its __str__ may raise
+        message = str(traceback.TracebackException(type(error), error, None))  # safe if its __str__ raises
     return {
         "type": type(error).__name__,
         "message": message or type(error).__name__,

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from shpy.chains.chain import Chain
-from shpy.pictures.screen import Moment, filled, moves, run_at
 from shpy.programs import Program
+from shpy.screen import Moment, filled, moves, run_at
 from shpy.view.kernels import Form, Kernels
 from shpy.view.ongoing import Ongoing
 from shpy.view.source import OpenedFile
@@ -29,7 +29,7 @@ class Subject(Protocol):
     coarse: bool
     """It can be drawn at fewer pixels first."""
     takes_mouse: bool
-    """It has an input that the mouse fills."""
+    """True if the mouse fills an input."""
     params: Mapping[str, Any]
 
     @property
@@ -62,10 +62,10 @@ class Subject(Protocol):
         """Return whether something is compiled for the wanted form."""
 
     def refused(self, choice: Form) -> Exception | None:
-        """Return the error with which a target refuses the wanted form; a quick form draws in its place."""
+        """Return the error with which a target refuses the wanted form, which a quick form replaces."""
 
     def state(self) -> Any:
-        """Return what the present picture was made of, besides its moment and Params, for a trace of it."""
+        """Return the inputs of the present picture besides its moment and Params, for its trace."""
 
     def stepped(self, state: Any, at: tuple[int, int]) -> tuple[Program, list[Any]] | None:
         """Return the program that wrote the element `at` of what is shown, and its steps; None for no such program."""

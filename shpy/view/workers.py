@@ -26,7 +26,7 @@ Heard = Callable[["Worker", bytes | None], None]
 """The function that is called with each message of a worker, and with None when its process has ended."""
 
 _HEAD_START: Final = 1.0
-"""Seconds in which a worker that records has the processor for itself, before the next one warms up."""
+"""Seconds for which the recording worker has the processor to itself, before the next worker warms up."""
 _numbers = itertools.count(1)
 
 
@@ -54,7 +54,7 @@ class Worker:
     async def _listen(self) -> None:
         reader, self._writer = await asyncio.open_connection(sock=self._socket)
         with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
-            wire.unpack(await wire.receive(reader))  # the message that it is warm
+            wire.unpack(await wire.receive(reader))  # the message that the worker is warm
             self.warm.set()
             while True:
                 self._heard(self, await wire.receive(reader))

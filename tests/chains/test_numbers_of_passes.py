@@ -7,7 +7,7 @@ import pytest
 import shpy as sh
 from shpy.chains.running import Run
 from shpy.pictures.evolution import Evolution
-from shpy.pictures.screen import Moment
+from shpy.screen import Moment
 
 on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 

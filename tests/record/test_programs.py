@@ -480,3 +480,19 @@ def test_a_program_that_returns_a_matrix_becomes_text_and_back():
     again = sh.Program.from_ir(sh.parse(str(squared.ir)))
     assert again.ir == squared.ir
     assert again([[1, 2], [3, 4]]).tolist() == squared([[1, 2], [3, 4]]).tolist() == [[7, 10], [15, 22]]
+
+
+def test_a_recording_can_be_told_from_a_plain_call():
+    recording = []
+
+    def doubled(x):
+        recording.append(sh.is_recording())
+        return 2 * x
+
+    @sh.program
+    def twice(x: sh.Attrib1f) -> sh.Attrib1f:
+        return doubled(x)
+
+    assert twice.ir.entry.name == "twice"
+    doubled(sh.Attrib1f(3))
+    assert recording == [True, False]

@@ -176,3 +176,10 @@ def test_a_mistake_is_found_each_time_that_the_function_is_recorded(body: str) -
     for _ in range(2):
         with pytest.raises(RecordError, match=r"gives one value two names|Python's `return` inside"):
             sh.program(function)
+
+
+def test_a_mistake_beside_a_deep_expression_is_told() -> None:
+    """Expressions may nest deeper than the functions of Python, which call each other a thousand times at most."""
+    body = f"y = sh.Attrib1f(0)\n    with SH_IF(x > 0):\n        y = {'-' * 1500}x\n    return y"
+    with pytest.raises(RecordError, match="`y` is rebound inside"):
+        sh.program(made(f"def f(x: sh.Attrib1f):\n    {body}\n"))

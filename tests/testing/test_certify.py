@@ -17,6 +17,7 @@ from shpy import cli
 from shpy.ir.ops import TRANSCENDENTALS
 from shpy.ir.text import print_module
 from shpy.testing.certify import command, functions, pictures, sections
+from shpy.testing.certify.comparing import results
 from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Section
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import pairs, sweep
@@ -251,7 +252,7 @@ def test_every_check_of_bits_has_a_hash() -> None:
 
 @pytest.mark.parametrize("name", functions.SWEPT)
 def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
-    finding = functions.sweep_of(name).run(DeviceChoice("numpy"))
+    finding = results(functions.sweep_of(name), DeviceChoice("numpy"))
     assert digest(finding) == golden()["functions"][name], "run scripts/golden"
 
 
@@ -264,7 +265,7 @@ def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> Non
 
 
 def test_the_hashes_of_pictures_are_those_of_numpy() -> None:
-    assert digest(pictures.example("marble").run(DeviceChoice("numpy"))) == golden()["examples"]["marble"]
+    assert digest(results(pictures.example("marble"), DeviceChoice("numpy"))) == golden()["examples"]["marble"]
     assert digest(pictures.picture("boxes", "numpy").values()) == golden()["pictures"]["boxes"]
 
 

@@ -1,1 +1,1 @@
-"""Devices, for all targets: the pace of dispatches, lists of live elements, probes, and what is kept on disk."""
+"""Devices, for all targets: the pace of dispatches, lists of live elements, probes, and the cache on disk."""

@@ -30,7 +30,7 @@ _WORTH_A_LIST: Final = 4096
 _WARP: Final = 32
 """Elements that run together where a kernel has no packets: on a GPU, or as a CPU's compiler joins them."""
 _SIMILAR: Final = 2
-"""A list of at most so many times the elements of one whose time is known takes as long for each."""
+"""A list takes the same time for each element as a measured list, up to this many times its length."""
 
 
 def is_worth_a_list(count: int) -> bool:

@@ -68,9 +68,9 @@ class Pace:
     ) -> Callable[[], None]:
         """Return a function that runs rows of `width` elements, in as many dispatches as they need.
 
-        `dispatch(first, count)` starts some rows, at least `least`, and `finish` waits for the end of what that gave.
-        A run is one dispatch, and not waited for, if it is known to be brief; or, unless the caller `reads` what it
-        wrote next, to fit in one.
+        `dispatch(first, count)` starts some rows, at least `least`, and `finish` waits for the end of what that gave. A
+        run is one dispatch, and not waited for, if it is known to be brief; or, unless the caller `reads` the results
+        next, to fit in one.
         """
         elements = rows * width
 
@@ -100,7 +100,7 @@ class Pace:
             first += count
 
     def fits(self, elements: int) -> bool:
-        """Return whether so many elements are known to take no longer than a dispatch should."""
+        """Return whether this number of elements is known to fit into the time of one dispatch."""
         return self.steady and elements <= self.elements
 
     def is_brief(self, elements: int) -> bool:
@@ -123,5 +123,5 @@ class Pace:
             # A short dispatch takes as long as it does because of what each dispatch costs.
             if seconds > self.seconds / SHORT or whole:
                 self.elements = max(1, int(fitting))
-        elif whole:  # a small rest says nothing of how many would fit
+        elif whole:  # the time of a small rest does not show how many would fit
             self.elements = min(int(fitting), GROWTH * self.elements)

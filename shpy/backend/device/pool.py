@@ -73,7 +73,7 @@ class Pool:
 
 
 class Recent(Generic[K, T]):
-    """The things used last, at most so many, by their keys. One thread at a time calls `get`."""
+    """The objects that were used last, by their keys, at most a fixed number. One thread at a time calls `get`."""
 
     def __init__(self, most: int, release: Callable[[T], None] = lambda _: None) -> None:
         """Keep at most `most`; `release` frees one beyond that, by default by dropping the reference."""
@@ -89,7 +89,7 @@ class Recent(Generic[K, T]):
         return key in self._kept
 
     def get(self, key: K, make: Callable[[], T]) -> T:
-        """Return the thing of this key, made if there is none."""
+        """Return the object of this key; make it if it is missing."""
         value = self._kept.get(key)
         if value is None:
             value = self._kept[key] = make()

@@ -109,7 +109,7 @@ def is_exact_in_binary64(answers: Mapping[str, Array], *, flushed: bool) -> bool
     """
     exact = in_binary64()
     compared = slice(COUNT // 2 if flushed else COUNT)
-    if "fma" in answers:  # which takes long
+    if "fma" in answers:  # `fma` takes long
         exact = exact | {"fma": fma(exact["x"], exact["mul"], -exact["x"])}
     return all(np.array_equal(values[compared], exact[name][compared]) for name, values in answers.items())
 

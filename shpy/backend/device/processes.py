@@ -31,8 +31,8 @@ T = TypeVar("T")
 HEARD: Final = 0.1
 """Seconds after which a wait of the caller wakes up, so that Ctrl-C is heard.
 
-CPython handles no signal that arrives between its last check and the wait: that one would go on to its end. A machine
-whose processors are all busy gives the driver's thread its turn just there.
+CPython handles no signal that arrives between its last check and the wait: that one would go on to its end. On a busy
+machine the driver's thread may run just there.
 """
 
 
@@ -57,7 +57,7 @@ class Driver:
 
     @property
     def is_elsewhere(self) -> bool:
-        """Return whether the driver is that of the process from which this one was forked."""
+        """Return whether the driver belongs to the process from which this one was forked."""
         return self._process not in (None, os.getpid())
 
     def release(self) -> None:
@@ -91,7 +91,7 @@ class Answer(Generic[T]):
         """Wait for the answer, at most so many seconds; return whether it is there. Ctrl-C ends the wait."""
         while not self.ended and seconds > 0:
             if self._lock.acquire(timeout=min(seconds, HEARD)):
-                self._lock.release()  # for others that wait
+                self._lock.release()  # lets other threads that wait continue
             seconds -= HEARD
         return self.ended
 

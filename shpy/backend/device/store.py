@@ -61,7 +61,7 @@ def is_remembered(list_name: str, word: str) -> bool:
 
 
 def remember(list_name: str, word: str) -> None:
-    """Add a word to a list, which keeps the last `_REMEMBERED`; of two processes that add at once, one may lose its."""
+    """Add a word to a list of at most `_REMEMBERED`; if two processes add at once, one word may be lost."""
     name = key(list_name)
     entry = _entry(name)
     if entry is not None:

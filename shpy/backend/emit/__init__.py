@@ -3,7 +3,7 @@
 Stage: emit. Each decision is made in one stage, and each stage gives something that can be looked at; docs/design.md
 lists them. The output tree is immutable, so a pass over it gives a new one.
 
-A target derives from `Unit` and `Body` and says what it does in its own way; it never looks at text. To spell one
+A target derives from `Unit` and `Body` and overrides what differs; it never looks at text. To spell one
 function:
 
     body = OwnBody(unit, function)          # names nothing yet

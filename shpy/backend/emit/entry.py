@@ -1,4 +1,4 @@
-"""One text of a target: the names that its functions share, and the needs of each besides its arguments.
+"""One text of a target: the names that its functions share, and the global values that each function reads.
 
 Stage: emit. A `Unit` is one text of a target. Where a target has no globals, a function is handed the tables, uniforms
 and place in the grid that it and those that it calls read.
@@ -8,13 +8,12 @@ and place in the grid that it and those that it calls read.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import ClassVar
 
 from shpy.backend.emit.names import Names, Target
-from shpy.ir.nodes import Function, Let, Module, Return, Store
-from shpy.ir.traverse import callee_of, changed_variables, walk
+from shpy.ir.nodes import Let, Module
+from shpy.ir.traverse import callee_of, walk
 
 Need = tuple[str, str]
 """A need of a function: ("table", its name), ("param", its name), ("grid_index", "") or ("grid_shape", "")."""
@@ -37,7 +36,7 @@ class Unit:
 
 
 def needed_by(let: Let) -> Needs:
-    """Return what an operation reads that is not its function's."""
+    """Return the values from outside its function that an operation reads."""
     match let.op:
         case "table" | "table_size" | "neighbour":
             return frozenset({("table", str(let.attr))})
@@ -47,7 +46,7 @@ def needed_by(let: Let) -> Needs:
 
 
 def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]:
-    """Return what each function of a module needs, by its name; `needed` tells what one operation does."""
+    """Return the needs of each function of a module, by its name; `needed` gives those of one operation."""
     needs_by_name: dict[str, Needs] = {}
     for function in module.functions:  # callees come first
         needs: set[Need] = set()
@@ -59,21 +58,3 @@ def needs_of(module: Module, needed: Callable[[Let], Needs]) -> dict[str, Needs]
                 needs |= needed(s)
         needs_by_name[function.name] = frozenset(needs)
     return needs_by_name
-
-
-def leaves_early(function: Function) -> bool:
-    """Return whether a Return stands anywhere but at the function's end."""
-    return any(isinstance(s, Return) for s in walk(function.body) if s is not function.body[-1])
-
-
-def direct_outputs(entry: Function, callees: Mapping[str, Function]) -> frozenset[int]:
-    """Return the outputs that are stored once, at the top of the body, and touched by nothing else: no variable."""
-    touched: Counter[int] = Counter()
-    for s in walk(entry.body):
-        if isinstance(s, Let):
-            if s.op == "load" and isinstance(s.attr, int):
-                touched[s.attr] += 1
-        else:
-            touched.update(changed_variables(s, callees))
-    whole = {s.variable for s in entry.body if isinstance(s, Store) and s.components is None and s.index is None}
-    return frozenset(o.id for o in entry.outputs if o.id in whole and touched[o.id] == 1)

@@ -10,19 +10,22 @@ target has in its own way is a method `op_<name>`; what it does by a function is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Final
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Unit
-from shpy.backend.emit.tree import BOOL, INT, Construct, Expr, Index, Literal
+from shpy.backend.emit.survey import Survey
+from shpy.backend.emit.tree import BOOL, INT, Assign, Block, Construct, Expr, Index, Literal
 from shpy.ir.constants import decode, encode
-from shpy.ir.nodes import Let, Value, Variable
+from shpy.ir.nodes import Function, Let, Loc, Loop, Store, Value, Variable
+from shpy.ir.traverse import defined, variables_of
 from shpy.ir.types import Type
 from shpy.passes.known import Ranges
 
 INFIX: Final[Mapping[str, str]] = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shl": "<<", "shr": ">>",
+    "quot": "/", "rem": "%",
 }  # fmt: skip
 COMPARISONS: Final[Mapping[str, str]] = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
 OPERATORS: Final = {**INFIX, **COMPARISONS}
@@ -30,16 +33,21 @@ _LOGIC: Final = {"and": "&&", "or": "||", "xor": "!="}
 
 
 class Operations:
-    """Makes the expressions of one function. `Body` is above it, the targets above that."""
+    """Makes the expressions of one function, and the statements that a target writes in its own way."""
 
-    unit: Unit
-    exprs: dict[int, Expr]
-    """The expression of each value that has been made."""
-    slots: dict[int, Expr]
-    """The expression of each variable that has been declared."""
-    types: dict[int, Type]
-    variables: dict[int, Variable]
-    ranges: Ranges
+    returns_expressions: ClassVar[bool] = True
+    """True if a result may be returned without a variable."""
+
+    def __init__(self, unit: Unit, function: Function) -> None:
+        self.unit, self.function = unit, function
+        self.exprs: dict[int, Expr] = {}
+        """The expression of each value that has been made."""
+        self.slots: dict[int, Expr] = {}
+        """The expression of each variable that has been declared."""
+        self.types = {v.id: v.type for v in defined(function)}
+        self.variables = {v.id: v for v in variables_of(function)}
+        self.ranges = Ranges(function)
+        self.survey = Survey(function, unit.callees)
 
     # What a target gives
 
@@ -56,7 +64,7 @@ class Operations:
         raise KeyError(op)
 
     def context(self, function: str) -> tuple[Expr, ...]:
-        """Return what a call hands on besides its arguments: tables, where they are no globals."""
+        """Return the arguments that a call adds to its own: tables, where they are no globals."""
         return ()
 
     def choose(self, type: Type, c: Expr, a: Expr, b: Expr) -> Expr:
@@ -82,6 +90,57 @@ class Operations:
     def literal(self, type: Type, component: float | int | bool) -> Expr:
         """Return one number of a scalar type, exactly."""
         return Literal(type, component)
+
+    # The statements of a target
+
+    def need_names(self, inlined: set[int]) -> Collection[int]:
+        """Return the values that must have a name, of those that may stand where they are used."""
+        return ()
+
+    def repeats(self, s: Let | Store) -> Collection[int]:
+        """Return the operands that the target writes more than once: the index of a store, which is tested."""
+        return (s.index,) if isinstance(s, Store) and s.index is not None else ()
+
+    def reference(self, e: Expr) -> Expr:
+        """Return a variable that is no array as an argument by reference."""
+        return e
+
+    def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
+        """Return the statement that gives a direct output its value."""
+        raise KeyError(variable)
+
+    def step(self, test: Expr | None, step: Assign) -> Assign:
+        """Return the step of a `for`; `test` held when the iteration began, None if the iteration may change it."""
+        return step
+
+    def looped(self, s: Loop, loop: tree.Loop) -> tree.Loop:
+        """Return the loop with the statements that the target adds; a hook for targets, which adds none by default."""
+        return loop
+
+    def unknown_zero(self, type: Type) -> Expr | None:
+        """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
+        return None
+
+    def array_length(self, variable: Variable) -> int | None:
+        """Return the number of elements with which an array is declared; None for a variable that is no array."""
+        return variable.length
+
+    def assign(self, s: Store, target: Expr, e: Expr) -> Assign:
+        """Return the assignment to the components that are stored."""
+        type = self.variables[s.variable].type
+        if s.components is None or type.size == 1:
+            return Assign(target, e, s.loc)
+        part = tree.picked(target, s.components, target.type.sized(len(s.components)))
+        return Assign(part, self.component(e) if len(s.components) == 1 else e, s.loc)
+
+    def store_element(self, s: Store, index: int, e: Expr) -> Block:
+        """Return the store into an array: nothing happens where the index is out of range."""
+        variable = self.variables[s.variable]
+        length, at = variable.length or 0, self.arg(index)
+        assign = self.assign(s, Index(variable.type, self.slots[s.variable], at), e)
+        if not isinstance(at, Literal):
+            return (tree.If(self.inside(at, length), (assign,), (), s.loc),)
+        return (assign,) if 0 <= at.value < length else ()
 
     # Shared by all
 

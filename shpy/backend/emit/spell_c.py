@@ -48,7 +48,7 @@ Line = tuple[str, Loc | None]
 Spelled = tuple[str, "Level"]
 
 WIDTH: Final = 110
-"""Letters of a function's head; the parameters of a longer one stand below each other."""
+"""Letters of a function's head; a longer head has one parameter a line."""
 
 
 class Level(IntEnum):
@@ -165,7 +165,7 @@ class Speller:
             case Operator():
                 return self._operator(e)
             case Call():
-                return f"{e.function}({self.listed(e.args)})", Level.POSTFIX
+                return self.called(e), Level.POSTFIX
             case Literal():
                 return self.number(e)
             case Member(_, Operator(_, "*", (Name(_, pointer),)), field):
@@ -179,6 +179,10 @@ class Speller:
             case Index():
                 return f"{self.at(e.of, Level.POSTFIX)}[{self.text(e.at)}]", Level.POSTFIX
         raise TypeError(type(e).__name__)
+
+    def called(self, e: Call) -> str:
+        """Spell a call."""
+        return f"{e.function}({self.listed(e.args)})"
 
     def _operator(self, e: Operator) -> Spelled:
         symbol = e.symbol

@@ -97,7 +97,7 @@ class PythonSpeller:
         return len(self.text(e))
 
     def listed(self, args: Iterable[Expr]) -> str:
-        """Spell arguments; one that is a tuple stands in brackets."""
+        """Spell arguments; tuples are put in brackets."""
         return ", ".join([self.at(a, Strength.TERNARY) if isinstance(a, Tuple) else self.text(a) for a in args])
 
     def at(self, e: Expr, level: Strength) -> str:

@@ -18,21 +18,19 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import Final
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.entry import Unit
 from shpy.backend.emit.loops import LoopParts, leading_test, opens_loop
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.operations import Operations
-from shpy.backend.emit.survey import Place, Survey, is_whole
-from shpy.backend.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Index, Literal, Name, measure
+from shpy.backend.emit.survey import Place, is_whole
+from shpy.backend.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Literal, Name, measure
 from shpy.backend.emit.waiting import Waiting
 from shpy.ir.nodes import (
     Break,
     Call,
     Continue,
-    Function,
     If,
     Let,
     Loc,
@@ -44,9 +42,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.traverse import changed_variables, continues, defined, uses, variables_of, walk
-from shpy.ir.types import Type
-from shpy.passes.known import Ranges
+from shpy.ir.traverse import changed_variables, continues, defined, uses, walk
 
 MAX_DEPTH: Final = 32
 """Expressions nest no deeper: compilers give up at 256 brackets, readers before."""
@@ -54,29 +50,21 @@ MAX_WIDTH: Final = 100
 """Letters, about, of an expression that needs no name."""
 
 
-class Body(Operations):
-    """Makes the tree of one function of a unit.
+class Body:
+    """Makes the tree of one function of a unit, with the expressions of `operations`.
 
-    `ports` makes the parameters first, then `statements` the statements. With `direct` outputs are written where they
-    are stored, by `output`.
+    Whoever makes it names the parameters first; then `statements` makes the statements. With `direct` outputs are
+    written where they are stored, by `Operations.output`.
     """
 
-    returns_expressions: ClassVar[bool] = True
-    """Return whether a result may be returned without a variable."""
-
-    def __init__(self, unit: Unit, function: Function, direct: Collection[int] = ()) -> None:
-        self.unit = unit
-        self.function = function
-        self.direct = direct
-        self.values = {v.id: v for v in defined(function)}
-        self.types = {v.id: v.type for v in self.values.values()}
-        self.variables = {v.id: v for v in variables_of(function)}
-        self.ranges = Ranges(function)
-        self.survey = Survey(function, unit.callees)
+    def __init__(self, operations: Operations, direct: Collection[int] = ()) -> None:
+        self.operations, self.direct = operations, direct
+        self.function, self.unit = operations.function, operations.unit
+        self.exprs, self.slots, self.variables = operations.exprs, operations.slots, operations.variables
+        self.survey = operations.survey
+        self.values = {v.id: v for v in defined(self.function)}
         self.waiting = Waiting(self.survey.uses)
-        self.exprs = {}
-        self.slots = {}
-        self.scope = unit.globals.scope()
+        self.scope = self.unit.globals.scope()
         self.out: list[tree.Stmt] = []
         self.gives_value = False
         """Return whether the function returns its one result."""
@@ -94,56 +82,26 @@ class Body(Operations):
         self._unnamed: int | None = None
         """The result, if it needs no variable: every way through the function ends with a store of it."""
         self._load_names: dict[int, str] = {}
-        for s in walk(function.body):
+        for s in walk(self.function.body):
             if isinstance(s, Let) and s.op == "load" and isinstance(s.attr, int) and s.value.name:
                 self._load_names.setdefault(s.attr, s.value.name)
-
-    # What a target may change
-
-    def apart(self, inlined: set[int]) -> Collection[int]:
-        """Return the values that must have a name, of those that may stand where they are used."""
-        return ()
-
-    def repeats(self, s: Let | Store) -> Collection[int]:
-        """Return the operands that the target writes more than once: the index of a store, which is tested."""
-        return (s.index,) if isinstance(s, Store) and s.index is not None else ()
-
-    def reference(self, e: Expr) -> Expr:
-        """Return a variable that is no array as an argument by reference."""
-        return e
-
-    def output(self, variable: Variable, e: Expr, loc: Loc | None) -> tree.Stmt:
-        """Return the statement that gives a direct output its value."""
-        raise KeyError(variable)
-
-    def step(self, test: Expr | None, step: Assign) -> Assign:
-        """Return the step of a `for`; `test` held when the iteration began, None if the iteration may change it."""
-        return step
-
-    def looped(self, s: Loop, loop: tree.Loop) -> tree.Loop:
-        """Return the loop with the statements that the target adds; a hook for targets, which adds none by default."""
-        return loop
-
-    def unknown_zero(self, type: Type) -> Expr | None:
-        """Return a zero that the target's compiler cannot recognise as a constant; None for targets that need none."""
-        return None
 
     # The function
 
     def begin(self, *, returns: bool) -> None:
-        """Find what needs the whole function, whose parameters have their names by now."""
+        """Survey the whole function; its parameters have names already."""
         single = len(self.function.outputs) == 1
         self.gives_value = returns and single
         self.inputs = {i.id for i in self.function.inputs if isinstance(i, Value)}
         self.inlined = {value for value in self.survey.lets if self.survey.may_inline(value)}
-        self.inlined.difference_update(self.apart(self.inlined))
+        self.inlined.difference_update(self.operations.need_names(self.inlined))
         self._find_declarations()
-        if self.gives_value and self.returns_expressions:
+        if self.gives_value and self.operations.returns_expressions:
             self._returns, whole = self.survey.final_stores(self.function.outputs[0].id)
             self._unnamed = self.function.outputs[0].id if whole else None
         if returns and not single:
             zeroed = [o for o in self.function.outputs if o.id in self._zeroed]
-            self.out += [Assign(self.slots[o.id], self.zero(o.type)) for o in zeroed]
+            self.out += [Assign(self.slots[o.id], self.operations.zero(o.type)) for o in zeroed]
 
     def _find_declarations(self) -> None:
         """Find where each variable is declared, and whether as zero."""
@@ -178,7 +136,7 @@ class Body(Operations):
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
-        """Collect what is made inside as a block, with names of its own."""
+        """Collect the statements emitted inside as a block, with names of its own."""
         outer, self.scope = self.scope, self.scope.scope()
         with self.collected() as out:
             yield out
@@ -208,7 +166,7 @@ class Body(Operations):
 
     def repeat(self, s: Let | Store) -> None:
         """Declare the operands that the statement writes more than once, unless they are names or numbers."""
-        for value in self.repeats(s):
+        for value in self.operations.repeats(s):
             if measure(self.exprs[value])[0] > 0:
                 self.bind(value)
 
@@ -220,9 +178,8 @@ class Body(Operations):
 
     def declare_zero(self, variable: Variable) -> None:
         """Declare a variable that may be read before it is stored."""
-        zero = self.zero(variable.type)
-        name = self.slot(variable)
-        self.out.append(Declare(variable.type, name, zero, variable.length, variable.loc))
+        zero, length = self.operations.zero(variable.type), self.operations.array_length(variable)
+        self.out.append(Declare(variable.type, self.slot(variable), zero, length, variable.loc))
 
     def _is_missing(self, variable: int) -> bool:
         """Return whether the variable is still to be declared."""
@@ -287,7 +244,7 @@ class Body(Operations):
             self.waiting.use(s.args)
             return
         self.repeat(s)
-        e = self.exprs[value] = self.operation(s)
+        e = self.exprs[value] = self.operations.operation(s)
         reads = self.waiting.reads(s)
         self.waiting.use(s.args)
         depth, width = measure(e)
@@ -321,15 +278,15 @@ class Body(Operations):
         adopted, self._adopted = s.value == self._adopted, None
         self.waiting.use([s.value])
         if s.variable in self.direct:
-            self.out.append(self.output(variable, e, s.loc))
+            self.out.append(self.operations.output(variable, e, s.loc))
         elif s.index is not None:
             self.change([s.variable])
             self.repeat(s)
             self.waiting.use([s.index])
-            self.store_element(s, s.index, e)
+            self.out += self.operations.store_element(s, s.index, e)
         elif s.variable in self.slots:
             self.change([s.variable])
-            self.out.append(self.assign(s, self.slots[s.variable], e))
+            self.out.append(self.operations.assign(s, self.slots[s.variable], e))
         elif self._continues_input(s):
             self.slots[s.variable] = e
         elif not adopted and opens_loop(self.survey, s, place, reads):
@@ -347,48 +304,26 @@ class Body(Operations):
             return False
         return self.values[s.value].name == self.variables[s.variable].name is not None
 
-    def assign(self, s: Store, target: Expr, e: Expr) -> Assign:
-        """Return the assignment to the components that are stored."""
-        type = self.variables[s.variable].type
-        if s.components is None or type.size == 1:
-            return Assign(target, e, s.loc)
-        part = self.part(target, s.components)
-        return Assign(part, self.component(e) if len(s.components) == 1 else e, s.loc)
-
-    def part(self, target: Expr, components: tuple[int, ...]) -> Expr:
-        """Return the components of a variable as what is assigned to."""
-        return tree.picked(target, components, target.type.sized(len(components)))
-
-    def store_element(self, s: Store, index: int, e: Expr) -> None:
-        """Append a store into an array: nothing happens where the index is out of range."""
-        variable = self.variables[s.variable]
-        length, at = variable.length or 0, self.arg(index)
-        assign = self.assign(s, Index(variable.type, self.slots[s.variable], at), e)
-        if not isinstance(at, Literal):
-            self.out.append(tree.If(self.inside(at, length), (assign,), (), s.loc))
-        elif 0 <= at.value < length:
-            self.out.append(assign)
-
     def call(self, s: Call, place: Place) -> None:
         """Append a call; a single result may stand in the store that follows."""
         function = self.unit.callees[s.function]
         args: list[Expr] = []
         for a, port in zip(s.args, function.inputs, strict=True):
             if isinstance(port, Value):
-                args.append(self.arg(a))
+                args.append(self.operations.arg(a))
             else:
-                args.append(self.slots[a] if port.length is not None else self.reference(self.slots[a]))
+                args.append(self.slots[a] if port.length is not None else self.operations.reference(self.slots[a]))
         self.waiting.use(uses(s, self.unit.callees))
         self.change(changed_variables(s, self.unit.callees))
         if len(s.results) == 1:
-            self._call_with_result(self.called(s.function, s.results[0].type, args), s, place)
+            self._call_with_result(self.operations.called(s.function, s.results[0].type, args), s, place)
             return
         for result in s.results:
             temporary = Name(result.type, self.scope.take(result.name))
             self.out.append(Declare(result.type, temporary.text, loc=s.loc))
             self.exprs[result.id] = temporary
-            args.append(self.reference(temporary))
-        self.out.append(Do(self.called(s.function, BOOL, args), s.loc))
+            args.append(self.operations.reference(temporary))
+        self.out.append(Do(self.operations.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, call: Expr, s: Call, place: Place) -> None:
         (result,), after = s.results, self.survey.following(place)
@@ -437,13 +372,13 @@ class Body(Operations):
         if loop is not None and loop.step is not None:
             changed = {self.slots[v] for v in self.survey.stored_in[body] if v in self.slots}
             steady = test is not None and changed.isdisjoint(tree.walk(test))
-            loop = replace(loop, step=self.step(test if steady else None, loop.step))
+            loop = replace(loop, step=self.operations.step(test if steady else None, loop.step))
         else:
             for declared in starts:
                 outer.reserve(declared.name)
                 self.out.append(declared)
             loop = parts.plain() or parts.gated(self._gate(s, outer))
-        self.out.append(self.looped(s, loop))
+        self.out.append(self.operations.looped(s, loop))
         self.scope = outer
 
     def first_test(self, s: Loop, number: int) -> tuple[int, Expr | None]:
@@ -479,7 +414,7 @@ class Body(Operations):
         """
         for variable in () if self.unit.leaves_loops else sorted(self.survey.stored[place]):
             type = self.variables[variable].type
-            zero = self.unknown_zero(type)
+            zero = self.operations.unknown_zero(type)
             if zero is not None and variable in self.slots and self.variables[variable].length is None:
                 slot, op = self.slots[variable], "-" if type.is_float else "+"  # -0.0 + 0.0 is 0.0
                 self.out.append(Assign(slot, tree.infix(op, slot, zero), s.loc))

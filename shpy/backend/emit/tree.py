@@ -1,4 +1,4 @@
-"""The output tree: what a text of a target says, before there is any text.
+"""The output tree: the content of a target's text, before it is spelled.
 
 Stage: emit. `structure` makes it from prepared IR, a speller prints it. Nodes are immutable and compare by value, so a
 decision looks at nodes, never at text.

@@ -73,7 +73,7 @@ class Place:
     def index(self) -> Any:
         """Return the places of the elements: (lanes,) in one axis, else (axes, lanes); of a block, by axis."""
         if self.block:
-            axes = np.empty(2, object)  # to be picked from like any other vector
+            axes = np.empty(2, object)  # its components are read like those of any vector
             axes[0] = np.arange(*self.lines, dtype=np.int32)[:, None]
             axes[1] = np.arange(*self.columns, dtype=np.int32)[None]
             return axes

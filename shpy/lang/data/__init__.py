@@ -1,1 +1,1 @@
-"""Data that a program reads: uniforms, tables, textures, and what host data they take."""
+"""Data that a program reads: uniforms, tables, textures, and the host data that they accept."""

@@ -1,4 +1,4 @@
-"""Host data on its way in: what arrays, lists and numbers are accepted for a base.
+"""Host data on its way in: the arrays, lists and numbers that each base accepts.
 
 Stage: record and run. float64 goes to f, integers to f or to i and u when in range, bools only to b.
 """
@@ -49,7 +49,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
     if array.size == 0 and kind == "f" and not isinstance(data, np.ndarray):
         return np.zeros(array.shape, dtype=np.float32 if base in FLOATS else DTYPES[base])
     if kind == "O" and not hasattr(data, "dtype") and array.size and all(type(n) is int for n in array.flat):
-        kind = "i"  # ints of Python of more than 64 bits, of which numpy makes objects
+        kind = "i"  # numpy makes objects of Python's ints beyond 64 bits
         if base in FLOATS:
             return _floats_of_long_ints(array, what)
     kinds = "fiu" if base in FLOATS else "b" if base is Base.B else "iu"
@@ -73,7 +73,7 @@ def as_base(data: Any, base: Base, what: str) -> NDArray[Any]:
 def as_array(data: Any, what: str) -> NDArray[Any]:
     """Return `data` as an array of any dtype; ShpyTypeError naming `what` for ragged lists.
 
-    What has `__dlpack__` alone is taken without a copy; ShpyTypeError where it does not lie in the host's memory.
+    Objects with `__dlpack__` alone are taken without a copy; ShpyTypeError where it does not lie in the host's memory.
     """
     if hasattr(data, "__dlpack__") and not hasattr(data, "__array__"):
         try:
@@ -120,7 +120,7 @@ def _cure(kind: str, base: Base) -> str:
 
 
 def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
-    """Convert numbers to a dtype of floats, rounded; ShpyTypeError naming `what` for a number that none of them holds.
+    """Convert numbers to a dtype of floats, rounded; ShpyTypeError naming `what` for a number beyond all of them.
 
     The copy is skipped where the dtype is the array's own.
     """
@@ -131,7 +131,7 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
         with np.errstate(all="ignore"):
             converted = array.astype(dtype)
         lost = array[np.isinf(converted) & ~np.isinf(array)][0]
-        spoken = lost if np.isfinite(float(lost)) else str(lost)  # of a longdouble, beyond Python's float
+        spoken = lost if np.isfinite(float(lost)) else str(lost)  # a longdouble may be beyond Python's float
         raise ShpyTypeError(
             f"{what} holds {spoken}, out of the range of floats of {8 * dtype.itemsize} bits",
             loc=here(),
@@ -142,12 +142,12 @@ def in_range(array: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[An
 def working(array: NDArray[Any], base: Base, dtype: np.dtype[Any], what: str) -> NDArray[Any]:
     """Convert floats to the dtype that a kernel has for a base; ShpyTypeError for a number that the base does not hold.
 
-    The working float holds what 32 bits hold. A kernel at f16 rounds it as its results, large numbers to infinity.
+    The working float holds all numbers of 32 bits. A kernel at f16 rounds it as its results, large numbers to infinity.
     """
     if base is Base.F and dtype == np.float16:
         in_range(array, np.dtype(np.float32), what)
         with np.errstate(over="ignore"):
-            return array.astype(np.float16)  # from the numbers themselves: by way of 32 bits would round twice
+            return array.astype(np.float16)  # directly: a conversion through 32 bits would round twice
     return in_range(array, dtype, what)
 
 

@@ -1,6 +1,6 @@
 """Uniforms: Param, a value that is the same for all elements and may change between runs.
 
-Stage: record. Used by closure. What operators make of Params outside a program is a uniform too: see `dependent.py`.
+Stage: record. Used by closure. Outside a program, operators on Params give uniforms, too: see `dependent.py`.
 
     sky = sh.Param(sh.Color3f, (0.2, 0.4, 1), name="sky")
     sky.value = (1, 1, 1)      # between runs
@@ -309,7 +309,7 @@ class _CompoundParam(_MadeParam):
     def value(self, value: Any) -> None:
         entries = _leaf_entries(self._layout, value, _called(self._name))
         constants = [leaf._constant(entry) for leaf, entry in zip(self._leaves, entries, strict=True)]
-        for leaf, constant in zip(self._leaves, constants, strict=True):  # only when all of them fit
+        for leaf, constant in zip(self._leaves, constants, strict=True):  # assigned only after all have been checked
             object.__setattr__(leaf, "_const", constant)
 
     def __setattr__(self, name: str, value: Any) -> None:

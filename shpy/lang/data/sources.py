@@ -86,9 +86,9 @@ class HostArrays(Source):
 
     @classmethod
     def of(cls, array: Any, layout: Layout, name: str | None, *, copy: bool) -> HostArrays:
-        """Check an array, or a nest of arrays as the layout has it; ShpyTypeError for what does not fit."""
+        """Check an array, or a nest of arrays as the layout has it; ShpyTypeError for arrays that do not fit."""
         spoken = f"the Table {name}" if name else "a Table"
-        if isinstance(layout, Leaf):  # at once, since runs make such tables of arguments
+        if isinstance(layout, Leaf):  # a shortcut: each run makes tables of its arguments
             return cls(layout, (HostArray(array, layout.cls, spoken, copy=copy),), spoken)
         paths = list(leaves(layout, name or "table"))
         entries = flatten(layout, array, spoken)
@@ -139,7 +139,7 @@ class HostArrays(Source):
 
 
 class HostArray:
-    """A leaf's array, and what runtimes were given of it.
+    """A leaf's array, and the versions of it that runtimes hold.
 
     With `copy=False` it may be the user's array, which must not change and is not changed here.
     """

@@ -58,7 +58,7 @@ class Table:
     `table[i]`, `table[row, col]`, `table[k, j, i]` in the order of numpy's axes, or `table[v]` with an integer vector.
     The type may be a matrix, from an array (*shape, N, N), or a struct, from a dict of fields or a structured array.
     A symbolic index out of range reads the nearest element on each axis; a constant one raises ShpyIndexError.
-    The table has a copy of the array: what happens to the array later changes nothing. `copy=False` saves the memory of
+    The table has a copy of the array: later changes of the array have no effect. `copy=False` saves the memory of
     the copy where numbers need no conversion: the table shares the array, which is read-only and must stay as it is.
     Two tables of one given name in a program are an error; with `unique=False` a number is added to the name instead.
     Raises ShpyTypeError for arrays that are empty, of another rank, or whose numbers do not fit the type, and with
@@ -78,7 +78,7 @@ class Table:
         self, array: Any, type: Any = None, name: str | None = None, *, copy: bool = True, unique: bool = True
     ) -> None:
         label = name if name is not None else assigned_name()
-        if hasattr(array, "table_source"):  # a stream
+        if hasattr(array, "table_source"):  # streams define this method
             source = array.table_source(type)
         else:
             source = HostArrays.of(array, _layout(type), label, copy=copy)
@@ -245,7 +245,7 @@ def _layout(type_: Any) -> Layout:
 
 
 def is_compound(type_: Any) -> bool:
-    """Return whether elements are structs or matrices; ShpyTypeError for what is no type of the language."""
+    """Return whether elements are structs or matrices; raise ShpyTypeError unless it is a type of the language."""
     try:
         layout = layout_of(type_, "an element")
     except ShpyTypeError:
@@ -266,7 +266,7 @@ def fits(table: Table, type_: TableType) -> bool:
 
 
 def fits_type(source: Any, target: Any) -> bool:
-    """Return whether elements of one type can stand for those of another one: kinds aside, the same leaves."""
+    """Return whether elements of one type can be used as another type: except for kinds, the leaves are the same."""
     return _types(source) == _types(target)
 
 

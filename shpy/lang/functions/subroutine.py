@@ -1,7 +1,7 @@
 """Subroutines: functions that stay functions in the emitted text.
 
 Stage: record. `@sh.subroutine` records its function once in a program for all calls that would record the same.
-Arguments come by reference: what the function stores into, its caller sees. Outside a program it is called as it is.
+Arguments come by reference: the caller sees the function's stores. Outside a program it is called as it is.
 
     @sh.subroutine
     def advance(p: sh.Point3f, v: sh.Vector3f):
@@ -53,7 +53,7 @@ class Subroutine:
         self._is_library = self._loc is not None and is_library(self._loc)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
-        """Bind a method: the instance is part of what the subroutine is recorded for."""
+        """Bind a method: each instance has its own recording."""
         return self if instance is None else functools.partial(self, instance)
 
     def __call__(self, *args: Any, **named: Any) -> Any:
@@ -80,7 +80,7 @@ class Subroutine:
                     cure="a loop, with an sh.Array as the stack",
                 )
             recorded = self._record(recording, arguments)
-            if key is not None and key == self._key(arguments):  # the function has changed nothing that it reads
+            if key is not None and key == self._key(arguments):  # the recording changed nothing that it read
                 recording.subroutines[key] = recorded
         converted = {name for name, value in arguments.items() if self._is_converted(value, bound.arguments[name])}
         return recorded.call(recording.frame, arguments, converted)

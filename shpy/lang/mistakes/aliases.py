@@ -44,7 +44,7 @@ Path = tuple[str, ...]
 def check_store(recorded: Frame, thing: Any, value: Any = None) -> None:
     """Raise RecordError if the user's running statement stores into a value which another name reads later.
 
-    `thing` is the value or array, and `value` what it gets, where it is stored whole.
+    `thing` is the value or array, and `value` the operand of a store into the whole of it.
     """
     frame = user_frame()
     if frame is None:

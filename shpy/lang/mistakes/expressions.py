@@ -59,7 +59,7 @@ def _attribute(owner: object, name: str) -> Any:
 
 
 def prefix_of(frame: FrameType | None) -> str:
-    """Return what the user writes before shpy's names: `sh.` after `import shpy as sh`."""
+    """Return the user's prefix of shpy's names: `sh.` after `import shpy as sh`."""
     for name, thing in frame.f_globals.items() if frame is not None else ():
         if isinstance(thing, ModuleType) and thing.__name__ == "shpy":
             return f"{name}."

@@ -75,7 +75,7 @@ class Listing:
         self.repeats = self.repeats or any(Listing(c, text).repeats for c in inner)
 
     def bound_in(self, offset: int) -> Bound:
-        """Return what the block binds that opens at an offset; to the end of the code where no `with` opens it."""
+        """Return the names that the block at an offset binds; to the end of the code where no `with` opens it."""
         bound = self._bound.get(offset)
         if bound is None:
             bound = self._bound[offset] = Bound()

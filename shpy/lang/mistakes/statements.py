@@ -1,4 +1,4 @@
-"""Find the statements behind a mistake in the user's text, and write what should stand there instead.
+"""Find the statements behind a mistake in the user's text, and write their correction.
 
 Stage: record, once a check of the frame has fired (`frames`, `aliases`, a value of a closed block), and once a function
 for the jumps that only the text shows. Takes a frame, and a place or line of it; gives the error to raise.
@@ -126,10 +126,12 @@ def _statements(node: Any) -> Iterator[ast.stmt]:
 
 
 def _own(node: ast.AST) -> Iterator[ast.AST]:
-    for child in ast.iter_child_nodes(node):
+    pending = list(ast.iter_child_nodes(node))[::-1]
+    while pending:  # without recursion, since expressions may be deep
+        child = pending.pop()
         yield child
         if not isinstance(child, _INNER):
-            yield from _own(child)
+            pending += list(ast.iter_child_nodes(child))[::-1]
 
 
 def _bindings(node: ast.AST) -> Iterator[Binding]:
@@ -172,7 +174,7 @@ def position_of(node: ast.AST) -> tuple[int, int]:
 
 
 def is_inside(node: ast.AST, outer: Any) -> bool:
-    """Return whether a node stands in another one."""
+    """Return whether a node lies inside another node."""
     return node is not outer and position_of(outer) <= position_of(node) < (outer.end_lineno, outer.end_col_offset)
 
 
@@ -292,7 +294,7 @@ def rebound(
 ) -> RecordError:
     """Return the error for a place that a block has rebound on a line; `used` says when and where it is read.
 
-    The block is `what`, opened on another line; `change` is what the place held before, and what it holds now.
+    The block is `what`, opened on another line; `change` holds the previous and the present object of the place.
     """
     definition, line = Definition.around(opened, frame), opened.line if opened is not None else 0
     blocks = [b for b in definition.blocks if b.what == what and b.node.items[0].context_expr.lineno <= line]
@@ -379,7 +381,7 @@ def _declaration(
     before = definition.before(place, block.node) if block is not None else []
     begin = before[-1].value if before and not before[-1].grows else None
     local, start = name, quoted(definition.text, begin) if begin is not None else f"{old!r}"
-    if place.attribute is not None and begin is None:  # what is stored into an object would outlive the recording
+    if place.attribute is not None and begin is None:  # a store into an object would outlive the recording
         local, start, inside = place.attribute, name, inside.replace(name, place.attribute)
     type_ = type_ or f"{prefix_of(definition.frame)}{_class_for(old, new)}"
     return _stored(f"`{local} = {type_}({start})`", inside, opened)

@@ -212,7 +212,7 @@ class SH_DO(LoopBlock):
     what = "SH_DO"
 
     def finish(self, region: Region) -> None:
-        """Leave the Loop; an error when nothing can end it."""
+        """Leave the Loop; raise an error if no exit can end it."""
         if self.closed_by is None and not _can_end(region):
             raise RecordError(
                 "nothing ends this SH_DO", loc=self.loc, cure="SH_UNTIL(c) as its last statement, or an SH_BREAK(c)"
@@ -221,7 +221,7 @@ class SH_DO(LoopBlock):
 
 
 def SH_UNTIL(c: Any) -> None:
-    """End the SH_DO that it closes where `c`, one bool or a callable that gives one, holds: its last statement."""
+    """End the SH_DO that it closes if `c`, a bool or a callable that returns one, is true: its last statement."""
     frame, loc = need_frame("SH_UNTIL"), here()
     block = frame.blocks[-1] if frame.blocks else None
     if not isinstance(block, SH_DO):

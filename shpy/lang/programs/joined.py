@@ -46,8 +46,8 @@ def rerecorded(
 def guarded(recorded: RecordedProgram, condition: RecordedProgram | None, mask: str) -> RecordedProgram:
     """Return `recorded` with the elements discarded first for which the condition does not hold.
 
-    The condition is a program that returns one bool, whose inputs are shared with those of the same names, or, if None,
-    the input `mask`, which is added unless it is there. Who calls it has checked that shared inputs have one type.
+    The condition is a program that returns one bool; its inputs are shared by name. Without a condition, the input
+    `mask` decides, which is added if it is missing. Who calls it has checked that shared inputs have one type.
     """
     added: Mapping[str, InputType] = {mask: Leaf(MASK)} if condition is None else condition.inputs
     types = {**recorded.inputs, **{name: type_ for name, type_ in added.items() if name not in recorded.inputs}}

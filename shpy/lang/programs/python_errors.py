@@ -71,7 +71,7 @@ def explain_python_error(
     """
     if isinstance(error, RecursionError):
         return _recursion(error)
-    if isinstance(error.__cause__, ShpyError):  # numpy gives its own error for those of an array's element
+    if isinstance(error.__cause__, ShpyError):  # numpy replaces errors of an array's elements by its own
         return error.__cause__
     places = list(traceback.walk_tb(error.__traceback__))
     place = next((p for p in reversed(places) if is_users(p[0].f_code.co_filename)), None)
@@ -93,7 +93,7 @@ def explain_python_error(
             loc=loc,
             cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
         )
-    if places[-1] is not place:  # raised inside of a library: its own affair
+    if places[-1] is not place:  # raised inside a library
         return None
     explanation = _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _operands(text, loc)
     return explanation or _arguments(error, loc)
@@ -195,7 +195,7 @@ def _running(trace: TracebackType | None, frame: FrameType | None = None) -> ast
 def _tuple(text: str, loc: Loc) -> ShpyError | None:
     """Return the error for a store that would bind a field of a tuple to another value."""
     fixed = _FIXED.search(text)
-    if fixed is None or getattr(builtins, fixed[1] or "", tuple) is not tuple:  # a NamedTuple is none of Python's types
+    if fixed is None or getattr(builtins, fixed[1] or "", tuple) is not tuple:  # a NamedTuple is not a tuple
         return None
     return ShpyTypeError(
         f"{text}: Python would bind another value, and a tuple keeps those that it has",

@@ -1,4 +1,4 @@
-"""Record: run the user's function once on symbolic arguments; what it does becomes a module.
+"""Record: run the user's function once on symbolic arguments; its operations become a module.
 
 Stage: record, its end. Takes a function whose inputs are annotated, gives a `RecordedProgram`: the module, the layouts
 of inputs and outputs, and the params and tables that it uses by closure.
@@ -117,7 +117,7 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
         if optional and (name in fixed or not _is_type(hints.get(name), name)):
             continue
         if name not in hints:
-            in_a_lambda = getattr(function, "__name__", "") == "<lambda>"  # which cannot have annotations
+            in_a_lambda = getattr(function, "__name__", "") == "<lambda>"  # a lambda cannot have annotations
             cure = f"def f({name}: sh.Attrib1f): …" if in_a_lambda else f"{name}: sh.Attrib1f"
             raise RecordError(f"the input {name} is not annotated", loc=loc, cure=cure)
         types[name] = _at(loc, input_type, hints[name], name)
@@ -129,7 +129,7 @@ def _input_types(function: Callable[..., Any], loc: Loc | None) -> tuple[dict[st
 def _signature(function: Any) -> inspect.Signature:
     try:
         return inspect.signature(function)
-    except (TypeError, ValueError):  # no callable, or one of C without a signature
+    except (TypeError, ValueError):  # not callable, or a function of C without a signature
         cure = "@sh.program above a def whose inputs are annotated"
         raise ShpyTypeError(f"sh.program takes a function, not {function!r}", loc=here(), cure=cure) from None
 
@@ -188,7 +188,7 @@ def record_body(
     end: Loc | None = None,
     bodies: frozenset[CodeType] = frozenset(),
 ) -> RecordedProgram:
-    """Record what `body` does with fresh inputs of these types: what `record`, `<<` and `&` share.
+    """Record `body` with fresh inputs of these types: the common part of `record`, `<<` and `&`.
 
     `end` is the line of the last return, `bodies` the code of the user's function.
     """

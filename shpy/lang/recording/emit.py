@@ -2,7 +2,7 @@
 
 Stage: record. A handle is the id of an IR value in the first case and a number of the host in the second; the code that
 types operands and picks operations is the same for both. Outside a recording, operations on uniforms are kept as an
-expression, whose nodes are the handles: what they give is known only when a program runs.
+expression, whose nodes are the handles: their results are known only when a program runs.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ def name_for(loc: Loc | None) -> str | None:
 def assigned_name() -> str | None:
     """Return the variable that the user's running line binds, or None.
 
-    Where no text belongs to the code, its bytecode tells: what the running expression is stored in.
+    Where no text belongs to the code, its bytecode tells: the variable that receives the running expression.
     """
     loc = here()
     if loc is None or loc.text is not None:

@@ -157,7 +157,7 @@ class Frame:
         if name is None and loc is not None:
             name = name_for(loc) or unpacked_name(loc)
             if name is not None:
-                # Only the last object made on a line is what the line's name is bound to.
+                # The name on a line is bound to the last object that the line makes.
                 before = self._named_at.get((loc.file, loc.line, name))
                 if before is not None:
                     self.names[before] = None
@@ -173,7 +173,7 @@ class Frame:
         loc = here()
         name = name_for(loc)
         for part, variable in parts.items():
-            alone = None if part.isdigit() else part or None  # the number of a row is no name
+            alone = None if part.isdigit() else part or None  # the number of a row is not a name
             self.names[variable] = f"{name}_{part}" if name and part else name or alone
             if spelling:
                 self.spelled[variable] = spelling.format(name or "x", part)
@@ -304,6 +304,11 @@ def current_frame() -> Frame | None:
     """Return the function being recorded in this thread, or None."""
     recording = current()
     return recording.frame if recording is not None else None
+
+
+def is_recording() -> bool:
+    """Return whether this thread records a program: then values are those of the program, and have no numbers yet."""
+    return current() is not None
 
 
 @contextmanager

@@ -105,7 +105,7 @@ def _meant(hint: Any) -> Any:
             hint = hint.__origin__
         elif isinstance(hint, typing.NewType):
             hint = hint.__supertype__
-        elif type(hint).__name__ == "TypeAliasType":  # of Python 3.12
+        elif type(hint).__name__ == "TypeAliasType":  # a `type` statement of Python 3.12
             hint = hint.__value__
         else:
             return hint

@@ -1,4 +1,4 @@
-"""The base of what a name of a program may hold while it is recorded.
+"""The base class of the objects that a name may hold while a program is recorded.
 
 Stage: record. The check of mistakes knows values by it, and lies below them.
 """
@@ -15,7 +15,7 @@ from shpy.lang.recording.recorder import current_frame
 
 
 class Symbolic:
-    """Base of what a name of a program may hold: a value, a matrix, a struct or an array.
+    """Base class of the objects that a name may hold: a value, a matrix, a struct or an array.
 
     In a recording, `copy.copy` and `copy.deepcopy` call the method `copy`. Outside, they copy as pickling does.
     """

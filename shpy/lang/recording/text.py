@@ -103,7 +103,7 @@ class Text:
             mode = "single" if isinstance(piece, ast.Interactive) else "exec"
             try:
                 waiting = [compile(piece, self.file, mode, flags, dont_inherit=True)]
-            except (SyntaxError, ValueError, RecursionError, MemoryError):  # such as `return` outside of a function
+            except (SyntaxError, ValueError, RecursionError, MemoryError):  # for instance, `return` outside a function
                 continue
             while waiting:
                 code = waiting.pop()
@@ -162,7 +162,7 @@ def has_changed(code: CodeType) -> bool:
 
 
 def tell_of_change(code: CodeType) -> None:
-    """Give a notice for a function whose file has another text now, and say what is not checked."""
+    """Warn of a function whose file has changed since, and name the checks that are left out."""
     if has_changed(code):
         warn(
             f"{code.co_filename}:{code.co_firstlineno}: Python runs another {code.co_name} than the file's text has "

@@ -16,7 +16,6 @@ from shpy.lang.recording.emit import DEFERRED, HOST, Constant, Emitter, Handle, 
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, current_frame
-from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values.dependent import Expression
 
 CLASSES: dict[tuple[str, int, Base], type[Any]] = {}
@@ -31,7 +30,7 @@ class Part(NamedTuple):
     """Its holder: a "vector", "matrix" or "array", or a "constant", as a Table is one, which takes no stores."""
 
 
-class AbstractValue(Symbolic):
+class AbstractValue:
     """A scalar or vector of a type, without its operators."""
 
     __slots__ = ("_const", "_frame", "_loc", "_part", "_variable")

@@ -62,7 +62,7 @@ def is_operand(x: Any) -> bool:
 
 
 def refuse_operand(x: Any, what: str) -> None:
-    """Raise ShpyTypeError for what no operator takes beside a value; objects of other classes may know what to do."""
+    """Raise ShpyTypeError unless an operator takes the object; those of other classes may define operators."""
     cure = _OPERANDS
     if isinstance(x, np.ndarray):
         cure = "sh.Table(array, type) to look numbers up in, an input for one number an element, or sh.Matrix3f(array)"
@@ -264,7 +264,7 @@ def select(c: Any, a: Any, b: Any) -> Any:
 
 
 def condition(c: Any, what: str) -> int:
-    """Return the id of one bool, or of what a callable gives; errors for anything else."""
+    """Return the id of one bool, or of a callable's result; errors for anything else."""
     frame = need_frame(what)
     if callable(c) and not isinstance(c, AbstractValue):
         if not _takes_nothing(c):

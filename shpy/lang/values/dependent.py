@@ -32,7 +32,8 @@ _evaluators: list[Evaluator] = []
 def evaluate_with(evaluator: Evaluator) -> None:
     """Set the evaluator of dependent uniforms: `shpy.run.uniforms.evaluate`, since a uniform's value is a run's result.
 
-    `.value` and `np.asarray` are methods of the uniform, and the import of what runs programs would be a circle.
+    `.value` and `np.asarray` are methods of the uniform, and the import of the modules that run programs would be a
+    circle.
     """
     _evaluators[:] = [evaluator]
 
@@ -154,7 +155,7 @@ def name_parts(parts: dict[str, Any]) -> None:
 
 
 def record_expression(frame: Frame, root: Node) -> int:
-    """Record what an expression computes into a program."""
+    """Record an expression into a program."""
 
     def let(node: Node, args: tuple[int, ...]) -> int:
         if node.op == "param":

@@ -1,4 +1,4 @@
-"""The decorator `sh.struct`: which classes are structs, and what their bases may have.
+"""The decorator `sh.struct`: which classes are structs, and the rules for their bases.
 
 Stage: record. The methods of all structs are those of `Struct` (structure.py).
 

@@ -233,7 +233,7 @@ def flatten(layout: Layout, value: Any, what: str) -> list[Any]:
                 if value.size != cls.size:
                     raise ShpyTypeError(f"{what} is a {type(value).__name__}", loc=here(), cure=f"a {cls.__name__}")
                 return list(value.rows)
-            array = value if is_lazy(value) else np.asarray(value)  # what Dask's arrays hold stays there
+            array = value if is_lazy(value) else np.asarray(value)  # Dask's arrays are not computed here
             return rows_of_array(array, cls, what)
         case Group(form, names, parts):
             entries = entries_of(value, form, names, what)
@@ -278,7 +278,7 @@ def leaves_of(value: Any) -> list[Value]:
 
 
 def swap(a: Any, b: Any) -> None:
-    """Exchange what two values, matrices or structs hold, in place."""
+    """Exchange the contents of two values, matrices or structs in place."""
     if not (is_value(a) and is_value(b) and len(leaves_of(a)) == len(leaves_of(b))):
         text = f"sh.swap exchanges two values of one type, not {type(a).__name__} and {type(b).__name__}"
         raise ShpyTypeError(text, loc=here(), cure="two values, matrices or structs of one type")
@@ -292,7 +292,7 @@ def swap(a: Any, b: Any) -> None:
 
 
 class Struct(Symbolic):
-    """Base of what `@sh.struct` makes: attribute assignment stores in place."""
+    """Base class of the classes that `@sh.struct` makes: attribute assignment stores in place."""
 
     _shpy_fields: ClassVar[dict[str, Any]]
     _shpy_class: ClassVar[Any]

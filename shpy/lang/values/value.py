@@ -1,4 +1,4 @@
-"""Values: what a program computes with. The base of all scalar and vector types of the language.
+"""Values: the values of a program. The base of all scalar and vector types of the language.
 
 Stage: record. Inside a recording a value is a slot: each use loads it, each operator makes a new one, and in-place
 stores change it for every name bound to it, as numpy arrays do. Outside a recording a value is a constant.
@@ -26,6 +26,7 @@ from shpy.lang.mistakes.statements import check_none
 from shpy.lang.recording.location import here, on_one_line, user_frame
 from shpy.lang.recording.pickling import cannot_travel
 from shpy.lang.recording.recorder import Frame, current_frame
+from shpy.lang.recording.symbolic import Symbolic
 from shpy.lang.values import arithmetic
 from shpy.lang.values.abstract import CLASSES as CLASSES, AbstractValue, Part
 from shpy.lang.values.coerce import Literal, sequence
@@ -57,7 +58,7 @@ def _unary(op: str, what: str) -> Callable[[Any], Any]:
     return lambda self: self._unary(op, what)
 
 
-class Value(AbstractValue):
+class Value(AbstractValue, Symbolic):
     """A scalar or vector. Made by the constructors `Attrib1f`, `Point3f`, …; see docs for the rules.
 
     Raises ShpyTypeError where components do not add up or types do not mix, RecordError for stores that cannot be.
@@ -443,7 +444,7 @@ def _is_held(value: Value) -> bool:
     """Return whether a name of the user's function, or a field of the struct that it names, holds this value."""
     frame = user_frame()
     things = [] if frame is None else list(frame.f_locals.values())
-    for thing in things:  # which grows
+    for thing in things:  # the list grows meanwhile
         things += [getattr(thing, name, None) for name in getattr(type(thing), "_shpy_fields", ())]
     return any(thing is value for thing in things)
 

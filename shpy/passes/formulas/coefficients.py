@@ -1,7 +1,7 @@
 """Coefficients and constants of the formulas, lowest power first; constants in parts, largest first.
 
-Stage: improve. Printed by `scripts/coefficients`, which says what each is fitted to; not to be edited. Names that begin
-with STRICT_ are those of strict mode, in binary64.
+Stage: improve. Printed by `scripts/coefficients`, which names the function that each fits; not to be edited. Names that
+begin with STRICT_ are those of strict mode, in binary64.
 """
 
 from __future__ import annotations

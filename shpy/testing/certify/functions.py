@@ -18,11 +18,12 @@ from shpy.packages import install
 from shpy.passes.modes import Math
 from shpy.programs import Program
 from shpy.testing.arrays import Array, flat_leaves
-from shpy.testing.certify.comparing import Work, compare, compare_arrays
+from shpy.testing.certify.comparing import compare, compare_arrays
 from shpy.testing.certify.findings import Check, DeviceChoice, Finding, Verdict
 from shpy.testing.certify.golden import golden
 from shpy.testing.certify.inputs import PARTS, everything, no_denormals, pairs, scattered, sweep
 from shpy.testing.conformance.operations import program as program_of
+from shpy.testing.observers import Setting
 from shpy.testing.reference import flushes_denormals
 
 SWEPT: Final = (*sorted(TRANSCENDENTALS), "sqrt", "div", "mod", "fma")
@@ -60,21 +61,21 @@ def sweep_checks() -> list[Check]:
     return [Check(name, functools.partial(_sweep, name)) for name in SWEPT] + portable
 
 
-def sweep_of(name: str, math: Math = "strict") -> Work:
+def sweep_of(name: str, math: Math = "strict") -> Setting:
     """Return the sweep of a function in a mode; in strict mode with the numbers that are hardest to round."""
     arrays = arguments(name)
     if math == "strict" and name in FUNCTIONS:
         arrays = no_denormals(np.concatenate([*arrays, hard_cases(name)[0]]))
-    return Work(function(name), arrays, math=math)
+    return Setting(function(name), arrays, options={"math": math})
 
 
 def _sweep(name: str, target: DeviceChoice, math: Math = "strict") -> Finding:
-    work = sweep_of(name, math)
+    setting = sweep_of(name, math)
     section = "functions" if math == "strict" else "portable"
-    finding, outputs = compare(work, target, golden()[section].get(name))
+    finding, outputs = compare(setting, target, golden()[section].get(name))
     if finding.wrong or name not in TRANSCENDENTALS:
         return finding
-    bounded = _bounded(name, outputs[0], work.arrays, OPS[name].distance(math), target.flushes)
+    bounded = _bounded(name, outputs[0], setting.inputs, OPS[name].distance(math), target.flushes)
     return bounded if bounded.wrong else Finding(finding.verdict, finding.detail, finding.hash, bounded.ulp)
 
 
@@ -141,7 +142,7 @@ def _all(name: str, part: int, target: DeviceChoice) -> Finding:
         (results,) = flat_leaves(kernel(x))
         finding = Finding("same")
         if target.backend != "numpy":
-            finding = compare_arrays(Work(function(name), (x,)), target, [results], flat_leaves(reference(x)))
+            finding = compare_arrays(Setting(function(name), (x,)), target, [results], flat_leaves(reference(x)))
         elif name in TRANSCENDENTALS:
             finding = _bounded(name, results, (x,), OPS[name].distance("strict"), flushes=False)
             ulp = max(ulp, finding.ulp or 0)

@@ -14,10 +14,11 @@ import numpy as np
 
 from shpy.programs import Program, parse
 from shpy.testing.arrays import Array, differing
-from shpy.testing.certify.comparing import Work, compare
+from shpy.testing.certify.comparing import compare
 from shpy.testing.certify.findings import SHOWN, Check, DeviceChoice, Finding
 from shpy.testing.certify.golden import KERNELS, digest, golden
 from shpy.testing.certify.inputs import fractions
+from shpy.testing.observers import Setting
 
 EXAMPLES: Final = ("mandelbrot", "planet", "marble", "dents", "blur", "life", "nbody")
 SCENES: Final = ("boxes", "mirror-box", "mixed")
@@ -34,27 +35,27 @@ def _example(name: str, target: DeviceChoice) -> Finding:
     return compare(example(name), target, golden()["examples"].get(name))[0]
 
 
-def example(name: str) -> Work:
+def example(name: str) -> Setting:
     """Return an example's kernel with what it runs on."""
     program = Program.from_ir(parse((KERNELS / f"{name}.ir").read_text()))
     disc = _grid(64) * np.float32(2.25) - np.float32(1.125)
     match name:
         case "mandelbrot":
-            return Work(program, (_grid(64) * np.float32(2.5) - np.array([1.875, 1.25], np.float32),))
+            return Setting(program, (_grid(64) * np.float32(2.5) - np.array([1.875, 1.25], np.float32),))
         case "planet":
-            return Work(program, shape=(64, 64))
+            return Setting(program, shape=(64, 64))
         case "marble" | "dents":
-            return Work(program, (disc,))
+            return Setting(program, (disc,))
         case "blur":
             program.params["step"].value = (1, 0)
-            return Work(program, named={"picture": fractions(48 * 64 * 3, 5).reshape(48, 64, 3)}, shape=(48, 64))
+            return Setting(program, named={"picture": fractions(48 * 64 * 3, 5).reshape(48, 64, 3)}, shape=(48, 64))
         case "life":
             board = (fractions(64 * 64, 6) < 0.375).astype(np.int32).reshape(64, 64)
             rules = np.array([[0, 0, 0, 1, 0, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0, 0, 0]], np.int32)
-            return Work(program, named={"cells": board, "rules": rules}, shape=(64, 64))
+            return Setting(program, named={"cells": board, "rules": rules}, shape=(64, 64))
     bodies = fractions(4 * 256, 7).reshape(256, 4)
     (table,) = (name for name in program.inputs if name != "x")
-    return Work(program, (bodies[:, :3],), {table: bodies})
+    return Setting(program, (bodies[:, :3],), {table: bodies})
 
 
 def _grid(size: int) -> Array:

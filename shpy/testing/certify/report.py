@@ -115,7 +115,7 @@ def verdict(rans: Sequence[SectionRun]) -> str:
 
 
 def verdict_lines(rans: Sequence[SectionRun]) -> list[str]:
-    """Return the verdict, how many checks it stands for, and what its words mean."""
+    """Return the verdict, the number of its checks, and the meaning of its words."""
     text, left = verdict(rans), sum(ran.left for ran in rans)
     meaning = ["     Denormals are numbers nearer to 0 than 1.18e-38. This device takes them for 0."]
     explained = meaning if "denormals" in text else []

@@ -119,7 +119,7 @@ def _guarded(check: Check, target: DeviceChoice) -> Finding:
 
 
 def _finding(check: Check, target: DeviceChoice) -> Finding:
-    # Drivers fail in ways of their own, and what else they do wrong is to be found too.
+    # Drivers raise errors of any type, and the checks after them must still run.
     try:
         return check.run(target)
     except CompileError as error:

@@ -1,4 +1,4 @@
 """The conformance list: hundreds of small programs whose results are known to the bit, for every backend and driver.
 
-Stage: test. `cases` says what a case is, `exact` and `evaluate` compute what it must give.
+Stage: test. `cases` defines a case, `exact` and `evaluate` compute its expected result.
 """

@@ -1,7 +1,7 @@
 """The cases of the conformance list.
 
-A case is a program with the arrays to run it on. The interpreter says what it must give; every target must agree, to
-the bit. Where that is known without it, `expected` has the results, a function of the inputs, or the syntax of the
+A case is a program with the arrays to run it on. The interpreter computes the expected result; every target must agree,
+to the bit. Where that is known without it, `expected` has the results, a function of the inputs, or the syntax of the
 program: tests compare the interpreter with these.
 
     @case(x=[1.0, -0.0, np.nan], expected=lambda x: np.sign(x))
@@ -53,8 +53,9 @@ class Outcome:
 class Case:
     """`inputs` are arrays by name; those left out are made up by `data`. `outs` fills `out` with sevens first.
 
-    `refused` says with which word a target refuses to compile it; `bound` is how far `expected` may be off. With
-    `meaning` the reference is computed at once, for there are many elements; the interpreter then runs some of them.
+    `refused` is the word in the error of a target that cannot compile it; `bound` is how far `expected` may be off.
+    With `meaning` the reference is computed at once, for there are many elements; the interpreter then runs some of
+    them.
     """
 
     name: str

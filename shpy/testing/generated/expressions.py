@@ -1,4 +1,4 @@
-"""Draws expressions of a wanted type from what is in sight.
+"""Draws expressions of a wanted type over the names in scope.
 
 Stage: test. Only operations with one exact answer, so that every target must give the same bits: those of strict mode.
 A number that only the driver's compiler can derive (`i - i`), or a denormal, is drawn where `derives` allows it.
@@ -70,7 +70,7 @@ SIGNED = ("min", "max", "floormod", "floordiv", "shr", "mul")
 EDGES = {Base.F: (1e-40, -1e-45, 1.2e-38, 3e38), Base.I: (), Base.U: (), Base.B: ()}
 """Constants beside NUMBERS: denormals and their neighbours."""
 PARTS = {1: ((1,),), 2: ((1, 1),), 3: ((1, 1, 1), (1, 2), (2, 1)), 4: ((1, 1, 1, 1), (2, 2), (1, 3), (3, 1), (1, 1, 2))}
-"""The sizes of what a vector can be made of."""
+"""The sizes of the parts of which a vector can be made."""
 
 
 @dataclass
@@ -323,7 +323,7 @@ class Expressions:
         return self.leaf(type)
 
     def place(self, depth: int, lanes: int = 10) -> Expr:
-        """Return the index of a table; what other lanes do chooses it in `lanes` of a hundred."""
+        """Return the index of a table; in `lanes` of a hundred draws it depends on other lanes."""
         if self.chance(lanes):
             return LaneIndex(I, self.pick(("any_lane", "all_lanes")), self.expr(B, depth))
         return self.index(depth)
@@ -334,7 +334,7 @@ class Expressions:
         if uints and self.chance(20):
             return Name(U, self.pick(uints))
         names = [n for n, t in self.names.items() if t is I]
-        if FEW in self.names and self.chance(30):  # a sum that is in range, and of which loops change one part
+        if FEW in self.names and self.chance(30):  # an index that is in range and that loops change
             return Apply(I, "add", (Name(I, FEW), Apply(I, "and", (Name(I, self.pick(names)), Const(I, (1,))))))
         if self.chance(40):
             return Apply(I, "add", (Name(I, self.pick(names)), self.expr(I, depth)))

@@ -1,4 +1,4 @@
-"""Arrays for programs: what is likely to go wrong, and what is likely to part the elements' ways.
+"""Arrays for programs: numbers that are likely to go wrong, and numbers that are likely to make elements diverge.
 
 Stage: test. Takes a program, gives an array for each of its inputs.
 """
@@ -25,7 +25,7 @@ NUMBERS: dict[Base, tuple[float, ...]] = {
     Base.U: (0, 1, 2, 3, 31, 32, 65535, 2**31, 2**32 - 1),
     Base.B: (0, 1),
 }
-"""Numbers of each base at which much goes wrong; the first are what failing programs shrink to."""
+"""Numbers of each base that often reveal faults; the first are what failing programs shrink to."""
 
 INPUTS = (Variable("a", F), Variable("v", F3), Variable("n", I), Variable("h", U))
 """The inputs of every generated program."""
@@ -78,7 +78,7 @@ def _array(type: Type, count: int, rng: np.random.Generator) -> Any:
     ordinary = rng.integers(0 if base is Base.U else -3, 6, shape).astype(dtype)
     if type.is_float:
         ordinary = rng.uniform(-4, 4, shape).astype(dtype)
-    # Each special number once before any comes twice.
+    # Use each special number once before any is repeated.
     picked = np.flatnonzero(rng.random(ordinary.size) < 0.3)
     ordinary.flat[picked] = np.resize(rng.permutation(special), picked.size)
     return ordinary

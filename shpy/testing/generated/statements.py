@@ -50,7 +50,7 @@ class Statements(Expressions):
     """Statements, drawn where they stand."""
 
     def block(self, least: int = 1, goes_on: bool = False, most: int = 5) -> Block:
-        """Statements; what they declare is gone behind them. `goes_on`: something follows, so no exit ends them."""
+        """Statements; their declarations end with them. `goes_on`: something follows, so no exit ends them."""
         names, stored, matrices = dict(self.names), list(self.stored), dict(self.matrices)
         statements: list[Stmt] = []
         for _ in range(self.draw(st.integers(least, most))):
@@ -147,7 +147,7 @@ class Statements(Expressions):
         return Write(array.name, self.index(1), self.assigned_value(array.type), op)
 
     def lanes(self) -> Stmt:
-        """Return a store chosen by what other lanes do."""
+        """Return a store whose condition depends on other lanes."""
         name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].size == 1])
         return Lanes(self.pick(("any_lane", "all_lanes")), self.expr(B), name, self.expr(type))
 
@@ -175,7 +175,7 @@ class Statements(Expressions):
 
     @contextmanager
     def inside(self) -> Any:
-        """Count what is drawn meanwhile as one block deeper."""
+        """Count statements that are drawn meanwhile as one block deeper."""
         self.depth += 1
         yield
         self.depth -= 1

@@ -93,7 +93,7 @@ def _function(draw: Any, name: str, earlier: list[Function]) -> Function:
     w.depth = 1
     start: Block = (Declare("r", w.const(F)), Declare("c", w.const(I)))
     body = start + flat(w.block(goes_on=True))
-    # What is said to be stored into must be, or the language passes it by value.
+    # A parameter that is declared as stored into must be, or the language passes it by value.
     for n, t in w.names.items():
         if n in stored:
             op = "xor" if t.is_bool else "add"
@@ -119,7 +119,7 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     for k in range(0 if shallow else draw(st.integers(0, 2))):
         functions.append(_function(draw, f"sub{k}", functions))
     types_by_name = {v.name: v.type for v in (*INPUTS, *UNIFORMS)}
-    # An input that is never stored into comes as it is to what uses it.
+    # An input that is never stored into is passed on unchanged.
     stored = [i.name for i in INPUTS if draw(st.booleans())]
     w = Statements(draw, types_by_name, stored, functions=functions, endless=endless, derives=derives)
     w.uniforms = tuple(v.name for v in UNIFORMS)
@@ -133,13 +133,13 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
         w.arrays.append(Variable("pairs", F, 2, struct=True))
     start: list[Stmt] = []
     for n, type in enumerate(types):
-        # Seldom a constant: where all elements agree, they all take one way.
+        # Seldom a constant: elements with equal values all take the same branch.
         start.append(Declare(f"x{n}", w.const(type) if w.chance(15) else _start(type)))
         w.names[f"x{n}"] = type
         w.stored.append(f"x{n}")
     start.append(Declare(FEW, Apply(I, "clamp", (_N, Const(I, (0,)), Const(I, (2,))))))
     w.names[FEW] = I
-    if shallow:  # what expressions get wrong shows in programs that are compiled quickly, too
+    if shallow:  # faults of expressions show in programs that compile quickly, too
         w.deepest = 1
     body = flat(w.block(8, most=14) if shallow else w.block(3))
     body += tuple(_last(array, types) for array in w.arrays)

@@ -1,4 +1,4 @@
-"""Small programs as data: the syntax of what the strategy generates.
+"""Small programs as data: the syntax of generated programs.
 
 Stage: test. `source.py` writes a tree in the language and records it.
 

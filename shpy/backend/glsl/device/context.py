@@ -140,7 +140,7 @@ class Context:
                     self.settle()
                 job.refuse(error)
             self._job = None
-            del job  # and what it holds
+            del job  # and its references
 
     def settle(self) -> None:
         """Bring GL back to its state between jobs: one that raised may have left it anywhere."""
@@ -170,7 +170,7 @@ class Context:
         if index is not None and sys.platform == "linux":
             options["device_index"] = index
         gl = self.moderngl.create_context(standalone=True, require=330, **options)
-        if gl.info["GL_RENDERER"] == "softpipe":  # of Mesa 22.3, 25.0 and 26.1
+        if gl.info["GL_RENDERER"] == "softpipe":  # a fault of Mesa 22.3, 25.0 and 26.1
             raise ShpyError("Mesa's softpipe mixes up the arrays of different elements, which llvmpipe does not")
         resting = gl.framebuffer([gl.texture((1, 1), 4)])
         resting.use()

@@ -107,9 +107,9 @@ class GlslMemory:
     type: Type
     dtype: np.dtype[Any]
     pooling: Any = None
-    """The finalizer that keeps the texture for other memory, of a texture that this package made."""
+    """The finalizer that returns the texture to the pool; None for a texture that the user made."""
     shown: Any = None
-    """The texture as users have it."""
+    """The texture that users get."""
 
     @property
     def texture(self) -> Any:
@@ -119,7 +119,7 @@ class GlslMemory:
     @property
     def native(self) -> Any:
         """A moderngl.Texture, which is released with its last holder; only the context's thread may use it."""
-        if self.pooling is None:  # it is the user's
+        if self.pooling is None:  # the user owns the texture
             return self.texture
         if self.shown is None:
             self.space.call(self._show)

@@ -86,7 +86,7 @@ class Runtime:
             raise refused(shader.source, str(e), loc) from e
         uniforms = set(program)
         units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in uniforms)}
-        if len(units) > limit:  # there are drivers that link such a program
+        if len(units) > limit:  # some drivers link such a program nevertheless
             program.release()
             raise _too_many(len(units), limit, loc)
         vertices = self.context.gl.vertex_array(program, [])

@@ -1,4 +1,4 @@
-"""The interface between a shader's text and the runtime: what a device is capable of, and what each name stands for.
+"""The interface between a shader's text and the runtime: the abilities of a device, and the meaning of each name.
 
 Stage: between emit and run.
 """

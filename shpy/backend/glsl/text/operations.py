@@ -21,9 +21,8 @@ import numpy as np
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Unit
-from shpy.backend.emit.operations import COMPARISONS
-from shpy.backend.emit.structure import Body
-from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Exit, Expr, Index, Literal, Name, number
+from shpy.backend.emit.operations import COMPARISONS, Operations
+from shpy.backend.emit.tree import BOOL, INT, Cast, Construct, Expr, Index, Literal, Name, number
 from shpy.backend.glsl.text.exactness import choices_and_arguments, precise_conditions, precise_operands
 from shpy.backend.glsl.text.interface import GRID_SHAPE, NOTHING, RUNNING, Limits, TableTexture
 from shpy.backend.glsl.text.prologue import KEEP, ROOT, SPLIT, grid_function, grid_name, reader
@@ -100,7 +99,7 @@ class GlslUnit(Unit):
         self.leaves_loops = limits.leaves_loops
         self.hidden = _ORDERED if exact and not (limits.negates and limits.signs) else frozenset()
         self.prologue: dict[tuple[str, tuple[Type, ...]], str] = {}
-        """The functions for what GLSL lacks, in the order in which they were asked for."""
+        """The functions that GLSL lacks, in the order of their first use."""
         self.globals.reserve("main")
         self.zero = Name(_FLOAT, self.globals.take("zero"))
         take = self.globals.take
@@ -164,8 +163,8 @@ class GlslUnit(Unit):
         return grid_name(size)
 
 
-class GlslBody(Body):
-    """Makes the tree of one function."""
+class GlslOperations(Operations):
+    """The operations of one function."""
 
     unit: GlslUnit
     returns_expressions: ClassVar[bool] = False
@@ -198,7 +197,7 @@ class GlslBody(Body):
         if source.is_float and type.is_int:
             return tree.call(unit.edge("to_int" if type.base is Base.I else "to_uint", source), type, e)
         if source.is_bool and type.is_float and unit.exact:
-            # Mesa makes products with what it knows to be 0 or 1 choices, although 0 * inf is NaN.
+            # Mesa replaces a product by a choice where it knows a factor to be 0 or 1, although 0 * inf is NaN.
             one, unknown = Literal(_FLOAT, 1.0), unit.zero_name()
             if type.size == 1:
                 return tree.choice(e, one, unknown)
@@ -207,7 +206,7 @@ class GlslBody(Body):
 
     # Operations
 
-    def apart(self, inlined: set[int]) -> Collection[int]:
+    def need_names(self, inlined: set[int]) -> Collection[int]:
         """Return the conditions on floats, and what else would lose its order."""
         if not self.unit.exact:
             return ()
@@ -305,11 +304,6 @@ class GlslBody(Body):
 
     # What definitions are made of
 
-    def op_quot(self, let: Let) -> Expr:
-        """Return `a / b` of ints."""
-        a, b = self.args(let)
-        return tree.infix("/", a, b)
-
     def op_rem(self, let: Let) -> Expr:
         """Return `a - a / b * b` of ints, because drivers' own % is unsigned."""
         a, b = self.args(let)
@@ -349,19 +343,7 @@ class GlslBody(Body):
 
     # Statements
 
-    def statements(self) -> None:
-        """Make the function's statements, in a loop of one iteration if it is sheltered."""
-        if self.function.name not in self.unit.sheltered:
-            super().statements()
-            return
-        with self.block() as inside:
-            if not self.ended():
-                inside.append(self.leave())
-        self.out.append(self._shelter(tree.Loop(tuple(inside), loc=self.function.loc)))
-        if self.gives_value:
-            self.out.append(Exit("return", self.zero(self.function.outputs[0].type)))
-
-    def _shelter(self, loop: tree.Loop) -> tree.Loop:
+    def shelter(self, loop: tree.Loop) -> tree.Loop:
         """Return a loop of one iteration with an end that the compiler cannot derive.
 
         Mesa 22 takes a loop apart that ends in an exit, and Mesa 26 also where its test tells that it does.
@@ -385,7 +367,7 @@ class GlslBody(Body):
         """
         unit = self.unit
         if is_shelter(s):
-            return self._shelter(loop)
+            return self.shelter(loop)
         if not unit.flagged or s.turns == 1 or (unit.limited and s.turns is None):
             return loop
         running = unit.runtime_name(RUNNING, BOOL)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from shpy.backend.emit import tree
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.spell_c import text_of
+from shpy.backend.emit.structure import Body
 from shpy.backend.emit.tree import (
     BOOL,
     INT,
@@ -28,7 +29,7 @@ from shpy.backend.emit.tree import (
     number,
 )
 from shpy.backend.glsl.text.interface import LAST, InputTexture, Limits, Shader
-from shpy.backend.glsl.text.operations import GlslBody, GlslUnit
+from shpy.backend.glsl.text.operations import GlslOperations, GlslUnit
 from shpy.backend.glsl.text.prologue import (
     input_uniforms,
     output,
@@ -62,6 +63,24 @@ def print_shader(
     return _ShaderMaker(module, limits, exact=exact, flagged=flagged, limited=limited).shader(rejects=rejects)
 
 
+class GlslBody(Body):
+    """Makes the tree of one function."""
+
+    operations: GlslOperations
+
+    def statements(self) -> None:
+        """Make the function's statements, in a loop of one iteration if it is sheltered."""
+        if self.function.name not in self.operations.unit.sheltered:
+            super().statements()
+            return
+        with self.block() as inside:
+            if not self.ended():
+                inside.append(self.leave())
+        self.out.append(self.operations.shelter(tree.Loop(tuple(inside), loc=self.function.loc)))
+        if self.gives_value:
+            self.out.append(tree.Exit("return", self.operations.zero(self.function.outputs[0].type)))
+
+
 class _ShaderMaker(GlslUnit):
     """Makes one module one shader."""
 
@@ -87,7 +106,7 @@ class _ShaderMaker(GlslUnit):
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text."""
-        body, alone = GlslBody(self, function), len(function.outputs) == 1
+        body, alone = GlslBody(GlslOperations(self, function)), len(function.outputs) == 1
         parameters = [self.parameter(body, port) for port in function.inputs]
         if not alone:
             parameters += [Parameter(o.type, body.slot(o), "out") for o in function.outputs]

@@ -62,7 +62,7 @@ def _order(keys: Any, descending: bool, below: int | None) -> NumpyMemory:
     words = words_in_order(keys.array, descending)
     if words.itemsize != 4:
         return _indices(np.argsort(words, kind="stable"))
-    # Pairs are sorted many times as fast as indices are.
+    # A sort of pairs is many times as fast as a sort of indices.
     pairs = words.astype(np.uint64) << np.uint64(32) | np.arange(len(words), dtype=np.uint64)
     pairs.sort()
     return _indices(pairs & np.uint64(0xFFFFFFFF))

@@ -69,7 +69,7 @@ class NumpySpace:
         self.collectives = collectives
 
     def allocate(self, count: int, type: Type, dtype: np.dtype[Any]) -> NumpyMemory:
-        """Memory for `count` elements, whatever it holds; ShpyError where there is not so much."""
+        """Memory for `count` elements, whatever it holds; ShpyError if there is not enough memory."""
         try:
             return NumpyMemory(np.empty((count, type.size) if type.size > 1 else count, dtype), type)
         except (MemoryError, ValueError, OverflowError) as error:
@@ -106,7 +106,7 @@ class NumpySpace:
         return new
 
     def count(self, status: Any) -> Counts:
-        """Count what the statuses say."""
+        """Count the elements of each status."""
         return Counts.of(status.array)
 
     def on_device(self, function: Callable[..., Any], natives: list[Any]) -> Any:

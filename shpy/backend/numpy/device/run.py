@@ -1,6 +1,6 @@
 """The numpy backend: compiles the printed Python text and runs it over arrays, a tile of lanes at a time.
 
-Stage: compile, run. It is always there. A tile is small enough to stay in a core's cache, and large enough that
+Stage: compile, run. It is always available. A tile is small enough to stay in a core's cache, and large enough that
 Python's own time does not matter. Tiles are read before they are written, so an output may be an input.
 
     executable = NumpyBackend().compile(module, Options())

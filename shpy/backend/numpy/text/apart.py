@@ -43,7 +43,7 @@ class ApartLayout:
 
 def lay_out(module: Module) -> ApartLayout:
     """Return the prepared module, vectorised as it is or taken apart, whichever is quicker."""
-    whole = cache(lambda: vectorize(module))  # most kernels that are taken apart need none
+    whole = cache(lambda: vectorize(module))  # most kernels that are split into components do not need it
     placed = _knows_its_place(module) and not _holds(module, lambda slot: slot.length is not None)
 
     def grid(vector: VectorModule) -> bool:

@@ -1,6 +1,6 @@
 """The function of a vectorised module as Python: stores, calls, choices and loops over the lanes of a tile.
 
-Stage: emit. Part of the numpy printer. Stores of some lanes alone are selects already; here is decided which arrays are
+Stage: emit. Part of the numpy printer. Stores of some lanes are selects already; this file decides which arrays are
 shared and which are copied.
 """
 
@@ -14,10 +14,7 @@ from itertools import islice
 from typing import Final
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.entry import Needs, Unit, needed_by, needs_of
-from shpy.backend.emit.names import Names
-from shpy.backend.emit.spell_python import PythonSpeller
-from shpy.backend.emit.structure import MAX_DEPTH
+from shpy.backend.emit.structure import MAX_DEPTH, Body
 from shpy.backend.emit.survey import Place, is_whole
 from shpy.backend.emit.tree import (
     BOOL,
@@ -37,33 +34,27 @@ from shpy.backend.emit.tree import (
     measure,
     several,
 )
-from shpy.backend.numpy import lanes as lane_functions
 from shpy.backend.numpy.text.compaction import LaneLoop, compacted
-from shpy.backend.numpy.text.iterations import Iterations, counted, lanes_alone, rewritten
+from shpy.backend.numpy.text.iterations import Iterations, counted, rewritten
 from shpy.backend.numpy.text.leaving import plans
-from shpy.backend.numpy.text.naming import Naming
+from shpy.backend.numpy.text.naming import Naming, Updates
 from shpy.backend.numpy.text.operations import (
-    MEANINGS,
     UPDATES,
     NumpyOperations,
+    PythonUnit,
     components_of,
     is_atom,
     is_shared,
     own,
     zeros,
 )
-from shpy.backend.numpy.text.updates import Updates
-from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Stmt, Store, Value, Variable
+from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Stmt, Store, Value, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import continues, rewrite, walk
 from shpy.ir.types import Base, vec
 from shpy.passes.calls import LaneFacts
 from shpy.passes.liveness import annotate
 
-LANES: Final = "lanes", ""
-"""The argument of a function that needs the number of lanes."""
-EXACT: Final = frozenset({"exact"})
-_RESERVED: Final = ("np", *EXACT, "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 MAX_WIDTH: Final = 88
 """Letters of an expression that needs no name."""
 _NO_SPLATS: Final = frozenset(
@@ -72,57 +63,26 @@ _NO_SPLATS: Final = frozenset(
 )  # fmt: skip
 
 
-def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
-    """Return the arguments that each function needs besides its inputs, also for the functions that it calls."""
-
-    def needed(let: Let) -> Needs:
-        return needed_by(let) | ({("place", "")} if let.op == "neighbour" else frozenset())
-
-    named = [*(("param", p.name) for p in module.params), *(("table", t.name) for t in module.tables)]
-    every = [*named, ("place", ""), ("grid_index", ""), ("grid_shape", "")]
-    needs = needs_of(module, needed)
-    return {
-        f.name: [key for key in every if key in needs[f.name]] + ([] if f.pure else [LANES]) for f in module.functions
-    }
-
-
-class PythonUnit(Unit):
-    """The state of one module: the names of functions, and the arguments that each is handed."""
-
-    target = "python"
-
-    def __init__(self, module: Module, exact: frozenset[str]) -> None:
-        super().__init__(module)
-        self.exact = exact
-        self.handed = handed_on(module)
-        entry = module.entry.name
-        self.globals = Names("python", (*_RESERVED, *(kind for kind, what in self.handed[entry] if not what)))
-        self.functions = {f.name: self.globals.take(f.name, "f") for f in module.functions}
-        self.alone = lanes_alone(module.functions)
-        self.ruler = PythonSpeller()
-        """The speller that tells how long a text is."""
-
-
-class PythonBody(NumpyOperations):
+class PythonBody(Body):
     """Makes the tree of one function."""
 
+    operations: NumpyOperations
     unit: PythonUnit
     waiting: Naming
 
     def __init__(self, unit: PythonUnit, function: Function, facts: LaneFacts, updates: Updates | None) -> None:
         function, self.iterations = rewritten(function, counted(function, facts, unit.alone))
-        super().__init__(unit, function)
-        self.updates, self.exact = updates, unit.exact
+        self.varying = facts.varying.union(*[i.rows for i in self.iterations.values()])
+        super().__init__(NumpyOperations(unit, function, self.varying))
+        self.updates = updates
         self.leaving = plans(function, facts.live, facts.slots)
-        rows = [i.rows for i in self.iterations.values()]
-        self.varying, self.varying_slots = facts.varying.union(*rows), facts.slots
+        self.varying_slots = facts.slots
         stores = [s for s in walk(function.body) if isinstance(s, Store)]
         self.in_place = frozenset(s.variable for s in stores if not is_whole(s))
         self.in_place |= frozenset(slot for plan in self.leaving.values() for slot in plan.slots)
         self.copies = {v: c for plan in self.leaving.values() for v, c in plan.copies.items()}
         self.made_by = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
         self.waiting = Naming(self.survey.uses)
-        self.lanes = Name(INT, "lanes")
         self.lane_names: set[Expr] = {Name(INT, "grid_index")}
         self.within: Name | None = None
         self.compacts = False
@@ -139,7 +99,7 @@ class PythonBody(NumpyOperations):
                 self.lane_names.add(name)
         self.arguments = tuple(arguments)
         params = {p.name: p.type for p in self.unit.module.params}
-        self.extra_arguments = {
+        self.operations.extra_arguments = {
             (kind, what): Name(params[what] if kind == "param" else INT, self.scope.take(what) if what else kind)
             for kind, what in self.unit.handed[self.function.name]
         }
@@ -148,16 +108,16 @@ class PythonBody(NumpyOperations):
             if slot.id not in self.slots:
                 self.slots[slot.id] = Name(slot.type, self.scope.take(slot.name))
         self.lane_names |= {self.slots[slot] for slot in self.varying_slots if slot in self.slots}
-        return [*arguments, *self.extra_arguments.values()]
+        return [*arguments, *self.operations.extra_arguments.values()]
 
     def function_block(self) -> Block:
         """Return the statements of the function."""
         self.splats = _splats(self.made_by.values())
         blank = self.blank()
         if self.function.pure and blank:
-            self.out.append(Assign(self.lanes, tree.call("lane_count", INT, *self.arguments)))
+            self.out.append(Assign(self.operations.lanes, tree.call("lane_count", INT, *self.arguments)))
         for slot in blank:
-            lanes = self.lanes if slot.id in self.varying_slots else None
+            lanes = self.operations.lanes if slot.id in self.varying_slots else None
             self.out.append(Assign(self.slots[slot.id], zeros(slot.type, lanes, slot.length)))
         if not self.region(self.function.body, 0):
             self.out.append(self.leave())
@@ -198,13 +158,9 @@ class PythonBody(NumpyOperations):
             return False
         return self.waiting.may_change(s.args[0], s.args[1:])
 
-    def context(self, function: str) -> tuple[Expr, ...]:
-        """Return the names that a call passes on besides the arguments."""
-        return tuple([self.lanes if key == LANES else self.extra_arguments[key] for key in self.unit.handed[function]])
-
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
-        """Collect what is made inside; names hold to the end of the function."""
+        """Collect the statements emitted inside; names hold to the end of the function."""
         out = self.out
         self.out = []
         yield self.out
@@ -266,7 +222,7 @@ class PythonBody(NumpyOperations):
             self.exprs[value] = target
             self.waiting.name(value, root=first)
         else:
-            e = self.exprs[value] = self.operation(s)
+            e = self.exprs[value] = self.operations.operation(s)
             atom = is_atom(e)
             self.waiting.compute(s, atom=atom)
             if value in self.waiting.forced or not (atom or (s.value.name is None and self.is_short(e))):
@@ -312,7 +268,7 @@ class PythonBody(NumpyOperations):
         """Return the value to store, broadcast over the lanes or copied if necessary."""
         alike = (variable.id in self.varying_slots) == (value in self.varying)
         if not alike or (self.function.pure and variable.id in self.in_place):
-            return self.spread(variable.type, e)
+            return self.operations.spread(variable.type, e)
         e = own(e)
         return Method(e.type, e, "copy") if variable.id in self.in_place and is_shared(e) else self.unshared(e)
 
@@ -344,7 +300,7 @@ class PythonBody(NumpyOperations):
     def call(self, s: Call, place: Place) -> None:
         """Append a call: its results get the names of the variables that they are stored into, where they can."""
         self.need(s.args)
-        call = self.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
+        call = self.operations.called(s.function, BOOL, [own(self.exprs[a]) for a in s.args])
         self.waiting.use(s.args)
         slots = self.stored_results(s, place)
         self.change(slots.values())
@@ -412,13 +368,13 @@ class PythonBody(NumpyOperations):
             self.together(s, place, iterations)
             return
         body, continuing = self.survey.inner[place]
-        outside, within = self.lanes, self.within
+        outside, within = self.operations.lanes, self.within
         lane = Name(INT, self.scope.take("lane")) if plan is not None else None
         step: list[tree.Stmt] = []
         with self.waiting.region(), self.block() as statements:
             start, test = self.first_test(s, body)
             if plan is not None:
-                self.lanes = tree.Member(INT, self.slots[plan.live], "size")
+                self.operations.lanes = tree.Member(INT, self.slots[plan.live], "size")
             self.within = lane
             ended = self.region(s.body, body, start)
             if not ended or continues(s):
@@ -438,7 +394,7 @@ class PythonBody(NumpyOperations):
             exits = frozenset(self.slots[slot] for slot in plan.slots)
             live = self.slots[plan.live]
             self.out.append(LaneLoop(block, test=test, loc=s.loc, lane=lane, live=live, exits=exits, lanes=outside))
-        self.lanes = outside
+        self.operations.lanes = outside
 
     def together(self, s: Loop, place: Place, iterations: Iterations) -> None:
         """Append a loop of which several iterations are computed at once."""
@@ -448,7 +404,7 @@ class PythonBody(NumpyOperations):
             stop, counter = self.exprs[iterations.stop], self.slots[iterations.counter]
             self.region(s.body, body, start)
         assert isinstance(counter, Name)
-        over = tree.call("iterations_of", INT, counter, stop, tree.number(iterations.step), self.lanes)
+        over = tree.call("iterations_of", INT, counter, stop, tree.number(iterations.step), self.operations.lanes)
         self.out.append(tree.Each(counter, over, tuple(statements), s.loc))
 
 

@@ -77,7 +77,7 @@ class _Around:
         self.before: Block = (numbers,)
         self.head: Block = ()
         self.behind: Block = ()
-        if not entry.stored & entry.after & varying - loop.exits:  # else what an iteration changes has no way out yet
+        if not entry.stored & entry.after & varying - loop.exits:  # changes of an iteration leave by exits
             shorter = Assign(Tuple(BOOL, tuple(inside)), tree.call("compact", BOOL, loop.live, *inside))
             self.head = (If(tree.call("few", BOOL, loop.live), (shorter,)),)
             self.before = (*[Assign(kept[e], e) for e in saved], numbers)
@@ -183,5 +183,5 @@ class _Reader:
             head = again
         if isinstance(s, LaneLoop):
             self.loops[id(s)] = _LoopNames(s, _stored(s.body), head | {s.live}, after)
-            head = (head | {s.live}) - {s.lane}  # it is stored in front
+            head = (head | {s.live}) - {s.lane}  # the loop stores it first
         return head | self.names(s.over) if isinstance(s, Each) else head

@@ -16,9 +16,9 @@ from typing import Final
 from shpy.backend.emit import tree
 from shpy.backend.emit.spell_python import PythonSpeller
 from shpy.backend.numpy import lanes as lane_functions
-from shpy.backend.numpy.text.body import EXACT, PythonBody, PythonUnit
-from shpy.backend.numpy.text.operations import MEANINGS
-from shpy.backend.numpy.text.updates import Updates
+from shpy.backend.numpy.text.body import PythonBody
+from shpy.backend.numpy.text.naming import Updates
+from shpy.backend.numpy.text.operations import EXACT, MEANINGS, PythonUnit
 from shpy.ir.nodes import Function
 from shpy.ir.traverse import defined
 from shpy.passes.calls import LaneFacts

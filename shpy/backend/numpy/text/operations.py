@@ -8,22 +8,25 @@ one (`own`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.operations import OPERATORS
-from shpy.backend.emit.spell_python import dtype
-from shpy.backend.emit.structure import Body
+from shpy.backend.emit.entry import Needs, Unit, needed_by, needs_of
+from shpy.backend.emit.names import Names
+from shpy.backend.emit.operations import OPERATORS, Operations
+from shpy.backend.emit.spell_python import PythonSpeller, dtype
 from shpy.backend.emit.tree import BOOL, INT, Construct, Expr, Index, Literal, Member, Method, Name, Operator, Tuple
+from shpy.backend.numpy import lanes as lane_functions
+from shpy.backend.numpy.text.iterations import lanes_alone
 from shpy.ir import meaning
-from shpy.ir.nodes import Let
+from shpy.ir.nodes import Function, Let, Module
 from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.types import Base, Type
 
-INFIX: Final = {op: symbol for op, symbol in OPERATORS.items() if op not in ("shl", "shr")}
+INFIX: Final = {op: symbol for op, symbol in OPERATORS.items() if op not in ("shl", "shr", "quot", "rem")}
 """Operations that are operators of Python."""
 UPDATES: Final = {"add": ("+",), "sub": ("-",), "mul": ("*",), "mad": ("*", "+")}
 """By operation, the operators that update its first operand with each of the others in turn."""
@@ -39,6 +42,10 @@ _MEANING: Final = {
 """The function of `shpy.ir.meaning` that is."""
 MEANINGS: Final = frozenset(_MEANING.values()) | {"convert"}
 """The functions of `shpy.ir.meaning` that text may import."""
+LANES: Final = "lanes", ""
+"""The argument of a function that needs the number of lanes."""
+EXACT: Final = frozenset({"exact"})
+_RESERVED: Final = ("np", *EXACT, "lanes", "grid_index", "grid_shape", *MEANINGS, *lane_functions.__all__)
 _GEOMETRY: Final = frozenset(name for name in COMPOSITES if not OPS[name].componentwise)
 _SYMBOLS: Final = {"shl": "<<", "shr": ">>", "floordiv": "//", "floormod": "%"}
 """Python's operators do these too, but for some operands on the right."""
@@ -107,17 +114,53 @@ def components_of(components: Sequence[int], *, from_start: bool = False) -> Exp
     return tree.ListDisplay(INT, tuple([tree.number(c) for c in components]))
 
 
-class NumpyOperations(Body):
-    """Makes the expressions of one function."""
+def handed_on(module: Module) -> dict[str, list[tuple[str, str]]]:
+    """Return the arguments that each function needs besides its inputs, also for the functions that it calls."""
 
-    varying: frozenset[int]
-    """The values that differ from lane to lane."""
-    extra_arguments: Mapping[tuple[str, str], Name]
-    """The values that the function is handed besides its arguments."""
-    lanes: Expr
-    """The number of lanes."""
-    exact: frozenset[str]
-    """The functions of binary32 that are the exact values, rounded."""
+    def needed(let: Let) -> Needs:
+        return needed_by(let) | ({("place", "")} if let.op == "neighbour" else frozenset())
+
+    named = [*(("param", p.name) for p in module.params), *(("table", t.name) for t in module.tables)]
+    every = [*named, ("place", ""), ("grid_index", ""), ("grid_shape", "")]
+    needs = needs_of(module, needed)
+    return {
+        f.name: [key for key in every if key in needs[f.name]] + ([] if f.pure else [LANES]) for f in module.functions
+    }
+
+
+class PythonUnit(Unit):
+    """The state of one module: the names of functions, and the arguments that each is handed."""
+
+    target = "python"
+
+    def __init__(self, module: Module, exact: frozenset[str]) -> None:
+        super().__init__(module)
+        self.exact = exact
+        self.handed = handed_on(module)
+        entry = module.entry.name
+        self.globals = Names("python", (*_RESERVED, *(kind for kind, what in self.handed[entry] if not what)))
+        self.functions = {f.name: self.globals.take(f.name, "f") for f in module.functions}
+        self.alone = lanes_alone(module.functions)
+        self.ruler = PythonSpeller()
+        """The speller that tells how long a text is."""
+
+
+class NumpyOperations(Operations):
+    """Makes the expressions of one function. `varying` are the values that differ from lane to lane."""
+
+    unit: PythonUnit
+
+    def __init__(self, unit: PythonUnit, function: Function, varying: frozenset[int]) -> None:
+        super().__init__(unit, function)
+        self.varying = varying
+        self.extra_arguments: dict[tuple[str, str], Name] = {}
+        """The values that the function is handed besides its arguments."""
+        self.lanes: Expr = Name(INT, "lanes")
+        """The number of lanes."""
+
+    def context(self, function: str) -> tuple[Expr, ...]:
+        """Return the names that a call passes on besides the arguments."""
+        return tuple([self.lanes if key == LANES else self.extra_arguments[key] for key in self.unit.handed[function]])
 
     def operation(self, let: Let) -> Expr:
         """Return the expression of one Let."""
@@ -220,7 +263,7 @@ class NumpyOperations(Body):
                 return whole if type.base is Base.F else Method(type, whole, "astype", (word(dtype(type)),))
             case "shl" | "shr" | "floordiv" | "floormod" if self.is_operator(let, args[1]):
                 return tree.infix(_SYMBOLS[op], args[0], args[1], type)
-        if op in self.exact:
+        if op in self.unit.exact:
             return tree.call(f"exact.{op}", type, own(args[0]))
         args = args if op in _LITERALS_WELCOME else list(map(own, args))
         return tree.call(f"np.{_NUMPY[op]}" if op in _NUMPY else _MEANING[op], type, *args)

@@ -298,7 +298,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     try:
         with machine.lock:
             space.kernel(kernel.text, FOLD)
-    except machine.cl.Error:  # the program itself, which runs otherwise, explains a refusal
+    except machine.cl.Error:  # the general program runs instead, and its error explains a refusal
         warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
         return None
     dtypes = dtypes_at(precision)

@@ -365,13 +365,13 @@ class Machine:
     @once_of_each
     def _succeeded(self) -> frozenset[str]:
         """Return the names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
-        reads_header = self.device.platform.name.strip() == POCL  # anew for each program
+        reads_header = self.device.platform.name.strip() == POCL  # PoCL reads the header again for each program
         trials = {name: trial for name, trial in TRIALS.items() if reads_header or name != DECLARES}
         texts = "".join(t.declarations + t.text(name) for name, t in trials.items())
         key = self._key(f"{texts} in threads of {thread_stack()} bytes", self._options)
         try:
             return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
-        except Unfinished as error:  # which is not kept: the next process tries again
+        except Unfinished as error:  # not cached: the next process tries again
             warn(
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
                 f"not found out ({error})"

@@ -85,9 +85,9 @@ def explain_absence(platforms: Sequence[str]) -> BackendUnavailable:
 
 
 def explain_cache(platforms: Sequence[str]) -> BackendUnavailable | None:
-    """Return the error for PoCL among the platforms that cannot write its cache: it compiles nothing without it.
+    """Return the error if a platform is PoCL and its cache is not writable, since it compiles nothing then.
 
-    Its disk may be full by the time that a kernel is compiled, which PoCL does not tell from a fault of the text.
+    If the disk becomes full later, PoCL reports the same error as for a fault in the text.
     """
     if POCL not in platforms:
         return None

@@ -185,7 +185,7 @@ class OpenCLSpace:
         machine = self.machine
         # A kernel may read a vector of three as four, and whole packets.
         size = count * type.size * buffer_dtype(type, dtype).itemsize
-        if size > sys.maxsize // 2:  # whose next power of two is no size
+        if size > sys.maxsize // 2:  # the next power of two is not a valid size
             raise too_large(count, type, dtype)
         with machine.lock:
             try:
@@ -235,7 +235,7 @@ class OpenCLSpace:
         return new
 
     def count(self, status: OpenCLMemory) -> Counts:
-        """Count the statuses."""
+        """Count the elements of each status."""
         totals = np.array([0, 0, -1], np.int32).view(np.uint32)
         machine = self.machine
         with machine.lock:
@@ -351,7 +351,7 @@ class Tables:
         else:
             array = _as_held(data.array, dtype, padded)
             buffer = self.machine.lend(array, size)
-            # What is lent, or small, is taken anew after a change: commands to a queue would take longer.
+            # Lent and small buffers are replaced after a change, since commands to a queue would take longer.
             sent = buffer is None and array.nbytes >= self.machine.worth_lending
             if buffer is None:
                 cl = self.machine.cl

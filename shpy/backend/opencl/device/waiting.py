@@ -59,7 +59,7 @@ class Waiter:
         self._jobs.put(job)
         job.wait()
         if self._ending and threading.current_thread().daemon:
-            raise SystemExit  # which ends this thread alone, and lets go of the lock
+            raise SystemExit  # ends this thread alone and releases the lock
         try:
             job.result()
         finally:
@@ -79,7 +79,7 @@ class Waiter:
                 job.give(None)
             except Exception as error:
                 job.refuse(error)
-            del job  # and what it kept
+            del job  # and its references
 
     def end(self) -> None:
         """Leave no thread inside the driver; an interrupted process ends by SIGINT where its device goes on."""

@@ -83,7 +83,7 @@ class LaneCalls:
             Declare(INT, other.text, tree.choice(there, Index(INT, lanes, following), self.lane)),
             *(Declare(r.type, r.text) for r in results),
             Do(tree.call(two, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context)),
-            *self._keep(pairs[1], other),  # first: without another lane it is the lane itself
+            *self._keep(pairs[1], other),  # before the rest: without another lane it is the lane itself
             *self._keep(pairs[0], self.lane),
         )
         return self._through_arrays(

@@ -22,6 +22,7 @@ from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Needs, needed_by
+from shpy.backend.emit.structure import Body
 from shpy.backend.emit.tree import (
     BOOL,
     INT,
@@ -41,14 +42,14 @@ from shpy.backend.emit.tree import (
     number,
 )
 from shpy.backend.opencl.packets.alone import LaneCalls
-from shpy.backend.opencl.packets.operations import PacketBody
+from shpy.backend.opencl.packets.operations import PacketOperations
 from shpy.backend.opencl.packets.prologue import Abilities, PacketPrologue
 from shpy.backend.opencl.packets.prologue_memory import QUAD, spelled_wide
 from shpy.backend.opencl.packets.prologue_wide import LONGEST, Words, declare_wide
 from shpy.backend.opencl.packets.spell_packets import PacketSpeller
 from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of, rows_of, widen, widened
 from shpy.backend.opencl.text.kernel import SIZE, ULONG, KernelMaker, KernelText
-from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, hides_zeros
+from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClOperations, hides_zeros
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller
 from shpy.ir.nodes import Call, Function, Let, Module, Variable
@@ -83,7 +84,7 @@ def print_packets(
     faults: Collection[str] = (),
     near: int | None = None,
 ) -> KernelText:
-    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError for what OpenCL cannot express.
+    """Return the kernel of a prepared module for packets of `lanes`; raise CompileError if OpenCL lacks something.
 
     `faults` are the compiler's faults, of FAULTS. `near` are the lanes of a kernel that reads neighbours in a grid, if
     they are others.
@@ -141,7 +142,7 @@ class PacketMaker(KernelMaker):
     """The emitter of a kernel of packets; `ports` are the entry's inputs and outputs before the split into scalars."""
 
     prologue: PacketPrologue
-    body: ClassVar[type[ClBody]] = PacketBody
+    operations: ClassVar[type[ClOperations]] = PacketOperations
     work: ClassVar[str] = "packet"
 
     def __init__(
@@ -156,6 +157,8 @@ class PacketMaker(KernelMaker):
         faults: Collection[str],
     ) -> None:
         self.lanes, self.columns = lanes, columns
+        self.words = Words()
+        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
         super().__init__(module, math, elementwise=abilities.elementwise, faults=faults)
         self.listed = columns == lanes and not self.grid_of(module.entry.name)
         self.prologue = PacketPrologue(lanes, abilities, columns, listed=self.listed)
@@ -173,8 +176,6 @@ class PacketMaker(KernelMaker):
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(INT, self.first.text)]
         self.dispatch += [] if self.listed else [Parameter(INT, self.row.text)]
         self.packet = Name(INT, take("packet"))
-        self.words = Words()
-        """The names in the text, which select the declarations of vectors longer than OpenCL C's."""
 
     def kernels_around(self, text: Callable[[str], str]) -> KernelText:
         """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
@@ -202,7 +203,7 @@ class PacketMaker(KernelMaker):
 
     def own_speller(self) -> ClSpeller:
         """Return a speller of functions of packets."""
-        return PacketSpeller(lambda type: self.prologue.struct(type))
+        return PacketSpeller(lambda type: self.prologue.struct(type), self.words)
 
     def edge_text(self, op: str, types: tuple[Type, ...], name: str) -> str:
         """Return the function that computes `op`: a text, or a definition."""
@@ -258,12 +259,6 @@ class PacketMaker(KernelMaker):
         """Return whether the compiler must not inline the function."""
         return super().stands_apart(function) or _is_large(function)
 
-    def spelled(self, function: tree.Function) -> None:
-        """Add a function to the text."""
-        if self.lanes > LONGEST:
-            self.words.add_function(function, self.speller)
-        super().spelled(function)
-
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
 
@@ -293,7 +288,7 @@ class PacketMaker(KernelMaker):
         result = lanes_of(outputs[0].type.base, self.lanes) if single else None
         calls = LaneCalls(active, inputs, outputs, handed, self.lanes, names.take)
         block = calls.one_by_one(inner) if two is None else calls.two_by_two(inner)
-        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
+        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, (NOINLINE,)))
 
     def prelude(self, function: str) -> Block:
         """Return the first statements of a function.
@@ -322,17 +317,17 @@ class PacketMaker(KernelMaker):
         """Return the type of an array that holds an input or output: an array of scalars."""
         return type.scalar
 
-    def nothing(self, body: ClBody, type: Type) -> Expr:
+    def nothing(self, operations: ClOperations, type: Type) -> Expr:
         """Return a zero as the argument for an input that is not used."""
         zero = Construct(lanes_of(type.base, self.lanes), (number(0),))
         return zero if isinstance(type, Lanes) else Construct(type, (zero,))
 
-    def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
+    def fetched(self, operations: ClOperations, array: Name, step: Name, type: Type) -> Expr:
         """Return the expression that reads the packet's elements of an input."""
         read = self.prologue.memory("read", type.base, type.size)
         return tree.call(read, rows_of(type.base, type.size, self.lanes), array, step, self.packet)
 
-    def write_outputs(self, body: ClBody) -> None:
+    def write_outputs(self, body: Body, operations: ClOperations) -> None:
         """Append the stores of the outputs, each lane's number to its element."""
         parts = iter(body.function.outputs)
         for output in self.outer.outputs:
@@ -343,7 +338,7 @@ class PacketMaker(KernelMaker):
             write = self.prologue.memory("write", type.base, type.size)
             body.out.append(Do(tree.call(write, BOOL, array, value, self.packet)))
 
-    def _wide(self, body: ClBody, variable: Variable) -> Expr:
+    def _wide(self, body: Body, variable: Variable) -> Expr:
         """Return an output as a packet; a uniform one is broadcast."""
         e, type = body.slots[variable.id], variable.type
         return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))

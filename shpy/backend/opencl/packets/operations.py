@@ -1,7 +1,7 @@
 """Operations on packets: those that differ from the operations on OpenCL C's vectors.
 
 Stage: emit. A packet is a vector with a number for each lane (`widen`), so `z_x * z_x + 4.0f` reads as it does for one
-element. Bools are masks: ints, -1 for true. `ClBody` writes the operations on uniform values.
+element. Bools are masks: ints, -1 for true. `ClOperations` writes the operations on uniform values.
 
     lane_any %leaving   ->  sh_any(leaving)             table %i, points   ->  sh_gather_f3(points, clamp(i, ...))
     cond %c, %a, %b     ->  c ? a : b                   floor %x           ->  __builtin_elementwise_floor(x)
@@ -10,14 +10,13 @@ element. Bools are masks: ints, -1 for true. `ClBody` writes the operations on u
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 from typing import Final
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.tree import BOOL, INT, UINT, Construct, Do, Expr, Member, Name, number
+from shpy.backend.emit.tree import BOOL, INT, UINT, Block, Construct, Do, Expr, Member, Name, number
 from shpy.backend.opencl.packets.prologue import IN_REGISTERS, PacketPrologue
 from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of
-from shpy.backend.opencl.text.operations import NATIVE, ClBody, ClUnit
+from shpy.backend.opencl.text.operations import NATIVE, ClOperations, ClUnit
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
@@ -34,8 +33,8 @@ class _PacketUnit(ClUnit):
     """The parameters from which the entry makes its packet; none in a tree, whose entry is called for no packet."""
 
 
-class PacketBody(ClBody):
-    """The builder of the tree of one function of packets."""
+class PacketOperations(ClOperations):
+    """The operations of one function of packets."""
 
     unit: _PacketUnit
 
@@ -169,12 +168,11 @@ class PacketBody(ClBody):
 
     # Local arrays
 
-    def declare_zero(self, variable: Variable) -> None:
-        """Declare a variable; a long array gets one more element, into which lanes store that are out of range."""
-        length = variable.length or 0
-        if isinstance(variable.type, Lanes) and length > IN_REGISTERS:
-            variable = replace(variable, length=length + 1)
-        super().declare_zero(variable)
+    def array_length(self, variable: Variable) -> int | None:
+        """Return the length of an array; a long one gets one more element, into which lanes store out of range."""
+        length = variable.length
+        is_long = isinstance(variable.type, Lanes) and length is not None and length > IN_REGISTERS
+        return length + 1 if is_long and length is not None else length
 
     def op_load(self, let: Let) -> Expr:
         """Return a variable, or an element of an array, at each lane's own index."""
@@ -197,12 +195,11 @@ class PacketBody(ClBody):
             return e
         return self.as_ints(tree.call("min", type, e, number(variable.length or 0, UINT)))
 
-    def store_element(self, s: Store, index: int, e: Expr) -> None:
-        """Append a store into an array at each lane's own index."""
+    def store_element(self, s: Store, index: int, e: Expr) -> Block:
+        """Return the store into an array at each lane's own index."""
         if not isinstance(self.types[index], Lanes):
-            super().store_element(s, index, e)
-            return
+            return super().store_element(s, index, e)
         variable = self.variables[s.variable]
         at = self._index(index, variable)
         put = self._array("put", variable)
-        self.out.append(Do(tree.call(put, BOOL, self.slots[s.variable], at, e), s.loc))
+        return (Do(tree.call(put, BOOL, self.slots[s.variable], at, e), s.loc),)

@@ -21,8 +21,6 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from shpy.backend.emit import tree
-from shpy.backend.emit.spell_c import Speller
 from shpy.backend.opencl.text.operations import NATIVE, UNARY
 
 LONGEST: Final = 16
@@ -66,23 +64,10 @@ class Words:
         """Names of types, and names of functions, which may contain the name of a type."""
         self.functions: set[str] = set()
 
-    def add_function(self, function: tree.Function, speller: Speller) -> None:
-        """Add the names that a function of the output tree uses.
-
-        Spelling a type may declare it, so types keep their order: a set's is another one in each process.
-        """
-        types = dict.fromkeys([*(p.type for p in function.parameters), *([function.result] if function.result else [])])
-        for s in tree.statements_of(function.body):
-            if isinstance(s, tree.Declare):
-                types[s.type] = None
-            for whole in tree.expressions_of(s):
-                for e in tree.walk(whole):
-                    if isinstance(e, tree.Call):
-                        self.functions.add(e.function)
-                    elif isinstance(e, tree.Cast | tree.Construct):
-                        types[e.type] = None
-        self.types |= {speller.type_name(t.to if isinstance(t, tree.Pointer) else t) for t in types}
-        self.types |= self.functions
+    def add_function(self, name: str) -> None:
+        """Add a function that the text calls."""
+        self.functions.add(name)
+        self.types.add(name)
 
     def add_text(self, text: str) -> None:
         """Add the names that a text of the prologue uses."""

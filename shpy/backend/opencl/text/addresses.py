@@ -20,12 +20,12 @@ def steady_parts(survey: Survey, ranges: Ranges) -> dict[int, tuple[int, int]]:
     parts_by_value: dict[int, tuple[int, int]] = {}
     for value, read in survey.lets.items():
         loop = survey.loop_of(value)
-        if read.op != "table" or loop is None or read.value.type.size == 3:  # three lie packed, behind scalars
+        if read.op != "table" or loop is None or read.value.type.size == 3:  # float3 is packed behind scalars
             continue
         total = survey.lets.get(read.args[0])
         if total is None or total.op != "add" or total.value.type.size > 1 or ranges.may_wrap(total):
             continue
-        # A value that is seen here is made in this loop or in one around it.
+        # A value in scope is computed in this loop or in one around it.
         inside = [survey.loop_of(a) == loop for a in total.args]
         if any(inside) and not all(inside):
             changing, steady = total.args if inside[0] else total.args[::-1]

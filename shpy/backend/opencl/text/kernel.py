@@ -8,13 +8,15 @@ need them. An entry that returns early becomes a function that the kernel calls.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.entry import direct_outputs, leaves_early
 from shpy.backend.emit.spell_c import Line, text_of
+from shpy.backend.emit.structure import Body
+from shpy.backend.emit.survey import is_whole
 from shpy.backend.emit.tree import (
     BOOL,
     INT,
@@ -31,11 +33,11 @@ from shpy.backend.emit.tree import (
     Pointer,
     number,
 )
-from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClBody, ClUnit, hides_zeros
+from shpy.backend.opencl.text.operations import INDEX, SHAPE, ClOperations, ClUnit, hides_zeros
 from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller, element_type
-from shpy.ir.nodes import Function, Loc, Module, Table, Value, Variable
-from shpy.ir.traverse import bases_of, defined
+from shpy.ir.nodes import Function, Let, Loc, Module, Return, Store, Table, Value, Variable
+from shpy.ir.traverse import bases_of, changed_variables, defined, walk
 from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
@@ -87,7 +89,7 @@ def print_kernel(
 class KernelMaker(ClUnit):
     """The emitter of one module's kernel."""
 
-    body: ClassVar[type[ClBody]] = ClBody
+    operations: ClassVar[type[ClOperations]] = ClOperations
     work: ClassVar[str] = "element"
 
     def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
@@ -163,7 +165,7 @@ class KernelMaker(ClUnit):
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text."""
-        body, single = self.body(self, function), len(function.outputs) == 1
+        body, single = Body(self.operations(self, function)), len(function.outputs) == 1
         parameters = self.ports(body, (*function.inputs, *(() if single else function.outputs)))
         parameters += [self.declares(e) for e in self.handed(function.name)]
         body.begin(returns=True)
@@ -172,7 +174,7 @@ class KernelMaker(ClUnit):
         result = function.outputs[0].type if single else None
         qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
         block = tuple(body.out)
-        self.spelled(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
+        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
 
     def printed(self, function: Function, name: str) -> str:
         """Return the text of a function that the prologue is to have."""
@@ -191,11 +193,7 @@ class KernelMaker(ClUnit):
         """Return the first statements of a function."""
         return ()
 
-    def spelled(self, function: tree.Function) -> None:
-        """Add a function that has been made."""
-        self.speller.function(function)
-
-    def ports(self, body: ClBody, ports: Sequence[Value | Variable]) -> list[Parameter]:
+    def ports(self, body: Body, ports: Sequence[Value | Variable]) -> list[Parameter]:
         """Name the parameters of a function and return them; variables are passed by pointer."""
         parameters = []
         for port in ports:
@@ -215,7 +213,8 @@ class KernelMaker(ClUnit):
         self.begin_kernel()
         if inner:
             self.add(entry, inner)
-        body = self.body(self, entry, () if inner else self.direct(entry))
+        operations = self.operations(self, entry)
+        body = Body(operations, () if inner else self.direct(entry))
         body.begin(returns=False)
         uses, take, outer = body.survey.uses, body.scope.take, self.outer
         read = [(at, i) for at, i in enumerate(entry.inputs) if isinstance(i, Value) and uses[i.id]]
@@ -231,19 +230,19 @@ class KernelMaker(ClUnit):
         parameters += [Parameter(self.array(self.stored(o.type)), self.arrays[o.id].text) for o in outer.outputs]
         body.out += self.find_element(apart=bool(inner))
         for (at, i), array, step in zip(read, arrays, steps, strict=True):
-            body.bind(i.id, self.fetched(body, array, step, outer.inputs[at].type))
+            body.bind(i.id, self.fetched(operations, array, step, outer.inputs[at].type))
         if inner:
-            self.call_entry(body, inner)
+            self.call_entry(body, operations, inner)
         else:
             body.statements()
-        self.write_outputs(body)
-        self.spelled(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
+        self.write_outputs(body, operations)
+        self.speller.function(tree.Function(name, None, tuple(parameters), tuple(body.out), entry.loc, ("__kernel",)))
         return tuple(at for at, _ in read)
 
-    def call_entry(self, body: ClBody, inner: str) -> None:
+    def call_entry(self, body: Body, operations: ClOperations, inner: str) -> None:
         """Emit the call of the entry's function, and bind its results to the slots of the outputs."""
-        outputs = body.function.outputs
-        args = [body.exprs[i.id] if i.id in body.exprs else self.nothing(body, i.type) for i in body.function.inputs]
+        inputs, outputs = body.function.inputs, body.function.outputs
+        args = [body.exprs[i.id] if i.id in body.exprs else self.nothing(operations, i.type) for i in inputs]
         handed = self.handed(body.function.name)
         if len(outputs) == 1:
             body.slots[outputs[0].id] = tree.call(inner, outputs[0].type, *args, *handed)
@@ -255,12 +254,23 @@ class KernelMaker(ClUnit):
     # The statements of a work item
 
     def is_apart(self, entry: Function) -> bool:
-        """Return whether the entry is a function that the kernel calls."""
-        return leaves_early(entry)
+        """Return whether the entry is a function that the kernel calls: a Return stands before its end."""
+        return any(isinstance(s, Return) for s in walk(entry.body) if s is not entry.body[-1])
 
     def direct(self, entry: Function) -> Collection[int]:
-        """Return the outputs that the kernel writes to memory at their Store instead of at its end."""
-        return direct_outputs(entry, self.callees)
+        """Return the outputs that the kernel writes to memory at their Store instead of at its end.
+
+        They are stored once, at the top of the body, and touched by nothing else.
+        """
+        touched: Counter[int] = Counter()
+        for s in walk(entry.body):
+            if isinstance(s, Let):
+                if s.op == "load" and isinstance(s.attr, int):
+                    touched[s.attr] += 1
+            else:
+                touched.update(changed_variables(s, self.callees))
+        whole = {s.variable for s in entry.body if isinstance(s, Store) and is_whole(s)}
+        return frozenset(o.id for o in entry.outputs if o.id in whole and touched[o.id] == 1)
 
     def begin_kernel(self) -> None:
         """Add the parts of the prologue that have to precede all functions."""
@@ -269,18 +279,18 @@ class KernelMaker(ClUnit):
         """Return the type of an array that holds an input or output."""
         return type
 
-    def nothing(self, body: ClBody, type: Type) -> Expr:
+    def nothing(self, operations: ClOperations, type: Type) -> Expr:
         """Return a zero as the argument for an input that is not used."""
-        return body.zero(type)
+        return operations.zero(type)
 
-    def fetched(self, body: ClBody, array: Name, step: Name, type: Type) -> Expr:
+    def fetched(self, operations: ClOperations, array: Name, step: Name, type: Type) -> Expr:
         """Return the expression that reads this work item's element of an input."""
-        return body.read(array, tree.infix("*", self.element, step), type)
+        return operations.read(array, tree.infix("*", self.element, step), type)
 
-    def write_outputs(self, body: ClBody) -> None:
+    def write_outputs(self, body: Body, operations: ClOperations) -> None:
         """Append the stores of the outputs that are not written yet."""
         left = [o for o in body.function.outputs if o.id not in body.direct]
-        body.out += [body.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
+        body.out += [operations.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
 
     def find_element(self, *, apart: bool) -> Block:
         """Return the statements that compute a work item's element and its index in the grid.

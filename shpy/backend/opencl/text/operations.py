@@ -22,8 +22,7 @@ import numpy as np
 
 from shpy.backend.emit import tree
 from shpy.backend.emit.entry import Needs, Unit, needed_by, needs_of
-from shpy.backend.emit.operations import INFIX
-from shpy.backend.emit.structure import Body
+from shpy.backend.emit.operations import INFIX, Operations
 from shpy.backend.emit.tree import (
     BOOL,
     INT,
@@ -168,8 +167,8 @@ class ClUnit(Unit):
         return (*names, *(e for p, e in self.params.items() if ("param", p) in needs))
 
 
-class ClBody(Body):
-    """The builder of one function's tree."""
+class ClOperations(Operations):
+    """The operations of one function."""
 
     unit: ClUnit
 
@@ -365,16 +364,6 @@ class ClBody(Body):
         return Cast(type, e) if type.size == 1 else tree.call(_conversion(spelled(type)), type, e)
 
     # What definitions are made of
-
-    def op_quot(self, let: Let) -> Expr:
-        """Return `a / b` of ints."""
-        a, b = self.args(let)
-        return tree.infix("/", a, b, let.value.type)
-
-    def op_rem(self, let: Let) -> Expr:
-        """Return `a % b` of ints."""
-        a, b = self.args(let)
-        return tree.infix("%", a, b, let.value.type)
 
     def op_bitcast(self, let: Let) -> Expr:
         """Return `as_uint(x)`."""

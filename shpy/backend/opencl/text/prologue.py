@@ -120,7 +120,7 @@ class Prologue:
     def ask(self, name: str, text: Callable[[], str]) -> str:
         """Add the function of this name, unless it is there; return the name."""
         if name not in self._texts:
-            written = text()  # which may ask for the functions that it calls
+            written = text()  # the text may ask for other functions
             self._texts[name] = written
         return name
 

@@ -47,7 +47,7 @@ def hypot(x: Term, y: Term) -> Term:
 
     def decided() -> list[Term]:
         total, rest = two_sum(square, other)
-        # Rounding to infinity is decided as if infinity were 2**128.
+        # To decide on rounding to infinity, take 2**128 for infinity.
         upper = where(high.op("isinf"), square.constant(2.0**128), high.based(Base.D))
         middle = (0.5 * (low.based(Base.D) + upper)).named("middle")
         above = ((total - middle * middle) + rest).named("above")

@@ -1,28 +1,25 @@
-"""Show programs of pixels and streams of colours in notebooks, as PNG files.
+"""Programs of pixels as PNG files, which notebooks show; they show programs with other inputs by their text.
 
-Stage: picture. A notebook shows other objects, such as programs with other inputs, by their text.
+Stage: picture.
 """
 
 from __future__ import annotations
 
 import io
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy.ir.traverse import grid_rank
 from shpy.lang.values.structure import Group, Leaf
-from shpy.pictures.screen import Moment, drawn, is_filled, pixels, unfilled
-from shpy.programs import Program
-from shpy.shown import show_by
-from shpy.streams.stream import Stream
+from shpy.screen import Moment, PixelProgram, drawn, is_filled, pixels, unfilled
 
 _SIZE: Final = (384, 384)
 """The width and height of a program's picture in pixels."""
 
 
-def of_pixels(program: Program) -> bool:
+def of_pixels(program: PixelProgram) -> bool:
     """Return whether a program is one of pixels: it reads its place in the picture, and needs no other input.
 
     Its first output is what is shown, and no matrix.
@@ -46,13 +43,6 @@ def png(levels: NDArray[np.uint8]) -> bytes | None:
     return file.getvalue()
 
 
-def picture(shown: Any) -> bytes | None:
-    """Return the PNG file of a program of pixels or a stream of colours; None for anything else."""
-    if isinstance(shown, Program) and of_pixels(shown):
-        return png(pixels(drawn(shown, Moment(_SIZE))))
-    if isinstance(shown, Stream) and len(shown.shape) == 2 and getattr(shown.type, "kind", "") == "Color":
-        return png(pixels(shown.numpy()))
-    return None
-
-
-show_by(picture)
+def picture(program: PixelProgram) -> bytes | None:
+    """Return the PNG file of a program of pixels; None for another program."""
+    return png(pixels(drawn(program, Moment(_SIZE)))) if of_pixels(program) else None

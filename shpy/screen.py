@@ -1,7 +1,7 @@
 """Pictures of programs: inputs that are filled by name, and outputs that are shown as pixels.
 
-Stage: above programs, below whatever shows or writes pictures. A picture has rows from top to bottom and columns from
-left to right; coordinates of a program are (x, y), where y goes down, as in a `Texture2D`.
+Stage: picture, below programs, which notebooks show as their pictures. A picture has rows from top to bottom and
+columns from left to right; coordinates of a program are (x, y), where y goes down, as in a `Texture2D`.
 
     | input        | type       | value                                                             |
     |--------------|------------|-------------------------------------------------------------------|
@@ -23,17 +23,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
+from shpy.ir.nodes import Module
 from shpy.lang.recording.location import here
 from shpy.lang.values.value import Value
 from shpy.passes.modes import Math
-from shpy.programs import Program
 
 SIZES: Final[dict[str, tuple[int, ...]]] = {
     "uv": (2,),
@@ -46,6 +46,33 @@ SIZES: Final[dict[str, tuple[int, ...]]] = {
 """The names that are filled, and how many components each may have."""
 MOVING: Final = frozenset({"time", "frame"})
 """The names whose values differ from frame to frame without anybody's doing."""
+
+
+class PixelProgram(Protocol):
+    """A `Program`, as far as a picture needs it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def recorded(self) -> Any:
+        """Its recording."""
+
+    @property
+    def ir(self) -> Module:
+        """Its IR."""
+
+    @property
+    def inputs(self) -> Mapping[str, Any]:
+        """The types of its inputs by name."""
+
+    @property
+    def params(self) -> Mapping[str, Any]:
+        """Its Params by name."""
+
+    def compile(self, backend: str | None = None, *, math: Math = "strict") -> Callable[..., Any]:
+        """Return its kernel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,18 +155,18 @@ def _fixed(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     return copy
 
 
-def moves(program: Program) -> bool:
+def moves(program: PixelProgram) -> bool:
     """Return whether a program of pixels has another picture in each frame: an input of `MOVING` is filled."""
     return any(name in MOVING and is_filled(name, type_) for name, type_ in program.inputs.items())
 
 
-def unfilled(program: Program, names: Iterable[str] = ()) -> dict[str, Any]:
+def unfilled(program: PixelProgram, names: Iterable[str] = ()) -> dict[str, Any]:
     """Return the types, by name, of the inputs that nothing fills: no name, no default, and not in `names` either."""
     filled_names = {*program.recorded.defaults, *names}
     return {n: t for n, t in program.inputs.items() if n not in filled_names and not is_filled(n, t)}
 
 
-def check_pictures(program: Program, size: tuple[int, int], names: Iterable[str] = ()) -> None:
+def check_pictures(program: PixelProgram, size: tuple[int, int], names: Iterable[str] = ()) -> None:
     """Raise ShpyTypeError where a program of pixels lacks inputs, or `size` is no (width, height).
 
     An input is filled by its name, by its default, or named in `names`.
@@ -166,7 +193,7 @@ def check_pictures(program: Program, size: tuple[int, int], names: Iterable[str]
 
 
 def drawn(
-    program: Program, moment: Moment, *, backend: str | None = None, math: Math = "strict", **arguments: Any
+    program: PixelProgram, moment: Moment, *, backend: str | None = None, math: Math = "strict", **arguments: Any
 ) -> NDArray[Any]:
     """Run a program of pixels at a moment; return its output, (height, width) or (height, width, components).
 
@@ -197,7 +224,7 @@ def pixels(output: Any, *, encode: bool = False) -> NDArray[np.uint8]:
 
     One component is a grey, two are red and green, three a colour, and a fourth is its alpha. Numbers go from 0 to 1,
     beyond that they are clipped; NaN is 0. With `encode` they are linear light, which becomes sRGB.
-    Raises ShpyTypeError for what has another shape.
+    Raises ShpyTypeError for other shapes.
     """
     array = np.asarray(output)
     if array.ndim == 2:
