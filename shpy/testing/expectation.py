@@ -35,9 +35,9 @@ def reference_run(setting: Setting, reference: Any, run: Run) -> Run:
     parts = flatten(setting.program.recorded.output, values, "the reference")
     written = np.ones(run.written.size, np.bool_)
     for part in parts:
-        mask = np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else np.bool_(False)
+        mask: Array = np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else np.zeros((), np.bool_)
         if mask.ndim > len(setting.element_shape):  # a mask of components
-            mask = mask.any(axis=-1)
+            mask = np.asarray(mask.any(axis=-1))
         written &= ~_broadcast(mask, setting.element_shape, written.size)[:, 0]
     outputs = tuple(
         np.where(written[:, None], _leaf(part, one, setting.element_shape, name), one)

@@ -29,9 +29,9 @@ from shpy.ir.traverse import walk
 from shpy.lang.recording.location import here
 from shpy.lang.recording.text import written
 from shpy.passes.modes import REPRODUCIBLE
-from shpy.pictures.png import png
-from shpy.pictures.screen import pixels
+from shpy.png import png
 from shpy.programs import Program
+from shpy.screen import pixels
 from shpy.testing import defaults
 from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting
