@@ -211,7 +211,7 @@ class Renderer:
             return
         with all_or_nothing(self):
             self._move_tables()
-        self._motion.settle()
+        self._motion.accept()
 
     def _move_tables(self) -> None:
         motion = self._motion

@@ -261,7 +261,7 @@ class Space(Protocol):
     def copy(self, source: Any, target: Any) -> None:
         """Copy all elements of one memory to another one of the same type and count."""
 
-    def keep(self, status: Any, new: Any, old: Any) -> Any:
+    def merge(self, status: Any, new: Any, old: Any) -> Any:
         """Return memory with the elements of `new` where the status is WRITTEN, and of `old` elsewhere, or zeros.
 
         `new` may be used for it.

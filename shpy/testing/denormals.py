@@ -203,12 +203,12 @@ class _Note(_DenormalWatcher):
     def note(self, value: Value, low: Value) -> None:
         b = self.b
         hit = b.let("and", b.let("any", low), b.let("eq", b.load(self.place), b.const(_PLACE, [0])))
-        self.keep(hit, self.place, b.const(_PLACE, [len(self.places)]))
+        self.store_where(hit, self.place, b.const(_PLACE, [len(self.places)]))
         shown = b.swizzle(value, [0])
         for k in range(1, value.type.size):
             shown = b.let("cond", b.swizzle(low, [k]), b.swizzle(value, [k]), shown)
         exact = shown if shown.type == _VALUE else b.let("convert", shown, type=_VALUE)
-        self.keep(hit, self.value, exact)
+        self.store_where(hit, self.value, exact)
 
-    def keep(self, hit: Value, slot: Variable, value: Value) -> None:
+    def store_where(self, hit: Value, slot: Variable, value: Value) -> None:
         self.b.store(slot, self.b.let("cond", hit, value, self.b.load(slot)))
