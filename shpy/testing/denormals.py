@@ -26,6 +26,7 @@ from shpy.lang.recording.text import written
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.exits import make_exits_explicit
+from shpy.passes.fuse import fuse
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.modes import Precision
@@ -93,7 +94,8 @@ def _run(
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
     """Return the watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
     whole = TRANSCENDENTALS | _of_halves(setting.program.ir, setting.precision)
-    module = _without_pure_functions(lower(setting.program.ir, whole))
+    recorded = fuse(setting.program.ir) if setting.fuse else setting.program.ir
+    module = _without_pure_functions(lower(recorded, whole, fuse=setting.fuse))
     module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
     instance = watcher(entry, _LEAST[setting.precision], lines)
@@ -104,7 +106,7 @@ def _run(
     module = replace(module, outputs=ports, functions=(*module.functions[:-1], watched))
     layout = Group("tuple", tuple(names), tuple(leaves))
     program = Program(replace(setting.program.recorded, module=module, output=layout))
-    options = {**setting.options, "loop_limit": None}
+    options = {**setting.options, "loop_limit": None, "fuse": False}  # it is contracted already
     try:
         outputs = program.compile("numpy", **options)(*setting.inputs, shape=setting.shape, **setting.named)
     except LoopLimitExceeded as error:
