@@ -31,6 +31,7 @@ from benchmarks import (
     equal_error,
     features,
     frames,
+    fused,
     machine,
     peers,
     rays,
@@ -61,6 +62,7 @@ STUDIES = studies.STUDIES | {
     "small-calls": startup.small_calls,
     "calls": calls.calls,
     "features": features.features,
+    "fused": lambda mesh, quick: fused.fused(quick),
     "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
 }

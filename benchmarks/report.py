@@ -17,6 +17,7 @@ from benchmarks.work import TARGETS
 OURS = {
     "opencl": "shpy, OpenCL",
     "plain": "shpy, plain call",
+    "opencl-fused": "shpy, OpenCL, fused",
     "opencl-relaxed": "shpy, OpenCL, relaxed",
     "opencl-1": "shpy, OpenCL, lanes=1",
     "glsl": "shpy, GLSL",

@@ -31,6 +31,7 @@ Version = Callable[..., Run]
 TARGETS: dict[str, dict[str, Any]] = {
     "opencl": {"backend": "opencl"},
     "plain": {},
+    "opencl-fused": {"backend": "opencl", "fuse": True},
     "opencl-relaxed": {"backend": "opencl", "math": "relaxed"},
     "opencl-1": {"backend": "opencl", "lanes": 1},
     "glsl": {"backend": "glsl"},

@@ -220,6 +220,9 @@ def _add_backend(command: argparse.ArgumentParser, *, math: bool = True) -> None
         command.add_argument(
             "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"
         )
+        command.add_argument(
+            "--fuse", action="store_const", const=True, help="round a * b + c once, with the same bits everywhere"
+        )
 
 
 def _add_cluster(command: argparse.ArgumentParser) -> None:
@@ -267,8 +270,8 @@ def _render(options: argparse.Namespace) -> int:
             return _render_passes(options, renderer, output, resume_path, title)
     elif options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
-    elif options.error is not None and options.math is not None:
-        raise SceneError("--error chooses the arithmetic itself: leave out --math")
+    elif options.error is not None and (options.math is not None or options.fuse):
+        raise SceneError("--error chooses the arithmetic itself: leave out --math and --fuse")
     with progress_bar(title) as progress:
         image = render(
             scene,
@@ -367,6 +370,7 @@ def _gallery(options: argparse.Namespace) -> int:
         "backend": options.backend,
         "samples": options.samples,
         "math": options.math or "strict",
+        "fuse": bool(options.fuse),
     }
     written = 0
     try:
@@ -382,7 +386,7 @@ def _animate(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.gif")
     arguments = {
         name: value
-        for name in ("bounces", "samples", "math", "accel", "tracer")
+        for name in ("bounces", "samples", "math", "fuse", "accel", "tracer")
         if (value := getattr(options, name)) is not None
     }
     named = ("size", "integrator", "backend", "resume", "cluster", "exposure")

@@ -33,11 +33,12 @@ def gallery(
     backend: str | None = None,
     samples: int | None = None,
     math: str = "strict",
+    fuse: bool = False,
 ) -> Iterator[tuple[Path, Image]]:
     """Render every built-in scene into a PNG file in a folder, which exists; yield each path with its Image.
 
-    `samples` takes the place of the nine rays for each pixel, and of the paths. `math` is that of programs, "strict" by
-    default. Raises SceneError where there is no such folder, and as `render` does.
+    `samples` takes the place of the nine rays for each pixel, and of the paths. `math` and `fuse` are those of
+    `Program.compile`. Raises SceneError where there is no such folder, and as `render` does.
     """
     if not Path(folder).is_dir():
         raise SceneError(f"there is no folder {folder}: make it first")
@@ -48,10 +49,11 @@ def gallery(
         if name in _PATHS:
             shape, chosen_integrator = (
                 (min(size), min(size)),
-                integrator.Path(samples=samples or _PATHS[name], math=math),
+                integrator.Path(samples=samples or _PATHS[name], math=math, fuse=fuse),
             )
         else:
             bounces = _BOUNCES.get(name, 3)
-            shape, chosen_integrator = size, integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math)
+            shape = size
+            chosen_integrator = integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math, fuse=fuse)
         image = render(Scene.builtin(name), shape, integrator=chosen_integrator, backend=backend)
         yield image.save(path), image

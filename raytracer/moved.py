@@ -113,7 +113,7 @@ class MovedObjects:
             renewed = not self._updated()
             if renewed:
                 self._build()
-        motion.settle()
+        motion.accept()
         return renewed
 
     def _updated(self) -> bool:

@@ -48,7 +48,8 @@ def render(
     `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
     directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
     unbiased estimate of all light. The options may also be keywords: `bounces`, `samples`, `precision`, `math`,
-    `accel`, `grid`, `threshold`, `seed` and `secondary`, of "whitted", with `tracer="staged"` of `Staged`, or "path".
+    `fuse`, `accel`, `grid`, `threshold`, `seed` and `secondary`, of "whitted", with `tracer="staged"` of `Staged`, or
+    "path".
     `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays,
     and traces the rays that go on from there. `size` None is the buffer's, and (512, 512) without one.
 

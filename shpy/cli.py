@@ -73,6 +73,7 @@ def _add_diff(commands: Any) -> None:
     command.add_argument("--seed", type=whole(0), default=0, help="of the inputs (default: 0)")
     command.add_argument("--precision", default="f32", help="the working precision (default: f32)")
     command.add_argument("--math", default="strict", help="strict, portable, relaxed or fast (default: strict)")
+    command.add_argument("--fuse", action="store_true", help="round a * b + c once, with the same bits everywhere")
     command.set_defaults(run=diff)
 
 
@@ -118,8 +119,8 @@ def diff(options: argparse.Namespace) -> int:
         shape = (max(1, round(options.count ** (1 / rank))),) * rank
         # Beyond one axis, inputs are the same for every element, so elements are told apart by their index.
         inputs = testing.inputs(program, options.count if rank == 1 else 1, options.seed)
-        settings = {"ulp": options.ulp, "shape": shape, "precision": options.precision, "math": options.math}
-        print(testing.assert_equivalent(program, *inputs, backends=names, **settings))
+        settings = {name: getattr(options, name) for name in ("ulp", "precision", "math", "fuse")}
+        print(testing.assert_equivalent(program, *inputs, backends=names, shape=shape, **settings))
     except AssertionError as difference:
         print(difference)
         return 1

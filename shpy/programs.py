@@ -37,7 +37,7 @@ from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Layout, leaves, type_of
-from shpy.passes.modes import MODES, PRECISIONS, Math, Precision
+from shpy.passes.modes import MODES, PRECISIONS, REPRODUCIBLE, Math, Precision
 from shpy.png import picture
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
@@ -160,6 +160,7 @@ class Program(Unchanging, Generic[_P, _R]):
         device: int | None = None,
         precision: Precision = "f32",
         math: Math = "strict",
+        fuse: bool = False,
         lanes: int | Literal["auto"] = "auto",
         loop_limit: int | None = 1_048_576,
     ) -> Kernel:
@@ -170,13 +171,15 @@ class Program(Unchanging, Generic[_P, _R]):
         `precision` is the working float's, `loop_limit` the iterations of a loop without a known bound. `math` is
         "strict", the same bits on every backend; "portable", the same by formulas that use no binary64; "relaxed", the
         target's own functions within OpenCL's bounds; or "fast", whatever is fastest, where NaN and infinity may
-        vanish. `lanes` is how many elements OpenCL runs together: 4, 8 or 16; 32 or 64 where the driver's compiler
-        takes such vectors; 1; or "auto": 1 on a GPU, and on a CPU one, two or four of its vectors, by the form of the
-        program. Strict and portable mode give the same bits at every width; relaxed and fast mode may not, so a width
-        written out keeps their bits the same on another processor.
+        vanish. With `fuse`, strict and portable mode round a * b + c once, by a rule of the language's own, with the
+        same bits on every backend (docs/numerics.md).
+        `lanes` is how many elements OpenCL runs together: 4, 8 or 16; 32 or 64 where the driver's compiler takes such
+        vectors; 1; or "auto": 1 on a GPU, and on a CPU one, two or four of its vectors, by the form of the program.
+        Strict and portable mode give the same bits at every width; relaxed and fast mode may not, so a width written
+        out keeps their bits the same on another processor.
         Raises BackendUnavailable, with the command that mends it; CompileError with the user's line.
         """
-        options = self._options(device, precision, math, lanes, loop_limit)
+        options = self._options(device, precision, math, lanes, loop_limit, fuse)
         name = backend if backend is not None else default_backend()
         if not isinstance(name, str):
             cure = " or ".join(f'backend="{n}"' for n in CHOICES)
@@ -186,7 +189,7 @@ class Program(Unchanging, Generic[_P, _R]):
             kernel = self._kernels[name, options] = Kernel.on(self.recorded, name, options)
         return kernel
 
-    def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any) -> Options:
+    def _options(self, device: Any, precision: Any, math: Any, lanes: Any, loop_limit: Any, fuse: Any) -> Options:
         def refuse(option: str, value: Any, cure: str) -> None:
             raise ShpyTypeError(f"compile does not take {option}={value!r}", loc=here(), cure=cure)
 
@@ -196,12 +199,20 @@ class Program(Unchanging, Generic[_P, _R]):
             refuse("precision", precision, 'precision="f32", "f64" or "f16"')
         if not (isinstance(math, str) and math in MODES):
             refuse("math", math, 'math="strict", "portable", "relaxed" or "fast"')
+        if not isinstance(fuse, bool):
+            refuse("fuse", fuse, "fuse=True or False")
+        if fuse and math not in REPRODUCIBLE:
+            raise ShpyTypeError(
+                f"math={math!r} contracts products and sums already, as each target likes",
+                loc=here(),
+                cure='math="strict", fuse=True, or math="portable", fuse=True: the same bits everywhere',
+            )
         if not ((isinstance(lanes, str) or is_int(lanes)) and lanes in _LANES):
             refuse("lanes", lanes, 'lanes="auto", 1, 4, 8, 16, 32 or 64')
         if not (loop_limit is None or (is_int(loop_limit) and 0 < loop_limit < 2**31)):
             refuse("loop_limit", loop_limit, "a number of iterations, or None for no limit")
         device, loop_limit, lanes = (int(n) if is_int(n) else n for n in (device, loop_limit, lanes))
-        return Options(precision, loop_limit, device, lanes, math)
+        return Options(precision, loop_limit, device, lanes, math, fuse)
 
     def trace(self, /, *args: Any, shape: Any = None, at: Any = None, **named: Any) -> list[Step]:
         """Run one element in the reference interpreter; return each step that has a name or stores into one.

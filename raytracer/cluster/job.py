@@ -76,8 +76,7 @@ def probed(backend: str, integrator: Integrator, *tables: Any) -> str:
     """Return a digest of the results of `probe` in an integrator's arithmetic, and of tables."""
     numbers = np.arange(1, 2 * _PROBES + 1, dtype=np.uint64) * 2654435761 % (1 << 24)  # Knuth's multiplicative hash
     x, y = ((numbers + 1) / np.float32(1 << 24)).astype(np.float32).reshape(2, -1)
-    options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math}
-    results = probe.compile(backend, **options)(x, y)
+    results = probe.compile(backend, **integrator.arithmetic)(x, y)
     digest = hashlib.sha256()
     for table in (*tables, *results):
         digest.update(b"-" if table is None else np.ascontiguousarray(table).tobytes())

@@ -94,7 +94,7 @@ class Part:
         tracer.surfaces.numbers = sh.Table(data.numbers, sh.Attrib1i, "numbers")
         self.eyes = stages.generator(tracer, eye_rays_of(data.camera))
         programs = {"generate": self.eyes, "meet": stages.meeting(walk), "shade": stages.shading(tracer)}
-        options: dict[str, Any] = {"precision": integrator.precision, "math": integrator.math, "loop_limit": None}
+        options = {**integrator.arithmetic, "loop_limit": None}
         self.kernels = {name: program.compile(data.backend, **options) for name, program in programs.items()}
         for name, value in data.uniforms.items():
             self.eyes.params[name].value = value

@@ -3,7 +3,7 @@
 Stage: render. `render` and `Renderer` take one; `chosen` makes one of the keywords that they took before.
 
 >>> Path(samples=16)
-Path(bounces=8, samples=16, accel=None, grid=None, precision='f32', math='strict', secondary=None, seed=0)
+Path(bounces=8, samples=16, accel=None, grid=None, precision='f32', math='strict', fuse=False, secondary=None, seed=0)
 >>> chosen("whitted", {"tracer": "staged", "bounces": 1}).structure
 'grid'
 """
@@ -31,6 +31,8 @@ THRESHOLD: Final = 0.2
 PRECISIONS: Final = ("f16", "f32", "f64")
 MATH: Final = ("strict", "portable", "relaxed", "fast")
 """The values of `precision` and `math` that `Program.compile` takes."""
+REPRODUCIBLE: Final = ("strict", "portable")
+"""The modes of arithmetic in which all backends give the same bits, also with `fuse`."""
 MOST_BOUNCES: Final = 64
 MOST_AT_ONCE: Final = 1 << 16
 MOST_SAMPLES: Final = 1 << 24
@@ -42,8 +44,8 @@ class Integrator:
     """The options that every integrator has.
 
     `accel` is "bvh", "grid" or "brute", which differ only in time; None chooses the one that suits the integrator. A
-    grid has `grid` cells along each axis; None chooses the number from the triangles. `precision` and `math` are those
-    of `Program.compile`. Raises SceneError for options out of range, and for options that exclude each other.
+    grid has `grid` cells along each axis; None chooses the number from the triangles. `precision`, `math` and `fuse`
+    are those of `Program.compile`. Raises SceneError for options out of range, and for options that exclude each other.
     """
 
     bounces: int
@@ -52,6 +54,7 @@ class Integrator:
     grid: int | None = None
     precision: str = "f32"
     math: str = "strict"
+    fuse: bool = False
 
     _structure: ClassVar[str] = "bvh"
 
@@ -64,6 +67,10 @@ class Integrator:
         self._check_samples()
         _check_choice("precision", self.precision, PRECISIONS)
         _check_choice("math", self.math, MATH)
+        if not isinstance(self.fuse, bool):
+            raise SceneError(f"fuse is True or False, not {self.fuse!r}")
+        if self.fuse and self.math not in REPRODUCIBLE:
+            raise SceneError(f'math={self.math!r} contracts by itself: fuse=True is for "strict" and "portable"')
         check(self.structure)
         if self.grid is None:
             return
@@ -75,6 +82,11 @@ class Integrator:
     def _check_samples(self) -> None:
         if not is_whole(self.samples, 1, 64) or isqrt(self.samples) ** 2 != self.samples:
             raise SceneError(f"samples is a square number from 1 to 64, not {self.samples!r}")
+
+    @property
+    def arithmetic(self) -> dict[str, Any]:
+        """The keywords of `Program.compile` that say how kernels compute."""
+        return {"precision": self.precision, "math": self.math, "fuse": self.fuse}
 
     @property
     def structure(self) -> str:
@@ -188,6 +200,7 @@ class Options(TypedDict, total=False):
     samples: int | None
     precision: str
     math: str
+    fuse: bool
     accel: str | None
     threshold: float
     grid: int | None

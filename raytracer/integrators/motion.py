@@ -103,7 +103,7 @@ class Motion:
         """The meshes that changed by their numbers, each with the one that the picture shows."""
         return {number: (self.meshes[number], self._shown[number]) for number in sorted(self.changed)}
 
-    def settle(self) -> None:
+    def accept(self) -> None:
         """Take the meshes for those that the picture shows."""
         self._shown = list(self.meshes)
         self.changed.clear()

@@ -21,7 +21,7 @@ from raytracer.appearance.materials import Material
 from raytracer.appearance.programs import UserProgram
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
-from raytracer.integrators.integrator import Path
+from raytracer.integrators.integrator import REPRODUCIBLE, Path
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
 from raytracer.scene.camera import Camera
@@ -30,8 +30,6 @@ from raytracer.scene.scene import Scene
 
 GENERATION: Final = "3"
 """The number of the path tracer: raise it with a change that gives any scene other pixels."""
-_SAME_BITS: Final = ("strict", "portable")
-"""The modes of arithmetic in which all backends give the same bits."""
 _NO_BITS: Final = ("samples", "accel", "grid", "secondary")
 """The options of an integrator that an origin leaves out; `secondary` is included with the layout."""
 _DIGEST: Final = re.compile("[0-9a-f]{16}")
@@ -47,7 +45,9 @@ def origin_of(
     """Return the origin of the pictures of a scene; without a layout and a tracer, of one without triangles."""
     options = {field.name: str(getattr(integrator, field.name)) for field in dataclasses.fields(integrator)}
     parts = {name: value for name, value in options.items() if name not in _NO_BITS}
-    if integrator.math not in _SAME_BITS:
+    if not integrator.fuse:
+        del parts["fuse"]  # origins of earlier versions have none
+    if integrator.math not in REPRODUCIBLE:
         parts["backend"] = backend
     parts["background"] = _digest(*_background(scene, tracer))
     if layout is None or tracer is None:

@@ -108,7 +108,7 @@ class Renderer:
         self.layout = self._laid_out(before and before.secondary)
         self.build_seconds = time.perf_counter() - started
         secondary = self.layout.secondary
-        self._options: dict[str, Any] = {"precision": self.integrator.precision, "math": self.integrator.math}
+        self._options: dict[str, Any] = self.integrator.arithmetic
         self._options |= lanes_of(self.backend, secondary)
         started = time.perf_counter()
         self._tracer = self._tracer_of(self.layout)
@@ -211,7 +211,7 @@ class Renderer:
             return
         with all_or_nothing(self):
             self._move_tables()
-        self._motion.settle()
+        self._motion.accept()
 
     def _move_tables(self) -> None:
         motion = self._motion

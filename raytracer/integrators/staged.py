@@ -77,6 +77,7 @@ class StagedTracer:
         early_z: bool = False,
         precision: str = "f32",
         math: str = "strict",
+        fuse: bool = False,
     ) -> None:
         self.threshold = threshold
         self.log = Log()
@@ -86,7 +87,7 @@ class StagedTracer:
         self._streams = _STREAMS | {"point": tracer.surfaces.interaction}
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
-        options = {**self._place, "math": math}
+        options = {**self._place, "math": math, "fuse": fuse}
         # No loop limit: a stage visits at most `at_once` cells or triangles.
         self.kernels = {name: program.compile(**options, loop_limit=None) for name, program in self.programs.items()}
         masks = stages.MASKS if early_z else {}

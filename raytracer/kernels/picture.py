@@ -75,7 +75,7 @@ def _follow(tracer: Tracer, seen: SeenSurface, direction: Any, eye: Any, first_o
             tracer.aim(ray, light, surface)
             never = sh.Attrib1b(False)
             met = meet(tracer.intersector, lambda: never, ray.direction, ray.eye, ray.limit, ~ray.tracing)
-            finished[:] = tracer.settle(ray, light, surface, pixel, met)
+            finished[:] = tracer.shade_hit(ray, light, surface, pixel, met)
     return pixel
 
 

@@ -271,7 +271,7 @@ def shading(tracer: Tracer) -> Any:
 
     def shade(ray: Any, nearest: Any, light: Any, point: Any, pixel: Any, state: Any) -> Any:
         SH_DISCARD(state == FINISHED)
-        finished = tracer.settle(ray, light, point, pixel, RayHit.held_in(nearest))
+        finished = tracer.shade_hit(ray, light, point, pixel, RayHit.held_in(nearest))
         with SH_IF(finished):
             state[:] = FINISHED
         with SH_ELSE():

@@ -86,7 +86,7 @@ class Tracer(SceneTables):
         with SH_DO() if self.loops else nullcontext():
             self.aim(ray, light, surface)
             hit = meet(self.intersector, lambda: pixel.rays == 0, ray.direction, ray.eye, ray.limit, ~ray.tracing)
-            finished = self.settle(ray, light, surface, pixel, hit)
+            finished = self.shade_hit(ray, light, surface, pixel, hit)
             if self.loops:
                 SH_UNTIL(finished)
         return pixel
@@ -107,7 +107,7 @@ class Tracer(SceneTables):
                 light.shadows -= 1
                 self.lights.aim(light.shadows, surface, ray.direction, ray.eye, ray.limit, light.lightcol)
 
-    def settle(self, ray: Any, light: Any, surface: Interaction, pixel: Pixel, hit: RayHit) -> Any:
+    def shade_hit(self, ray: Any, light: Any, surface: Interaction, pixel: Pixel, hit: RayHit) -> Any:
         """Shade what a ray has met, and mirror the ray after the last light; return whether the path ended."""
         rays = pixel.rays
         rays += sh.cond(ray.limit > 0, 1, 0)

@@ -64,6 +64,9 @@ def _add_shared(command: argparse.ArgumentParser, samples: int) -> None:
     )
     command.add_argument("--backends", help="numpy,opencl,glsl (default: each that is available)")
     command.add_argument("--math", help="strict,portable,relaxed,fast (default: each)")
+    command.add_argument(
+        "--fuse", action="store_true", help="strict and portable mode with a * b + c rounded once, too"
+    )
     command.add_argument("--reference", default="mpmath", choices=("mpmath", "f64"), help="(default: mpmath)")
     command.add_argument("--samples", type=_COUNT, default=samples, help=f"elements of the domain (default: {samples})")
     command.add_argument("--seed", type=_SEED, default=0, help="of the inputs (default: 0)")
@@ -115,6 +118,7 @@ def _shared(options: argparse.Namespace, program: Program | Choice) -> dict[str,
         "domain": parse_domain(options.domain, next(combinations(program))[1]),
         "backends": options.backends.split(",") if options.backends else None,
         "math": options.math.split(",") if options.math else None,
+        "fuse": (False, True) if options.fuse else False,
         "precision": options.precision.split(","),
         "reference": options.reference,
         "samples": options.samples,

@@ -9,7 +9,6 @@ Stage: measure. Takes a program and a domain, gives a `Report`.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +22,7 @@ from shpy.accuracy.report import BINS, Report, Row
 from shpy.backend.registry import backend, backends as listed
 from shpy.errors import BackendUnavailable, CompileError, ShpyTypeError
 from shpy.lang.recording.location import here
-from shpy.passes.modes import MODES, PRECISIONS
+from shpy.passes.modes import MODES, PRECISIONS, REPRODUCIBLE, mode_name
 from shpy.programs import Program, check_count
 from shpy.testing.denormals import meets_denormals
 from shpy.testing.observers import Setting
@@ -35,39 +34,55 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to compile: `math` None where `compile` has no modes."""
+    """One way to compile: `math` None for the default mode."""
 
     backend: str
     math: str | None
     precision: str
+    fuse: bool = False
 
     @property
     def options(self) -> dict[str, Any]:
         """Return the keywords of `compile`."""
         mode = {"math": self.math} if self.math is not None else {}
-        return {"precision": self.precision, **mode}
+        return {"precision": self.precision, **mode, **({"fuse": True} if self.fuse else {})}
+
+    @property
+    def mode(self) -> str:
+        """The name of its mode."""
+        return mode_name(self.math or "default", self.fuse)
 
     def __str__(self) -> str:
-        return " ".join(filter(None, (self.backend, self.math, self.precision)))
+        return " ".join(filter(None, (self.backend, self.math, "fused" if self.fuse else None, self.precision)))
 
 
 def variants(
-    backends: Iterable[str] | str | None, math: Iterable[str] | str | None, precision: Iterable[str] | str | None
+    backends: Iterable[str] | str | None,
+    math: Iterable[str] | str | None,
+    precision: Iterable[str] | str | None,
+    fuse: Iterable[bool] | bool = False,
 ) -> list[Variant]:
     """Return every combination; None means all available backends, all modes, or f32.
 
-    Raises ShpyTypeError for an unknown mode or precision, BackendUnavailable for an unknown backend.
+    Modes that contract by themselves have no variant with `fuse`. Raises ShpyTypeError for an unknown mode or
+    precision, and where nothing is left; BackendUnavailable for an unknown backend.
     """
     for what, values, choices in (("precision", precision, PRECISIONS), ("math", math, MODES)):
         for unknown in [x for x in _several(values, (), what) if x not in choices]:
             raise ShpyTypeError(f"{what}={unknown!r} is unknown", loc=here(), cure=" or ".join(map(repr, choices)))
     for name in _several(backends, (), "backends"):
         backend(name)
-    modes: list[str | None] = list(_several(math, MODES, "math"))
-    if "math" not in inspect.signature(Program.compile).parameters:
-        modes = [None]
+    fusions = list(fuse) if isinstance(fuse, Iterable) else [fuse]
+    if not fusions or not all(isinstance(f, bool) for f in fusions):
+        raise ShpyTypeError(f"fuse={fuse!r} is neither", loc=here(), cure="fuse=True, False, or (False, True) for both")
+    modes = _several(math, MODES, "math")
+    forms = [(m, f) for m in modes for f in fusions if m in REPRODUCIBLE or not f]
+    if modes and not forms:
+        cure = 'math=["strict", "portable"]'
+        raise ShpyTypeError(f"math={math!r} contracts by itself, without fuse=True", loc=here(), cure=cure)
     names = _several(backends, [b.name for b in listed() if b.available], "backends")
-    return [Variant(b, m, p) for b in names for m in modes for p in _several(precision, ["f32"], "precision")]
+    precisions = _several(precision, ["f32"], "precision")
+    return [Variant(b, m, p, f) for b in names for m, f in forms for p in precisions]
 
 
 def _several(names: Iterable[str] | str | None, default: Iterable[str], what: str) -> list[str]:
@@ -87,19 +102,21 @@ def measure(
     reference: Kind = "mpmath",
     samples: int = 2000,
     seed: int = 0,
+    fuse: Iterable[bool] | bool = False,
 ) -> Report:
     """Run the program on `samples` elements of the domain, and on special values, and compare with exact results.
 
     `domain` says for each input a range, (lo, hi) or (lo, hi, "log"), an array, or a function of a numpy Generator and
     a count. Each variant is measured on inputs of its own precision, in ULP of its own type. Special values in the
-    domain's ranges count like the others; those outside are counted apart, as edges. A variant that its target cannot
+    domain's ranges count like the others; those outside are counted apart, as edges. `fuse=(False, True)` measures
+    strict and portable mode with and without contracted sums. A variant that its target cannot
     run is skipped, and the report lists it. Raises ShpyTypeError for a domain that does not fit the program.
     """
     check_count("seed", seed, 0)
     rows: list[Row] = []
     skipped: list[tuple[str, str]] = []
     truths: dict[str, tuple[Samples, Truth]] = {}
-    for variant in variants(backends, math, precision):
+    for variant in variants(backends, math, precision, fuse):
         if variant.precision not in truths:
             drawn = draw(program, domain, samples, np.random.default_rng(seed), precision=variant.precision)
             setting = Setting(program, drawn.inputs, options={"precision": variant.precision})
@@ -138,6 +155,7 @@ def _row(variant: Variant, name: str, drawn: Samples, results: Run, truth: Truth
         backend=variant.backend,
         math=variant.math,
         precision=variant.precision,
+        fuse=variant.fuse,
         output=name,
         count=int(counted.sum()),
         ulp=_three(kept),

@@ -33,6 +33,7 @@ _NAMES: Final = {
     "portable": "strict, by formulas of 32-bit floats alone",
     "relaxed": "the target's own functions",
     "fast": "whatever is fastest; NaN and infinity may vanish",
+    "fused": "a * b + c rounded once, with the same bits on every backend",
     "f16": "16-bit floats",
     "f32": "32-bit floats",
     "f64": "64-bit floats",

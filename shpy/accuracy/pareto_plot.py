@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from shpy.accuracy.pareto import Comparison, Point
-from shpy.passes.modes import MODES
+from shpy.passes.modes import CONTRACTIONS
 
 _MARKERS: Final = "os^DvP*X"
 _SERIES: Final = ("numpy", "opencl", "glsl")
@@ -59,7 +59,7 @@ def _places(comparison: Comparison) -> tuple[float, float]:
 def _draw_points(comparison: Comparison, axes: Any, place: Any) -> list[Any]:
     """Draw every point with the quartiles of its time; return the entries of the legend."""
     series = _in_order({p.series for p in comparison.points}, _SERIES)
-    modes = _in_order({p.mode for p in comparison.points}, MODES)
+    modes = _in_order({p.mode for p in comparison.points}, tuple(CONTRACTIONS))
     colours = {name: f"C{n % 10}" for name, n in series.items()}
     markers = {name: _MARKERS[n % len(_MARKERS)] for name, n in modes.items()}
     for n, p in enumerate(comparison.points):

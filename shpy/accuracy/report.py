@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import ShpyError
 from shpy.lang.recording.location import here
+from shpy.passes.modes import mode_name
 from shpy.pictures.outputs import new_figure, save_figure
 
 Array = NDArray[Any]
@@ -48,6 +49,7 @@ class Row:
     edges: int
     edge: dict[str, Any] | None
     flushed: int
+    fuse: bool
     errors: Array = field(repr=False, compare=False)
     """Each element's error in ULP, (n,); NaN for those that are not counted."""
 
@@ -80,7 +82,7 @@ class Report:
         body = [
             (
                 row.backend,
-                row.math or "·",
+                mode_name(row.math or "·", row.fuse),
                 row.precision,
                 row.output,
                 *(f"{v:.3g}" for v in row.ulp),
@@ -119,7 +121,7 @@ class Report:
         axes = figure.subplots(len(outputs), 2, squeeze=False)
         for (left, right), output in zip(axes, outputs, strict=True):
             for row in (r for r in self.rows if r.output == output):
-                label = " ".join(filter(None, (row.backend, row.math, row.precision)))
+                label = " ".join([row.backend, mode_name(row.math or "·", row.fuse), row.precision])
                 shown = np.clip(row.errors, 2**-10, 1e9)
                 name, along = self._along(row)
                 left.plot(along, shown, ".", markersize=2, label=label)

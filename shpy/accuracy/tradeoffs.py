@@ -117,6 +117,7 @@ class Tradeoff:
             {
                 "backend": c.variant.backend,
                 "math": c.variant.math,
+                "fuse": c.variant.fuse,
                 "precision": c.variant.precision,
                 "picks": c.picks,
                 "ns": c.ns,
@@ -167,7 +168,7 @@ class Tradeoff:
         kept = "no" if c.held is False or c.error > self.budget.limit else "yes" if c.held else "on these"
         picks = ", ".join(f"{name}={picked}" for name, picked in c.picks.items())
         label = "\n".join(filter(None, (str(c.variant), picks)))
-        mode = c.variant.math or "default"
+        mode = c.variant.mode
         return Point(str(c), label, c.variant.backend, mode, c.ns, c.spread, c.error, bool(c.held), (str(c.code), kept))
 
     def _meanings(self) -> dict[str, str]:
@@ -199,8 +200,9 @@ def tradeoff(
     rounds: int = 7,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    fuse: Iterable[bool] | bool = False,
 ) -> Tradeoff:
-    """Run every variant (backend, mode, precision, the user's choices) and pick the fastest that keeps `budget`.
+    """Run every variant (backend, mode, precision, `fuse`, the user's choices) and pick the fastest within `budget`.
 
     Errors are those on `samples` elements of the domain and the special values inside it, against the first
     alternatives without rounding. Times are of `elements` elements from call to result, warmed up, all variants in
@@ -209,12 +211,11 @@ def tradeoff(
     are done, and how many there are.
     """
     _check_budget(budget)
-    check_count("elements", elements, 1)
-    check_count("rounds", rounds, 1)
-    check_count("seed", seed, 0)
+    for name, number, least in (("elements", elements, 1), ("rounds", rounds, 1), ("seed", seed, 0)):
+        check_count(name, number, least)
     tell = _checked_progress(progress)
     programs = list(combinations(program))
-    tried = [(picks, one, variant) for picks, one in programs for variant in variants(backends, math, precision)]
+    tried = [(picks, one, variant) for picks, one in programs for variant in variants(backends, math, precision, fuse)]
     steps = len(tried) + rounds
     first = _first_of(programs)
     search = _Search(first, domain, budget, reference, samples, seed)

@@ -30,7 +30,8 @@ class Options:
     `loop_limit` None means no limit; `device` is an index into `Backend.devices()`.
 
     `lanes` is the number of elements in a packet; targets without packets take only "auto" and 1. `math` is the mode of
-    arithmetic, which decides the accuracy of functions: see docs/numerics.md.
+    arithmetic, which decides the accuracy of functions: see docs/numerics.md. With `fuse` the module is one that
+    `passes.fuse` has contracted, and composite operations are to be contracted too.
     """
 
     precision: Precision = "f32"
@@ -38,6 +39,7 @@ class Options:
     device: int | None = None
     lanes: int | Literal["auto"] = "auto"
     math: Math = "strict"
+    fuse: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +263,7 @@ class Space(Protocol):
     def copy(self, source: Any, target: Any) -> None:
         """Copy all elements of one memory to another one of the same type and count."""
 
-    def keep(self, status: Any, new: Any, old: Any) -> Any:
+    def merge(self, status: Any, new: Any, old: Any) -> Any:
         """Return memory with the elements of `new` where the status is WRITTEN, and of `old` elsewhere, or zeros.
 
         `new` may be used for it.

@@ -55,7 +55,7 @@ def _around(f: Callable[..., Array], x: Array) -> tuple[Array, Array]:
     return np.multiply(wide, 1 - MARGIN, out=low), np.multiply(wide, 1 + MARGIN, out=high)
 
 
-def _settle(name: str, x: Array, result: Array, undecided: Array) -> None:
+def _resolve(name: str, x: Array, result: Array, undecided: Array) -> None:
     """Store the results of hard cases into `result` where it is undecided; NaN stays."""
     at = np.flatnonzero(undecided & (result == result))
     if not at.size:
@@ -117,7 +117,7 @@ def _exact(name: str, f: Callable[..., Array], *, decides: bool = False) -> Call
         result, high = _around(_reliable(name), x)
         undecided = result != high
         if undecided.any():
-            _settle(name, np.asarray(x), result, undecided)
+            _resolve(name, np.asarray(x), result, undecided)
         return result
 
     FUNCTIONS[name] = rounded

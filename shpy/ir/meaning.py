@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.ir.formula import Values, components, named, number, operation, precision_of, where
+from shpy.ir.multiply_add import multiply_add
 
 Array = NDArray[Any]
 
@@ -64,37 +65,8 @@ def sign(x: Array) -> Array:
 
 
 def fma(a: Array, b: Array, c: Array) -> Array:
-    """Return a * b + c, rounded once.
-
-    For f and h through binary64 rounded to odd (Boldo and Melquiond 2008); for d in exact rational arithmetic.
-    """
-    if a.dtype == np.float64:
-        return np.asarray(np.vectorize(_fma_exact, otypes=[np.float64])(a, b, c))
-    x, y, z = (np.asarray(v, dtype=np.float64) for v in (a, b, c))
-    product = x * y
-    total = product + z
-    back = total - product
-    error = (product - (total - back)) + (z - back)
-    bits = np.asarray(total).view(np.int64)
-    toward = np.where(error > 0, np.inf, -np.inf)
-    inexact = np.isfinite(total) & (error != 0) & (bits & 1 == 0)
-    return np.where(inexact, np.nextafter(total, toward), total).astype(a.dtype)
-
-
-def _fma_exact(a: float, b: float, c: float) -> float:
-    from fractions import Fraction
-
-    if not (np.isfinite(a) and np.isfinite(b)):
-        return float(a * b + c)
-    if not np.isfinite(c):
-        return float(c)
-    exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
-    if exact == 0:
-        return float(a * b + c)
-    try:
-        return float(exact)
-    except OverflowError:
-        return float("inf") if exact > 0 else float("-inf")
+    """Return a * b + c, rounded once."""
+    return multiply_add(a, b, c)
 
 
 def power(x: Array, y: Array) -> Array:

@@ -30,6 +30,7 @@ def widget(
     steps: int = 1,
     backend: str | None = None,
     math: Math = "strict",
+    fuse: bool = False,
     encode: bool = False,
     **values: Any,
 ) -> Any:
@@ -52,8 +53,8 @@ def widget(
         raise ShpyTypeError(f"backend={backend!r} names no backend", loc=here(), cure=cure)
     drawn: Pixels | Running
     if isinstance(shown, Chain):
-        if math != "strict":
-            cure = f'sh.repeat(step.compile(math="{math}"), 8)'
+        if math != "strict" or fuse:
+            cure = f"sh.repeat(step.compile({'fuse=True' if fuse else f'math={math!r}'}), 8)"
             raise ShpyTypeError("math= is for programs; the kernels of a chain have their own", loc=here(), cure=cure)
         drawn = Running(shown, show, values, size=size, steps=steps, backend=backend)
     elif isinstance(shown, Program):
@@ -63,7 +64,7 @@ def widget(
         for name in values.keys() - shown.inputs.keys():
             message = f"{name} is a Param of {shown.name}, for which the widget has a control"
             raise ShpyTypeError(message, loc=here(), cure=f"{name}.value = …")
-        drawn = Pixels(shown, size or (512, 512), Form(backend or default_backend(), math), values)
+        drawn = Pixels(shown, size or (512, 512), Form(backend or default_backend(), math, fuse), values)
     else:
         raise ShpyTypeError(f"{shown!r} is neither a program nor a chain", loc=here(), cure="sh.widget(program)")
     try:

@@ -21,6 +21,7 @@ from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.types import Base, Type
 from shpy.passes.formulas.rounding import to_odd
 from shpy.passes.formulas.terms import Term, define
+from shpy.passes.fuse import FUSED, fuse_function
 from shpy.passes.modes import Formulas
 
 
@@ -114,11 +115,15 @@ def _part(name: str, types: tuple[Type, ...]) -> Function:
 
 
 class Library:
-    """The definitions that a module uses, as functions whose names differ from the module's own."""
+    """The definitions that a module uses, as functions whose names differ from the module's own.
 
-    def __init__(self, module: Module, formulas: Formulas = "doubles") -> None:
+    With `fuse`, those of the operations in `fuse.FUSED` are contracted.
+    """
+
+    def __init__(self, module: Module, formulas: Formulas = "doubles", *, fuse: bool = False) -> None:
         self.module = module
         self.formulas = formulas
+        self.fuse = fuse
         self.names_in_use = {f.name for f in module.functions}
         self.functions: dict[Function, Function] = {}
 
@@ -128,7 +133,8 @@ class Library:
         """Return the function for operation `name` on these types; `prepare` rewrites it once, and may call `use`."""
         original = definition(name, types, self.formulas)
         if original not in self.functions:
-            function = prepare(original) if prepare else original
+            function = fuse_function(original, {}) if self.fuse and name in FUSED else original
+            function = prepare(function) if prepare else function
             self.functions[original] = replace(function, name=fresh(function.name, self.names_in_use))
         return self.functions[original]
 

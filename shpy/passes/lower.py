@@ -23,6 +23,7 @@ from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
 from shpy.ir.types import Base
+from shpy.passes.fuse import FUSED
 from shpy.passes.library import BOUNDED, PARTS, Library, definition, is_exact
 from shpy.passes.modes import Formulas
 from shpy.passes.rewriter import Rewriter, each_function
@@ -35,14 +36,18 @@ def lower(
     bounded: frozenset[str] = frozenset(),
     formulas: Formulas = "doubles",
     exact: frozenset[str] = frozenset(),
+    *,
+    fuse: bool = False,
 ) -> Module:
     """Return the module without composite operations and transcendentals, but for those in `native`.
 
     Calls also replace the binary32 operations in `corrected`, a subset of CORRECTABLE, and the binary64 operations in
     `bounded`, a subset of BOUNDED: native ones that are accurate for small angles only. `formulas` are those of
-    the transcendentals. The target rounds those in `exact` correctly, so they stay where the formulas do so too.
+    the transcendentals. The target rounds those in `exact` correctly, so they stay where the formulas do so too. With
+    `fuse`, the definitions of the operations in `fuse.FUSED` are contracted, so none of these stays.
     """
-    library = Library(module, formulas)
+    library = Library(module, formulas, fuse=fuse)
+    native = native - FUSED if fuse else native
 
     def lowered(function: Function, functions: Mapping[str, Function]) -> Function:
         return _Lower(function, functions, native, corrected, bounded, exact, library).run()

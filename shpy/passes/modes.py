@@ -21,6 +21,22 @@ MODES: Final[tuple[str, ...]] = get_args(Math)
 REPRODUCIBLE: Final = frozenset({"strict", "portable"})
 """The modes that give the same bits on every target: each operation is rounded by itself, without contraction."""
 
+CONTRACTIONS: Final[dict[str, tuple[str, bool]]] = {
+    **{mode: (mode, False) for mode in MODES},
+    **{f"{mode} fused": (mode, True) for mode in MODES if mode in REPRODUCIBLE},
+}
+"""By the name that tables and pages show: a mode, and whether a * b + c is rounded once (`fuse`)."""
+
+
+def mode_name(math: str, fuse: bool) -> str:
+    """Return the name of a mode in tables and on pages.
+
+    >>> mode_name("strict", True)
+    'strict fused'
+    """
+    return f"{math} fused" if fuse else math
+
+
 Formulas = Literal["fused", "doubles", "none", "portable"]
 """The formulas of the elementary functions of binary32.
 

@@ -4,6 +4,8 @@ Stage: improve. Each pass is a function Module -> Module in its own file. This f
 
     precision -> half -> lower -> inline -> by value -> shelter -> exits -> optimise -> unused functions
 
+`fuse` comes before all of them, where a kernel is compiled with it (`run/kernel`).
+
 `inline` and `by value` are for targets that run packets of elements; `vectorize`, also theirs, comes after that.
 `shelter` is for targets whose drivers nest blocks to a limited depth.
 """
@@ -22,6 +24,7 @@ from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.exits import make_exits_explicit
 from shpy.passes.fold import fold
+from shpy.passes.fuse import FUSED
 from shpy.passes.half import lower_half
 from shpy.passes.inline import inline_calls, inline_independent
 from shpy.passes.lower import lower
@@ -82,6 +85,10 @@ class Options(Protocol):
         """The exactness of functions."""
 
     @property
+    def fuse(self) -> bool:
+        """True if sums of products are contracted: the module is the result of `fuse`."""
+
+    @property
     def loop_limit(self) -> int | None:
         """The largest number of iterations of a loop without a known bound; None sets no limit."""
 
@@ -106,7 +113,8 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     formulas = formulas_of(options.math, target.doubles, target.fuses)
     plain = lower_half(set_precision(module, options.precision), formulas, target.exact)
-    lowered = lower(plain, target.does(options.math), corrected, bounded, formulas, target.exact)
+    does = target.does(options.math)
+    lowered = lower(plain, does, corrected, bounded, formulas, target.exact, fuse=options.fuse)
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
     if target.nesting is not None:
@@ -117,17 +125,19 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     return PreparedModule(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
 
 
-def with_strict_functions(module: Module, precision: Precision, math: Math = "strict") -> Module:
-    """Return a module with the results of this mode in the interpreter; the same object if without transcendentals.
+def with_strict_functions(module: Module, precision: Precision, math: Math = "strict", *, fuse: bool = False) -> Module:
+    """Return a module with the results of this mode in the interpreter; the same object if nothing has to change.
 
-    Otherwise its precision is fixed already, and it computes in binary32 or binary64.
+    Otherwise its precision is fixed already, and it computes in binary32 or binary64. With `fuse`, composite operations
+    are contracted; the sums of the module itself are so already.
     """
+    changing = TRANSCENDENTALS | FUSED if fuse else TRANSCENDENTALS
     lets = (s for f in module.functions for s in walk(f.body) if isinstance(s, Let))
-    if not any(s.op in TRANSCENDENTALS for s in lets):
+    if not any(s.op in changing for s in lets):
         return module
     native, formulas, exact = frozenset(OPS) - TRANSCENDENTALS, formulas_of(math, doubles=True), frozenset(FUNCTIONS)
     plain = lower_half(set_precision(module, precision), formulas, exact)
-    return lower(plain, native, formulas=formulas, exact=exact)
+    return lower(plain, native, formulas=formulas, exact=exact, fuse=fuse)
 
 
 def optimise(module: Module, *, fixed: bool = True) -> Module:

@@ -4,7 +4,7 @@ Stage: improve; it changes nothing. A loop's body counts once.
 
     count_ops(module)        ->   {"mul": 12, "add": 9, "load": 3, "if": 2, "loop": 1, "store": 4, ...}
     inlined_sizes(module)    ->   {"f0": 4, "f1": 10, "f2": 22, ..., "main": 3_221_225_470}
-    kept_apart(module)       ->   {"f3", "f5", ...}
+    not_inlined(module)       ->   {"f3", "f5", ...}
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def copies_of(module: Module) -> dict[str, int]:
     return copies
 
 
-def kept_apart(module: Module) -> frozenset[str]:
+def not_inlined(module: Module) -> frozenset[str]:
     """Return the functions that a compiler must not inline, so that its work stays in proportion to the text.
 
     If the program with all calls inlined has WORTH_KEEPING statements, these are the functions with several calls that

@@ -43,6 +43,7 @@ def animate(
     encode: bool = False,
     backend: str | None = None,
     math: Math = "strict",
+    fuse: bool = False,
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
     **values: Any,
@@ -64,12 +65,13 @@ def animate(
     """
     tell = progress or progress_lines("frames")
     if isinstance(shown, Chain):
+        _check_defaults(math, fuse)
         ongoing = _Ongoing(Evolution(shown, show, values, size=size, backend=backend), fps)
         extent, draw = ongoing.size(), ongoing.draw
     elif isinstance(shown, Program):
         if show is not None:
             raise ShpyTypeError("show= makes colours of the streams of a chain", loc=here(), cure="show << program")
-        still = _Still(shown, values, fps, size or (512, 512), backend, math)
+        still = _Still(shown, values, fps, size or (512, 512), dict(backend=backend, math=math, fuse=fuse))
         extent, draw = still.size, still.draw
     else:
         raise ShpyTypeError(
@@ -80,6 +82,13 @@ def animate(
         for done in steps:
             tell(done, frames)
     return Path(path)
+
+
+def _check_defaults(math: Math, fuse: bool) -> None:
+    """Raise ShpyTypeError for a mode of arithmetic beside a chain."""
+    if math != "strict" or fuse:
+        cure = f"step.compile({'fuse=True' if fuse else f'math={math!r}'}) in the chain"
+        raise ShpyTypeError("math= and fuse= are for programs; a chain has kernels of its own", loc=here(), cure=cure)
 
 
 @contextmanager
@@ -102,14 +111,13 @@ class _Still:
         values: Mapping[str, Any],
         fps: float,
         size: tuple[int, int],
-        backend: str | None,
-        math: Math,
+        options: dict[str, Any],
     ) -> None:
         check_pictures(program, size, values)
         self.size, self._program, self._fps = size, program, fps
         self._params = {n: p for n, p in program.params.items() if n in values and n not in program.inputs}
         self._values = values
-        self._kernel = program.compile(backend, math=math)
+        self._kernel = program.compile(**options)
 
     def draw(self, number: int) -> Any:
         """Return the output of a frame."""

@@ -26,7 +26,7 @@ from shpy.streams.elements import InputLeaf, Shape, given_shape
 
 _MAX_RANK = 31
 """The most axes of S: numpy broadcasts 32, and the components may take one of them."""
-_COMPILE_OPTIONS = ("backend", "device", "precision", "math", "lanes", "loop_limit")
+_COMPILE_OPTIONS = ("backend", "device", "precision", "math", "fuse", "lanes", "loop_limit")
 _RUN_OPTIONS = ("out", "where")
 
 

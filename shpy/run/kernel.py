@@ -35,6 +35,7 @@ from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.recording.pickling import Unchanging
 from shpy.lang.values.structure import build_arrays
+from shpy.passes.fuse import fuse
 from shpy.passes.known import Ranges
 from shpy.run import host
 from shpy.run.bound import KEPT, Bound, Ran, bound_of, signature
@@ -114,7 +115,7 @@ class Kernel(Unchanging):
         executable = _executables.get(key)
         if executable is None:
             with ieee_arithmetic(), uncollected(), announced(module, backend.name):
-                executable = backend.compile(module, options)
+                executable = backend.compile(fuse(module) if options.fuse else module, options)
             _executables[key] = executable
             # Other threads compile meanwhile: the names are listed at once, and each may be gone already.
             for oldest in list(_executables)[: max(0, len(_executables) - _KEPT)]:

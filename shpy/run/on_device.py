@@ -56,7 +56,7 @@ class PreparedCall:
             for target, new in zip(self.targets, call.outputs, strict=True):
                 kept = new
                 if call.status is not None:
-                    kept = space.keep(call.status, new, None if self.fresh else target.memory)
+                    kept = space.merge(call.status, new, None if self.fresh else target.memory)
                 if kept is not target.memory:
                     target.replace(kept)
         return self.outputs, call.shape, call.status, self.place

@@ -56,7 +56,7 @@ class Result:
         (leaf,) = full.leaf_entries()
         leaf.memory.write(np.ones(leaf.memory.count, np.bool_))
         if self.status is not None and leaf.memory.count:
-            leaf.replace(self.place.space.keep(self.status, leaf.memory, None))
+            leaf.replace(self.place.space.merge(self.status, leaf.memory, None))
         return full
 
     def __reduce__(self) -> Any:

@@ -26,6 +26,7 @@ from shpy.lang.recording.text import written
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
 from shpy.passes.exits import make_exits_explicit
+from shpy.passes.fuse import fuse
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.modes import Precision
@@ -93,7 +94,8 @@ def _run(
 ) -> tuple[list[Array], list[tuple[Loc | None, str]]]:
     """Return the watcher's outputs, (n,) each, from a run on numpy, and the places that it tested."""
     whole = TRANSCENDENTALS | _of_halves(setting.program.ir, setting.precision)
-    module = _without_pure_functions(lower(setting.program.ir, whole))
+    recorded = fuse(setting.program.ir) if setting.fuse else setting.program.ir
+    module = _without_pure_functions(lower(recorded, whole, fuse=setting.fuse))
     module = make_exits_explicit(inline_calls(module), setting.options.get("loop_limit", 1_048_576)).module
     entry = replace(module.entry, outputs=(), variables=(*module.entry.variables, *module.entry.outputs))
     instance = watcher(entry, _LEAST[setting.precision], lines)
@@ -104,7 +106,7 @@ def _run(
     module = replace(module, outputs=ports, functions=(*module.functions[:-1], watched))
     layout = Group("tuple", tuple(names), tuple(leaves))
     program = Program(replace(setting.program.recorded, module=module, output=layout))
-    options = {**setting.options, "loop_limit": None}
+    options = {**setting.options, "loop_limit": None, "fuse": False}  # it is contracted already
     try:
         outputs = program.compile("numpy", **options)(*setting.inputs, shape=setting.shape, **setting.named)
     except LoopLimitExceeded as error:
@@ -203,12 +205,12 @@ class _Note(_DenormalWatcher):
     def note(self, value: Value, low: Value) -> None:
         b = self.b
         hit = b.let("and", b.let("any", low), b.let("eq", b.load(self.place), b.const(_PLACE, [0])))
-        self.keep(hit, self.place, b.const(_PLACE, [len(self.places)]))
+        self.store_where(hit, self.place, b.const(_PLACE, [len(self.places)]))
         shown = b.swizzle(value, [0])
         for k in range(1, value.type.size):
             shown = b.let("cond", b.swizzle(low, [k]), b.swizzle(value, [k]), shown)
         exact = shown if shown.type == _VALUE else b.let("convert", shown, type=_VALUE)
-        self.keep(hit, self.value, exact)
+        self.store_where(hit, self.value, exact)
 
-    def keep(self, hit: Value, slot: Variable, value: Value) -> None:
+    def store_where(self, hit: Value, slot: Variable, value: Value) -> None:
         self.b.store(slot, self.b.let("cond", hit, value, self.b.load(slot)))

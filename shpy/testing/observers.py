@@ -22,6 +22,7 @@ from shpy.ir.nodes import Module
 from shpy.ir.types import Base, Type
 from shpy.lang.values.structure import Group, Leaf
 from shpy.lang.values.value import CLASSES
+from shpy.passes.fuse import fuse
 from shpy.passes.promote import promote
 from shpy.programs import Program
 from shpy.run.host import bind, common_shape, streams, tables, uniforms
@@ -68,10 +69,15 @@ class Setting:
         """The mode."""
         return self.options.get("math", "strict")
 
+    @property
+    def fuse(self) -> bool:
+        """True if sums of products are contracted."""
+        return bool(self.options.get("fuse", False))
+
     @cached_property
     def module(self) -> Module:
         """The watched program, with as few variables as possible, so that a line is few events."""
-        return promote(self.program.ir)
+        return promote(fuse(self.program.ir) if self.fuse else self.program.ir)
 
     def watch(self, looked: frozenset[int], *, finiteness: bool = False) -> WatchedModule:
         """Return the module that watches itself, made once for each set of sites that are looked at."""
@@ -217,7 +223,7 @@ class _Interpreter:
         self.setting = setting
         self.element = element
         self.watched = setting.watch(looked)
-        self.interpreter = interpreter_of(self.watched.module, setting.precision, None, setting.math)
+        self.interpreter = interpreter_of(self.watched.module, setting.precision, None, setting.math, fuse=setting.fuse)
         self.events: list[tuple[int, int]] = []
         self._run(_LAST, self._note)
 

@@ -92,7 +92,9 @@ class Reference:
         """Make the module's closures."""
         loops = tuple(loop.loc for loop in limited_loops(module))
         return InterpretedModule(
-            interpreter_of(module, options.precision, options.loop_limit, options.math), loops, self.only
+            interpreter_of(module, options.precision, options.loop_limit, options.math, fuse=options.fuse),
+            loops,
+            self.only,
         )
 
     def space(self, device: int | None) -> NumpySpace:
@@ -124,9 +126,14 @@ class TiledNumpy(NumpyBackend):
         return super().compile(module, options, tile or self.tile)
 
 
-def interpreter_of(module: Module, precision: Precision, loop_limit: int | None, math: Math = "strict") -> Interpreter:
-    """Return the interpreter of a recorded module, whose exponentials and the like are those of the mode."""
-    lowered = with_strict_functions(module, precision, math)
+def interpreter_of(
+    module: Module, precision: Precision, loop_limit: int | None, math: Math = "strict", *, fuse: bool = False
+) -> Interpreter:
+    """Return the interpreter of a recorded module, whose exponentials and the like are those of the mode.
+
+    `fuse`: the module is one that `passes.fuse` has contracted.
+    """
+    lowered = with_strict_functions(module, precision, math, fuse=fuse)
     return Interpreter(lowered, precision if lowered is module else "f32", loop_limit)
 
 

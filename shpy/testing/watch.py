@@ -241,7 +241,7 @@ class _Watcher:
         within = b.let("le", count, target)
         b.store(self.slots["trail"], b.let("cond", within, trail, old))
         hit = b.let("eq", count, target)
-        self.keep(hit, "site", number)
+        self.store_where(hit, "site", number)
         if site.number in self.plan.looked:
             self.look(hit, site, value)
         after = b.let("add", count, self.one)
@@ -292,7 +292,7 @@ class _Watcher:
             return [value]
         return [self.b.swizzle(value, [c]) for c in range(value.type.size)]
 
-    def keep(self, hit: Value, slot: str, value: Value) -> None:
+    def store_where(self, hit: Value, slot: str, value: Value) -> None:
         """Store into a slot where the event is the one that is asked for."""
         b, variable = self.b, self.slots[slot]
         where = b.splat(hit, variable.type.size)
@@ -306,14 +306,14 @@ class _Watcher:
             self.keep_padded(hit, f"operand{n}", self.values[id])
         if self.loops:
             iterations = [b.load(iteration) for iteration, _ in self.loops[:_LOOPS]]
-            self.keep(hit, "iterations", self.padded(iterations, _U))
+            self.store_where(hit, "iterations", self.padded(iterations, _U))
 
     def keep_padded(self, hit: Value, place: str, value: Value) -> None:
         base = _FAMILY[value.type.base]
         exact = value
         if value.type.base is not base:
             exact = self.b.let("convert", value, type=value.type.based(base))
-        self.keep(hit, f"{place}_{base.value}", self.padded([exact], vec(base)))
+        self.store_where(hit, f"{place}_{base.value}", self.padded([exact], vec(base)))
 
     def padded(self, parts: list[Value], scalar: Type) -> Value:
         """Return a vector of four of these parts and zeros."""

@@ -19,7 +19,7 @@ from typing import Any
 from shpy.backend.registry import NAMES
 from shpy.command import whole
 from shpy.errors import ShpyError
-from shpy.passes.modes import MODES
+from shpy.passes.modes import CONTRACTIONS, MODES, mode_name
 from shpy.view.drawing import add_draw, write
 from shpy.view.messages import SIDE
 from shpy.view.server import LOOPBACK, View, serve
@@ -43,6 +43,7 @@ def _add_choice(command: argparse.ArgumentParser) -> None:
     """Add the options that choose a kernel."""
     command.add_argument("--backend", choices=NAMES, help="(default: the fastest that there is here)")
     command.add_argument("--math", choices=tuple(MODES), default="strict", help="(default: strict)")
+    command.add_argument("--fuse", action="store_true", help="round a * b + c once, with the same bits everywhere")
 
 
 def _draw(options: argparse.Namespace) -> int:
@@ -79,7 +80,10 @@ def view(options: argparse.Namespace) -> int:
     try:
         path, program = _file(options.file)
         request = {"path": str(path), "given": str(path), "name": path.name, "program": program}
-        state = {"size": list(options.size), "backend": options.backend, "math": options.math, "playing": True}
+        mode = mode_name(options.math, options.fuse)
+        if mode not in CONTRACTIONS:
+            raise ShpyError(f"--math {options.math} contracts by itself", cure="--math strict --fuse, or no --fuse")
+        state = {"size": list(options.size), "backend": options.backend, "math": mode, "playing": True}
         report = partial(print, f"shpy view {path.name}:", flush=True)
         serve(View("shpy.view.session", request, state), address=options.listen, port=options.port, report=report)
     except ShpyError as error:

@@ -40,6 +40,7 @@ def draw(
     size: tuple[int, int] = (512, 512),
     backend: str | None = None,
     math: Math = "strict",
+    fuse: bool = False,
     time: float = 0.0,
     frame: int = 0,
     mouse: Mouse = (0.0, 0.0, 0.0, 0.0),
@@ -52,7 +53,7 @@ def draw(
     `program` is the name of a program or chain in the file, by default the one that the page shows. `size` is (width,
     height); `time` in seconds, `frame` and `mouse` fill the inputs of these names. A chain runs `frame` times `steps`
     steps before it is drawn. `params` are values of Params by name. With `encode`, numbers are linear light, which
-    becomes sRGB. `backend` is the fastest of this machine by default.
+    becomes sRGB. `backend` is the fastest of this machine by default; `math` and `fuse` are those of `Program.compile`.
     Raises ShpyError for a file without such a program and for a Param that it lacks or that refuses its value; errors
     of the file's code pass through.
     """
@@ -61,7 +62,7 @@ def draw(
     opened = OpenedFile(path, runpy.run_path(str(path)))
     subject = subject_of(opened.pick(program)[1], opened, lambda: None)
     _assign(Controls(subject.params), params or {})
-    form, extent = Form(backend or preferred(), math), subject.extent(size)
+    form, extent = Form(backend or preferred(), math, fuse), subject.extent(size)
     if isinstance(subject, Ongoing):
         needed = 1 if subject.lacks_picture(size) else 0
         for number in range(max(frame, needed)):
@@ -107,7 +108,7 @@ def add_draw(commands: Any, size: Any, add_choice: Any) -> argparse.ArgumentPars
 def write(options: argparse.Namespace, path: Path, program: str | None) -> int:
     """Write the picture that the options of `shpy draw` describe; return 0, or 2 where that is impossible."""
     output = options.output or Path(f"{path.stem}.png")
-    named = ("size", "backend", "math", "time", "frame", "mouse", "steps", "encode")
+    named = ("size", "backend", "math", "fuse", "time", "frame", "mouse", "steps", "encode")
     try:
         check_writable(output)
         picture = draw(path, program, params=dict(options.params), **{name: getattr(options, name) for name in named})

@@ -11,12 +11,13 @@ first frame is done, so that the two do not compete for the interpreter's lock.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, Final
 
 from shpy.backend.registry import backends
 from shpy.errors import ShpyError
+from shpy.passes.modes import CONTRACTIONS, mode_name
 from shpy.programs import Program
 from shpy.run.background import Background
 
@@ -32,9 +33,29 @@ class Form:
 
     backend: str
     math: str
+    fuse: bool = False
+
+    @classmethod
+    def named(cls, backend: str, mode: str) -> Form:
+        """Return the form of a mode by its name on the page, such as "strict fused"."""
+        return cls(backend, *CONTRACTIONS[mode])
+
+    @property
+    def mode(self) -> str:
+        """The name of the mode on the page."""
+        return mode_name(self.math, self.fuse)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The keywords of `Program.compile` besides the backend."""
+        return {"math": self.math, "fuse": self.fuse}
+
+    def quick(self) -> Form:
+        """Return the form with the same bits, or nearly so, that is compiled at once."""
+        return replace(self, backend=QUICK)
 
     def __str__(self) -> str:
-        return self.backend if self.math == "strict" else f"{self.backend}, {self.math}"
+        return self.backend if self.mode == "strict" else f"{self.backend}, {self.mode}"
 
 
 class Kernels:
@@ -47,7 +68,7 @@ class Kernels:
     def best(self, choice: Form) -> tuple[Any, Form]:
         """Return the wanted kernel if compiled, else wait for the quick one; raise if both are refused."""
         if not self._compiled.is_done(choice):
-            quick = Form(QUICK, choice.math)
+            quick = choice.quick()
             self.wait_for_any(choice)
             if self._compiled.is_done(quick):
                 self._compiled.begin_after(_HEAD_START, choice, partial(self._compile, choice))
@@ -57,7 +78,7 @@ class Kernels:
     def wait_for_any(self, choice: Form) -> None:
         """Wait until the wanted form or the quick one is compiled, or is refused."""
         if not self._compiled.is_done(choice):
-            quick = Form(QUICK, choice.math)
+            quick = choice.quick()
             self.begin(quick)
             self._compiled.wait(quick)
 
@@ -79,7 +100,7 @@ class Kernels:
         self._compiled.begin(form, partial(self._compile, form))
 
     def _compile(self, form: Form) -> Any:
-        return self.program.compile(form.backend, math=form.math)  # type: ignore[arg-type]
+        return self.program.compile(form.backend, **form.options)
 
 
 @cache

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from shpy.backend.registry import NAMES
-from shpy.passes.modes import MODES
+from shpy.passes.modes import CONTRACTIONS
 
 LONGEST: Final = 1 << 16
 """The most bytes of a message of a page."""
@@ -74,7 +74,7 @@ _CHANGES: Final[dict[str, Callable[[Any], bool]]] = {
     "size": _pair(1),
     "mouse": _numbers(4),
     "backend": lambda value: _text(value) and value in NAMES,
-    "math": lambda value: _text(value) and value in MODES,
+    "math": lambda value: _text(value) and value in CONTRACTIONS,
     "params": _params,
     "scene": lambda value: isinstance(value, dict),
 }

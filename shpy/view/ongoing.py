@@ -25,7 +25,7 @@ from shpy.programs import Program
 from shpy.run.background import Background
 from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
-from shpy.view.kernels import QUICK, Form, Kernels
+from shpy.view.kernels import Form, Kernels
 from shpy.view.rounds import read_before
 from shpy.view.source import SHOW, START, OpenedFile
 
@@ -116,7 +116,7 @@ class Ongoing:
     def advance(self, moment: Moment, choice: Form, steps: int) -> bool:
         """Run some steps and return True; return False while neither the wanted form nor a quick one is compiled."""
         streams = dict(self._present(moment.size).streams)
-        forms = tuple(dict.fromkeys((choice, Form(QUICK, choice.math))))
+        forms = tuple(dict.fromkeys((choice, choice.quick())))
         for form in reversed(forms):
             self._trials.begin((form, moment.size), partial(self._try, moment, form, streams))
         ready = [form for form in forms if self._trials.is_done((form, moment.size))]
@@ -145,14 +145,14 @@ class Ongoing:
 
     def _compiled(self, form: Form) -> Chain:
         """Return the chain with its programs compiled in the mode of a form."""
-        if form.math == "strict":
+        if form.mode == "strict":
             return self.chain
 
         def compile_members(node: Any) -> Any:
             if isinstance(node, Chain):
                 return node.with_members(tuple(map(compile_members, node.members)))
             if isinstance(node.kernel, Program):
-                return replace(node, kernel=node.kernel.compile(form.backend, math=form.math))  # type: ignore[arg-type]
+                return replace(node, kernel=node.kernel.compile(form.backend, **form.options))
             return node
 
         return compile_members(self.chain)  # type: ignore[no-any-return]
@@ -245,7 +245,7 @@ def _is_filled(name: str, type_: Any) -> bool:
 
 def _source(kernel: Any, form: Form) -> str:
     if isinstance(kernel, Program):
-        kernel = kernel.compile(form.backend, math=form.math)  # type: ignore[arg-type]
+        kernel = kernel.compile(form.backend, **form.options)
     return str(kernel.source)
 
 

@@ -72,7 +72,7 @@ def answer(session: QuestionSession, question: dict[str, Any]) -> tuple[dict[str
             texts = session.subject.sources(frame.form)
             return {"form": str(frame.form), "texts": [{"name": name, "text": text} for name, text in texts]}, b""
         case {"about": "compare", "with": {"backend": backend, "math": math}}:
-            return compare(session, frame, Form(backend, math), question["page"])
+            return compare(session, frame, Form.named(backend, math), question["page"])
         case _:
             return {"problem": f"there is no answer about {question['about']}"}, b""
 

@@ -22,6 +22,7 @@ def recipe(session: Any, frame: Any) -> dict[str, Any]:
     inputs = _inputs(subject)
     named: dict[str, Any] = {"size": session.size, "backend": frame.form.backend}
     named |= {"math": frame.form.math} if frame.form.math != "strict" else {}
+    named |= {"fuse": True} if frame.form.fuse else {}
     named |= {"time": moment.time} if moment.time and "time" in inputs else {}
     named |= {"frame": moment.frame} if moment.frame and ("frame" in inputs or subject.evolves) else {}
     named |= {"steps": frame.history.steps} if subject.evolves and frame.history.steps != 1 else {}
@@ -56,6 +57,8 @@ def _command(session: Any, named: dict[str, Any], moved: dict[str, Any]) -> list
                 words += ["--size", f"{value[0]}x{value[1]}"]
             case "mouse":
                 words += [f"--mouse={','.join(map(repr, value))}"]
+            case "fuse":
+                words.append("--fuse")
             case _:
                 words += [f"--{name}", value if isinstance(value, str) else repr(value)]
     for name, value in moved.items():

@@ -34,11 +34,11 @@ class _Watch(Chain):
 
     def perform(self, run: Run) -> None:
         """Copy the streams."""
-        self.settle(run)
+        self.take_latest(run)
         now = run.current | run.numbers
         self._latest = {name: now[name].copy() for name in self._member.inputs if name in now}
 
-    def settle(self, run: Run) -> None:
+    def take_latest(self, run: Run) -> None:
         """Keep the copies of the latest execution if it wrote the element."""
         run.flush()
         times = run.current.get(("times", self._member))
@@ -62,7 +62,7 @@ def read_before(
     arguments, shape = arguments_of(watched, moment, streams)
     run = Run(watched, arguments, shape, backend, None, None)
     run.result()
-    watch.settle(run)
+    watch.take_latest(run)
     return {name: np.asarray(value)[()] if value.shape == () else value for name, value in watch.read.items()}
 
 

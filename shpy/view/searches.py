@@ -66,8 +66,10 @@ def _find_divergence(
     from shpy.testing.divergence import search  # here: it takes long to import, and few pictures are compared
     from shpy.testing.observers import Setting
 
+    if forms[0].fuse != forms[1].fuse:
+        return "One of them rounds a * b + c once, the other twice: they may diverge at each such sum."
     inputs = filled(program.inputs, moment)
-    one, two = (Setting(program, (), inputs, moment.shape, {"math": form.math}, check=check) for form in forms)
+    one, two = (Setting(program, (), inputs, moment.shape, form.options, check=check) for form in forms)
     names = tuple(f"{form.backend}-1" if form.backend == "opencl" else form.backend for form in forms)
     divergence = search(one, (names[0], names[1]), element, other=two)
     return (

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.passes.modes import MODES
+from shpy.passes.modes import CONTRACTIONS
 from shpy.screen import Moment, pixels
 from shpy.view import oddities, questions
 from shpy.view.controls import Controls
@@ -84,9 +84,9 @@ class Session(Live):
             "moves": self.subject.moves,
             "evolves": self.subject.evolves,
             "backends": available(),
-            "maths": list(MODES),
+            "maths": list(CONTRACTIONS),
             "recording": self.recording,
-            "form": [self.form.backend, self.form.math],
+            "form": [self.form.backend, self.form.mode],
         }
 
     def files(self) -> list[str]:
@@ -96,7 +96,7 @@ class Session(Live):
     def set(self, changes: dict[str, Any]) -> list[str]:
         """Change the state of the view; return a message for each Param that refuses its value."""
         super().set(changes)
-        self.form = Form(self.backend, changes.get("math") or self.form.math)
+        self.form = Form.named(self.backend, changes.get("math") or self.form.mode)
         self.encode, self.steps = changes.get("encode", self.encode), changes.get("steps", self.steps)
         if "mouse" in changes:
             x, y, press_x, press_y = map(float, changes["mouse"])

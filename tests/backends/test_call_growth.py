@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.passes.size import inlined_sizes, kept_apart
+from shpy.passes.size import inlined_sizes, not_inlined
 
 HALVE = " %1: f = const 0x1p-1\n %2: f = mul %0, %1\n store $0 = %2\n"
 BRANCH = " %3: b = gt %0, %1\n if %3 {\n  %4: f = add %2, %1\n  store $0 = %4\n }\n"
@@ -95,6 +95,6 @@ def test_what_a_driver_cannot_take_is_refused_by_name(target, kind, levels):
 
 def test_small_programs_keep_nothing_apart():
     small, large = (chain(levels, "value").ir for levels in (8, 20))
-    assert not kept_apart(small)
-    assert len(kept_apart(large)) > 3
-    assert inlined_sizes(large, kept_apart(large))["main"] < 100 < 2**20 < inlined_sizes(large)["main"]
+    assert not not_inlined(small)
+    assert len(not_inlined(large)) > 3
+    assert inlined_sizes(large, not_inlined(large))["main"] < 100 < 2**20 < inlined_sizes(large)["main"]

@@ -83,7 +83,7 @@ class Expected:
     def denormals(self) -> Array:
         """Return the elements on whose way a denormal arises: a device that flushes them may go another."""
         options = {f.name: getattr(self.options, f.name) for f in fields(self.options)}
-        arguments = {name: options[name] for name in ("precision", "math", "loop_limit")}
+        arguments = {name: options[name] for name in ("precision", "math", "fuse", "loop_limit")}
         return meets_denormals(Setting(record(self.program), tuple(self.inputs), {}, None, arguments))
 
     def compare(self, outputs: list[Array], ends: Array, who: str) -> None:
@@ -111,6 +111,7 @@ class Expected:
             precision=options.precision,
             loop_limit=options.loop_limit,
             math=options.math,
+            fuse=options.fuse,
         )
 
 
@@ -139,15 +140,18 @@ class Specialized(Expected):
 class Interpreted(Expected):
     """The reference results at another precision or in another mode, from the interpreter of the program's IR."""
 
-    def __init__(self, program: Tree, inputs: list[Array], precision: Precision, math: Math) -> None:
+    def __init__(
+        self, program: Tree, inputs: list[Array], precision: Precision, math: Math, *, fuse: bool = False
+    ) -> None:
         with np.errstate(over="ignore"):
             working = [a.astype(WORKING[precision]) if a.dtype.kind == "f" else a for a in inputs]
         super().__init__(program, working)
-        self.precision, self.math = precision, math
+        self.precision, self.math, self.fuse = precision, math, fuse
 
     @property
     def options(self) -> Options:
-        return Options(precision=self.precision, math=self.math, loop_limit=self.program.loop_limit or LIMIT)
+        limit = self.program.loop_limit or LIMIT
+        return Options(precision=self.precision, math=self.math, fuse=self.fuse, loop_limit=limit)
 
     @cached_property
     def answers(self) -> Answers:
@@ -201,10 +205,12 @@ class Repeated(Expected):
         return [self._repeated(o) for o in outputs], self._repeated(ends)
 
 
-def wanted(program: Tree, inputs: list[Array], precision: Precision, math: Math = "strict") -> Expected:
+def wanted(
+    program: Tree, inputs: list[Array], precision: Precision, math: Math = "strict", *, fuse: bool = False
+) -> Expected:
     """Return the results of the program at a precision, in a mode."""
-    plain = (precision, math) == ("f32", "strict")
-    return Expected(program, inputs) if plain else Interpreted(program, inputs, precision, math)
+    plain = (precision, math, fuse) == ("f32", "strict", False)
+    return Expected(program, inputs) if plain else Interpreted(program, inputs, precision, math, fuse=fuse)
 
 
 def held_in_halves(part: Any) -> Any:
@@ -225,13 +231,16 @@ def check(
     backends: tuple[str, ...],
     precision: Precision = "f32",
     constant: tuple[str, ...] = (),
+    *,
+    fuse: bool = False,
 ) -> None:
     """The text of the IR read back, and what each backend gives. Errors come with the program's text.
 
-    The inputs named in `constant` are constants of the program, and so are its uniforms.
+    The inputs named in `constant` are constants of the program, and so are its uniforms. With `fuse`, the reference is
+    the interpreter of the contracted IR.
     """
     program = held_in_halves(program) if precision == "f16" else program
-    expected = Specialized(program, inputs, constant) if constant else wanted(program, inputs, precision)
+    expected = Specialized(program, inputs, constant) if constant else wanted(program, inputs, precision, fuse=fuse)
     try:
         module = expected.recorded.ir
         assert sh.parse(str(module)) == module

@@ -120,6 +120,31 @@ def narrowed(precision: Precision, opencl: tuple[str, ...]) -> tuple[str, ...]:
     return ("prepared", "numpy", *opencl, *["glsl"] * (precision == "f16"))
 
 
+def agree_fused(shard: int, part: int, backends: tuple[str, ...], precision: Precision = "f32") -> None:
+    """9 programs for each part of each number, with contracted sums."""
+
+    @quietly
+    @given(trees())
+    def run(program: Tree) -> None:
+        check(program, INPUTS, backends, precision, fuse=True)
+
+    seed(f"fused {shard}.{part}")(run)()
+
+
+@pytest.mark.sampled(6)
+@each_part
+@pytest.mark.parametrize("shard", range(6))
+def test_fused_programs_agree(shard: int, part: int) -> None:
+    agree_fused(shard, part, rotated(shard)[1:])
+
+
+@pytest.mark.sampled(2)
+@each_part
+@pytest.mark.parametrize("precision", ["f16", "f64"])
+def test_fused_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:
+    agree_fused(0, part, narrowed(precision, ("opencl-8",)), precision)
+
+
 EVERYWHERE = ("interpreter", "prepared", "numpy", "numpy-5", *LANES, "glsl")
 
 
@@ -150,6 +175,13 @@ def test_many_programs_agree_in_wide_packets(shard: int) -> None:
 def test_many_programs_agree_at_other_precisions(shard: int, precision: Precision) -> None:
     for part in PARTS:
         agree(shard, part, narrowed(precision, tuple(LANES)), precision=precision)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shard", range(1000, 1030))
+def test_many_fused_programs_agree(shard: int) -> None:
+    for part in PARTS:
+        agree_fused(shard, part, EVERYWHERE[1:])
 
 
 def test_every_row_of_the_table_is_drawn() -> None:

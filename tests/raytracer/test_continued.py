@@ -210,6 +210,7 @@ CHANGES = {
     "Path.math": change("Path", "math", "fast"),
     "Path.math, portable": change("Path", "math", "portable"),
     "Path.math, relaxed": change("Path", "math", "relaxed"),
+    "Path.fuse": change("Path", "fuse", True),
     "Path.secondary": of_cube(),
     "Path.seed": change("Path", "seed", 1),
     "LayeredCube.of.mesh_or_scene": of_cube(),

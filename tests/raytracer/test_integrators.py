@@ -14,6 +14,7 @@ from raytracer.integrators.integrator import Options, chosen
 from raytracer.meshes.shapes import box, floor
 from shpy.passes import modes
 
+BACKENDS = ("numpy", "opencl", "glsl")
 SCENE = Scene([box(), floor(4)], [PointLight((2, 4, 3))], name="box")
 
 
@@ -66,6 +67,12 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
         renderer.render((4, 3), samples=0)
 
 
+def test_a_fused_picture_has_the_same_bits_on_every_backend():
+    first, *others = (render(SCENE, (8, 6), integrator=Whitted(fuse=True), backend=name) for name in BACKENDS)
+    for other in others:
+        same(first, other)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -85,6 +92,8 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
             lambda: render(SCENE, (2, 2), math="exact"),
             "math is one of 'strict', .*, 'fast', not 'exact'",
         ),
+        (lambda: Path(fuse=1), "fuse is True or False, not 1"),
+        (lambda: Path(math="fast", fuse=True), "math='fast' contracts by itself"),
         (lambda: Path(precision="f16"), "works at precision=\"f32\", not 'f16'"),
         (lambda: Path(seed=2**32), r"a seed is a whole number from 0 to 2\*\*32 - 1"),
         (lambda: Staged(accel="ldc:64"), 'go through a layered depth cube with tracer="unified" alone'),

@@ -176,7 +176,7 @@ def test_the_command_and_the_code_give_the_picture(tmp_path, monkeypatch, progra
     session = opened(tmp_path, READING, size=(300, 20), program=program)
     moved = {"gain": [0.3], "tint": [0.1, 0.2, 1.0], "on": [True], "count": [7]} if program is None else {}
     session.set({"mouse": [3.5, 1.25, -2, -7.125], "params": moved, "encode": True, "time": 1.1, "frame": 17})
-    session.set({"backend": backend, "math": "portable"})
+    session.set({"backend": backend, "math": "portable fused" if program else "portable"})
     header = {"coarse": True, "waiting": True}
     while header["coarse"] or header["waiting"]:
         header, shown = frame_of(session)

@@ -10,7 +10,7 @@ possible; otherwise compiling raises an error.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from typing import Final
 
@@ -22,6 +22,7 @@ from shpy.ir.meaning import fma
 from shpy.ir.nodes import Let, Module
 from shpy.ir.traverse import walk
 from shpy.passes.library import CORRECTABLE
+from shpy.passes.modes import Precision
 
 PROBED: Final = ("add", "sub", "mul", "div", "sqrt", "floor", "fma", "convert")
 """The operations that are probed; `convert` converts a float to an int."""
@@ -141,6 +142,15 @@ NO_BINARY64: Final = (
     "this device does not compute exactly in binary64: strict mode refuses the elementary functions here; "
     'math="portable" has all'
 )
+
+
+EMULATED: Final = "this device has no exact fma of this precision: fuse=True is slower here than without it"
+"""The note on kernels with `fuse` where each fused multiply-add takes several operations."""
+
+
+def emulates_fma(wrong: Collection[str], precision: Precision) -> bool:
+    """Return whether a device with these faults computes a fused multiply-add by several operations."""
+    return "fma" in wrong or precision == "f16"
 
 
 def notes_of(wrong: Iterable[str], *, binary64: bool) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ import numpy as np
 from shpy.backend.base import Array, Call, Device, DeviceCall, Options
 from shpy.backend.device import store
 from shpy.backend.device.once import once
-from shpy.backend.device.probe import notes_of, refuse_wrong
+from shpy.backend.device.probe import EMULATED, emulates_fma, notes_of, refuse_wrong
 from shpy.backend.glsl.device.context import open_context
 from shpy.backend.glsl.device.memory import GlslSpace
 from shpy.backend.glsl.device.run import DeviceRun, Program, Runtime
@@ -128,6 +128,8 @@ class GlslBackend:
         groups = _groups(len(prepared.module.entry.outputs), limits.outputs)
         programs = build(prepared)
         text, notes = "\n".join(p.shader.source for p in programs), _notes(limits)
+        if options.fuse and emulates_fma(limits.wrong, options.precision):
+            notes = (*notes, EMULATED)
         return GlslExecutable(
             text, notes, prepared.loops, not prepared.status, runtime, programs, groups, cache(rejection)
         )

@@ -202,7 +202,7 @@ def record_body(
         raise RecordError(
             f"{context.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)"
         )
-    functions = context.settled((*context.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
+    functions = context.with_names((*context.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
     module = Module(
         context.name,
         tuple(ports),

@@ -253,9 +253,9 @@ class Recording:
         declared[entry] = thing
         return entry
 
-    def settled(self, functions: tuple[Function, ...]) -> tuple[Function, ...]:
+    def with_names(self, functions: tuple[Function, ...]) -> tuple[Function, ...]:
         """Return the recorded functions in which params and tables with a given name have that name."""
-        params, tables = _settle(self.params), _settle(self.tables)
+        params, tables = _assign_names(self.params), _assign_names(self.tables)
         if not (params or tables):
             return functions
 
@@ -279,7 +279,7 @@ class Recording:
         return fresh(base, self.function_names)
 
 
-def _settle(declared: dict[str, Any]) -> dict[str, str]:
+def _assign_names(declared: dict[str, Any]) -> dict[str, str]:
     """Give each name that was given to the thing that has it, in place; return the new names by the old ones."""
     names: dict[str, str] = {}
     for key in [name for name in declared if name.endswith(_GIVEN)]:

@@ -312,6 +312,35 @@ def fma_rounds_once_and_mad_twice(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib1f
     return sh.fma(a, b, c), sh.mad(a, b, c)
 
 
+FUSED = {"fuse": True}
+SMALL = 2.0**-24
+"""The rounding error of the square of TIE."""
+
+
+@case(a=np.full(1, TIE), options=FUSED, expected=(f(SMALL), f(SMALL), f(SMALL - 1), f(1 - SMALL)))
+def sums_of_products_are_contracted(a: sh.Attrib1f):
+    p = a * a
+    return a * a - p, p - (1 + 2**-11), (p - (2 + 2**-11)), (2 + 2**-11) - a * a
+
+
+@case(a=np.full(1, TIE), options=FUSED, expected=(f(SMALL), f(SMALL), f(-1 - 2**-11), f(0)))
+def composites_are_contracted_and_a_product_through_fma_is_not(a: sh.Attrib1f):
+    v = sh.Attrib2f(a, 1)
+    return (
+        sh.dot(v, sh.Attrib2f(a, -1 - 2**-11)),
+        sh.mad(a, a, -1 - 2**-11),
+        sh.cross(sh.Vector3f(a, 1, 0), sh.Vector3f(0, a, 0)).z - 2 * (a * a),
+        sh.fma(a, a, -0.0) - sh.fma(a, a, -0.0),
+    )
+
+
+@case(a=np.array([[TIE, 2, 0.5]], np.float32), options=FUSED, expected=np.array([[SMALL, 2, -0.75]], np.float32))
+def vectors_are_contracted_by_component(a: sh.Attrib3f) -> sh.Attrib3f:
+    total = sh.Attrib3f(-1 - 2**-11, -2, -1)
+    total += a * a
+    return total
+
+
 @case(x=f(1, 1, 0.75, -3, 1e-3), n=np.array([127, -126, 10, 0, 3]), expected=lambda x, n: np.ldexp(x, n))
 def ldexp_scales_exactly(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
     return sh.ldexp(x, n)

@@ -67,7 +67,7 @@ class Statements(Expressions):
         ways: list[Callable[[], Stmt]] = [self.assign, self.assign, self.declare, self.lanes, self.group, self.store_at]
         ways += [self.write] * len(self.arrays)
         if self.derives:
-            ways.append(self.settle)
+            ways.append(self.known_number)
         if self.depth < self.deepest:
             ways += [self.branch, self.branch, self.count_loop, self.count_loop, self.while_loop, self.do_loop]
         if self.functions:
@@ -124,7 +124,7 @@ class Statements(Expressions):
         self.stored += [f"{name}[{r}]" for r in range(size)]
         return DeclareMatrix(name, rows)
 
-    def settle(self) -> Stmt:
+    def known_number(self) -> Stmt:
         """Return a number that a compiler knows after two statements: `x[:] = 1`, `x -= 1`."""
         name, type = self.pick([(n, self.names[n]) for n in self.stored if self.names[n].base is Base.F])
         one = Const(type, (1.0,) * type.size)

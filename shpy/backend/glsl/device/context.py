@@ -137,12 +137,12 @@ class Context:
                 job.give(job.work())
             except BaseException as error:
                 if self.resting is not None:
-                    self.settle()
+                    self.restore()
                 job.refuse(error)
             self._job = None
             del job  # and its references
 
-    def settle(self) -> None:
+    def restore(self) -> None:
         """Bring GL back to its state between jobs: one that raised may have left it anywhere."""
         self.resting.use()
         self.gl.disable(self.moderngl.BLEND | self.moderngl.DEPTH_TEST)

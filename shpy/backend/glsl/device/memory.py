@@ -194,7 +194,7 @@ class GlslSpace:
             try:
                 return function(*natives)
             finally:
-                context.settle()
+                context.restore()
 
         return context.call(job)
 
@@ -255,7 +255,7 @@ class GlslSpace:
         if source.count:
             self.call(lambda: self._merge(None, source, None, target))
 
-    def keep(self, status: GlslMemory, new: GlslMemory, old: GlslMemory | None) -> GlslMemory:
+    def merge(self, status: GlslMemory, new: GlslMemory, old: GlslMemory | None) -> GlslMemory:
         """Other memory with the elements of `new` where the status is WRITTEN, else of `old`, or zeros."""
         kept = self.allocate(new.count, new.type, new.dtype)
         if new.count:

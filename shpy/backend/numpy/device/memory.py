@@ -99,7 +99,7 @@ class NumpySpace:
         """Copy all elements."""
         target.array[...] = source.array
 
-    def keep(self, status: Any, new: Any, old: Any) -> Any:
+    def merge(self, status: Any, new: Any, old: Any) -> Any:
         """Put the elements of `old`, or zeros, where the status is not WRITTEN."""
         lost = status.array != Status.WRITTEN
         new.array[lost] = 0 if old is None else old.array[lost]

@@ -19,6 +19,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Options
 from shpy.backend.device.listed import few, is_worth_a_list, run_some
+from shpy.backend.device.probe import EMULATED
 from shpy.backend.dump import dump
 from shpy.backend.numpy.device.collective import COLLECTIVES
 from shpy.backend.numpy.device.memory import NumpySpace, over_arrays
@@ -96,6 +97,8 @@ class NumpyBackend:
         shorter = find_rejection(module)
         rejection = None if shorter is None else self.compile(shorter, options)
         notes = _notes(functions - trusted)
+        if options.fuse:
+            notes = (*notes, EMULATED)
         return NumpyExecutable(prepared, layout, printed, tile, _compiled(printed, module), notes, rejection)
 
     def space(self, device: int | None) -> NumpySpace:

@@ -18,7 +18,7 @@ from typing import Final
 
 from shpy.backend.base import Device, Executable, Options
 from shpy.backend.device.once import once
-from shpy.backend.device.probe import refuse_wrong, uncorrected
+from shpy.backend.device.probe import EMULATED, emulates_fma, refuse_wrong, uncorrected
 from shpy.backend.opencl.device.collective import collectives
 from shpy.backend.opencl.device.driver import LOCAL_SIZE, Machine, devices, machine_of
 from shpy.backend.opencl.device.memory import OpenCLSpace
@@ -125,6 +125,8 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
         )
     group, whole = group_of(machine, kernel)
     remarks = () if options.math in REPRODUCIBLE or machine.denormals else (_FLUSHED.format(options.math),)
+    if options.fuse and emulates_fma(machine.wrong, options.precision):
+        remarks = (*remarks, EMULATED)
     if group < whole:
         remarks = (*remarks, _GROUPED.format(kernel.private.size, group, whole))
     with machine.lock:

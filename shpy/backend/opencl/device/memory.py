@@ -227,7 +227,7 @@ class OpenCLSpace:
             with machine.lock:
                 machine.cl.enqueue_copy(machine.queue, target.buffer, source.buffer, byte_count=size)
 
-    def keep(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
+    def merge(self, status: OpenCLMemory, new: OpenCLMemory, old: OpenCLMemory | None) -> OpenCLMemory:
         """Replace elements whose status is not WRITTEN by those of `old`, or by zeros."""
         if new.count:
             buffer = None if old is None else old.buffer

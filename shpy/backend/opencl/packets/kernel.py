@@ -255,9 +255,9 @@ class PacketMaker(KernelMaker):
 
     # Functions
 
-    def stands_apart(self, function: Function) -> bool:
+    def must_not_inline(self, function: Function) -> bool:
         """Return whether the compiler must not inline the function."""
-        return super().stands_apart(function) or _is_large(function)
+        return super().must_not_inline(function) or _is_large(function)
 
     def add(self, function: Function, name: str) -> None:
         """Add a function to the text; for one that lanes run alone, add the loop over the lanes too.
@@ -301,9 +301,9 @@ class PacketMaker(KernelMaker):
 
     # The statements of a work item
 
-    def is_apart(self, entry: Function) -> bool:
+    def has_function(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls."""
-        return _is_large(entry) or super().is_apart(entry)
+        return _is_large(entry) or super().has_function(entry)
 
     def direct(self, entry: Function) -> Collection[int]:
         """Return no output, because the kernel writes each for all lanes at its end."""
@@ -343,7 +343,7 @@ class PacketMaker(KernelMaker):
         e, type = body.slots[variable.id], variable.type
         return e if isinstance(type, Lanes) else Construct(lanes_of(type.base, self.lanes), (e,))
 
-    def find_element(self, *, apart: bool) -> Block:
+    def find_element(self, *, has_function: bool) -> Block:
         """Return the statements that compute a work item's packet, and end the work item if the packet is empty."""
         if self.listed:
             number_of = tree.infix("+", Cast(UINT, self.first, SIZE), tree.call("get_global_id", UINT, number(0)))
@@ -354,7 +354,7 @@ class PacketMaker(KernelMaker):
             empty = Member(BOOL, self.packet, "empty")
         corner = Declare(self.place[self.corner], self.corner.text, start)
         block: Block = (corner, self._make_packet(), tree.If(empty, (Exit("return"),)))
-        return block if apart else (*block, *self._find_place())
+        return block if has_function else (*block, *self._find_place())
 
     def _make_packet(self) -> tree.Stmt:
         return Declare(Own("sh_packet"), self.packet.text, tree.call("sh_packet_at", INT, *self.place))

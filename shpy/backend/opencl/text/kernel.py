@@ -42,7 +42,7 @@ from shpy.ir.types import Base, Type
 from shpy.passes.hide import hide_derivable
 from shpy.passes.modes import REPRODUCIBLE, Math
 from shpy.passes.private import NONE, Private, bytes_of, private_memory
-from shpy.passes.size import kept_apart
+from shpy.passes.size import not_inlined
 
 ULONG: Final = Own("ulong")
 SIZE: Final = Own("size_t")
@@ -94,7 +94,7 @@ class KernelMaker(ClUnit):
 
     def __init__(self, module: Module, math: Math, *, elementwise: bool = False, faults: Collection[str] = ()) -> None:
         super().__init__(module, math, elementwise=elementwise, faults=faults)
-        self.apart = kept_apart(module)
+        self.not_inlined = not_inlined(module)
         self.outer = module.entry
         """The entry with its inputs and outputs as they are in memory."""
         self.dispatch = [Parameter(ULONG, self.count.text), Parameter(ULONG, self.first.text)]
@@ -108,9 +108,9 @@ class KernelMaker(ClUnit):
         """Return the lines that declare the types that the text uses and OpenCL C lacks."""
         return ()
 
-    def stands_apart(self, function: Function) -> bool:
+    def must_not_inline(self, function: Function) -> bool:
         """Return whether the compiler must not inline the function."""
-        return function.name in self.apart
+        return function.name in self.not_inlined
 
     # The text
 
@@ -172,7 +172,7 @@ class KernelMaker(ClUnit):
         body.out += self.prelude(function.name)
         body.statements()
         result = function.outputs[0].type if single else None
-        qualifiers = (NOINLINE,) if self.stands_apart(function) else ()
+        qualifiers = (NOINLINE,) if self.must_not_inline(function) else ()
         block = tuple(body.out)
         self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
 
@@ -209,7 +209,7 @@ class KernelMaker(ClUnit):
 
     def add_kernel(self, entry: Function, name: str) -> tuple[int, ...]:
         """Add the kernel itself; return the positions of the inputs that it reads."""
-        inner = self.globals.take(f"{name}_{self.work}") if self.is_apart(entry) else ""
+        inner = self.globals.take(f"{name}_{self.work}") if self.has_function(entry) else ""
         self.begin_kernel()
         if inner:
             self.add(entry, inner)
@@ -228,7 +228,7 @@ class KernelMaker(ClUnit):
         place_names = {*self.place, *self.grid.values()}
         parameters += [self.declares(e) for e in self.handed(entry.name) if e not in place_names]
         parameters += [Parameter(self.array(self.stored(o.type)), self.arrays[o.id].text) for o in outer.outputs]
-        body.out += self.find_element(apart=bool(inner))
+        body.out += self.find_element(has_function=bool(inner))
         for (at, i), array, step in zip(read, arrays, steps, strict=True):
             body.bind(i.id, self.fetched(operations, array, step, outer.inputs[at].type))
         if inner:
@@ -253,7 +253,7 @@ class KernelMaker(ClUnit):
 
     # The statements of a work item
 
-    def is_apart(self, entry: Function) -> bool:
+    def has_function(self, entry: Function) -> bool:
         """Return whether the entry is a function that the kernel calls: a Return stands before its end."""
         return any(isinstance(s, Return) for s in walk(entry.body) if s is not entry.body[-1])
 
@@ -292,10 +292,10 @@ class KernelMaker(ClUnit):
         left = [o for o in body.function.outputs if o.id not in body.direct]
         body.out += [operations.write(self.arrays[o.id], body.slots[o.id], o.type) for o in left]
 
-    def find_element(self, *, apart: bool) -> Block:
+    def find_element(self, *, has_function: bool) -> Block:
         """Return the statements that compute a work item's element and its index in the grid.
 
-        `apart` tells whether the entry is a function that the kernel calls.
+        `has_function` tells whether the entry is a function that the kernel calls.
         """
         element, index = self.element, self.grid[INDEX]
         start = tree.infix("+", self.first, tree.call("get_global_id", UINT, number(0)))
