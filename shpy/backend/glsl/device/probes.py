@@ -14,30 +14,30 @@ from shpy.backend.glsl.text.prologue import VERSION
 from shpy.passes.formulas.coefficients import STRICT_FAR_DIGITS, STRICT_INVERSE_PI, STRICT_SIN
 
 # The operations that a device may get wrong.
-PROBE: Final = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#else
-#define precise
+PROBE: Final = f"""\
+{VERSION}#ifndef GL_ARB_gpu_shader5
 #define fma(a, b, c) 0.0
 #endif
 uniform sampler2D triples;
 layout(location = 0) out vec4 first;
 layout(location = 1) out vec4 second;
-void main() {
+void main() {{
     vec4 p = texelFetch(triples, ivec2(gl_FragCoord.xy), 0);
     precise vec4 found = vec4(p.x + p.y, p.x - p.y, p.x * p.y, p.x / p.y);
     first = found;
     precise float fused = fma(p.x, p.y, p.z);
     second = vec4(sqrt(p.x), floor(p.x), float(int(min(p.x, 16777215.0))), fused);
-}
+}}
 """
 
+
+def _question(body: str) -> str:
+    """Return a shader whose variables may be `precise` where the device has that."""
+    return f"{VERSION}layout(location = 0) out vec4 answer;\n{body}"
+
+
 # A loop whose second exit never holds, as it follows `v += 1`.
-EXITS: Final = """\
-#version 330 core
-layout(location = 0) out vec4 found;
+EXITS: Final = _question("""\
 void main() {
     int v = 0;
     float left = 5.0;
@@ -48,30 +48,24 @@ void main() {
             break;
         }
     }
-    found = vec4(left);
+    answer = vec4(left);
 }
-"""
-
-
-def _precise(body: str) -> str:
-    """Return a shader whose variables are `precise` where the device has that."""
-    return f"{VERSION}layout(location = 0) out vec4 found;\n{body}"
-
+""")
 
 # A choice in a function, whose comparison is false, as NaN is less than nothing.
-CHOICES: Final = _precise("""\
+CHOICES: Final = _question("""\
 float larger(precise vec4 v) {
     precise float result = v.x < v.y ? v.y : v.x;
     return result;
 }
 void main() {
     precise vec4 v = uintBitsToFloat(uvec4(0x7fc00000u + uint(gl_FragCoord.x), 0x40000000u, 0u, 0u));
-    found = vec4(isnan(larger(v)) ? 1.0 : 0.0);
+    answer = vec4(isnan(larger(v)) ? 1.0 : 0.0);
 }
 """)
 
 # A choice of -0.0, whose product with -1.0 is 0.0: `zero` would be as good a maximum, but for its sign.
-SIGNS: Final = _precise("""\
+SIGNS: Final = _question("""\
 void main() {
     uint unknown = uint(min(int(gl_FragCoord.x), 0));
     precise float x = uintBitsToFloat(0x80000000u + unknown);
@@ -79,12 +73,12 @@ void main() {
     precise bool greater = x >= zero;
     precise float chosen = greater ? x : zero;
     precise float product = -1.0 * chosen;
-    found = vec4(floatBitsToUint(product) == 0u ? 1.0 : 0.0);
+    answer = vec4(floatBitsToUint(product) == 0u ? 1.0 : 0.0);
 }
 """)
 
 # A comparison whose negation holds, as NaN is not less than anything.
-NEGATIONS: Final = _precise("""\
+NEGATIONS: Final = _question("""\
 void main() {
     precise float x = uintBitsToFloat(0x7fc00000u + uint(gl_FragCoord.x));
     float other = 0.0;
@@ -92,7 +86,7 @@ void main() {
     if (!less) {
         other = 1.0;
     }
-    found = vec4(other);
+    answer = vec4(other);
 }
 """)
 
@@ -136,25 +130,13 @@ void main() {
 }
 """
 
-_DECIMALS: Final = """\
-#version 330 core
-#ifdef GL_ARB_gpu_shader5
-#extension GL_ARB_gpu_shader5 : enable
-#endif
-EXTENSION
-layout(location = 0) out vec4 found;
-void main() {
-    bool same = true;
-COMPARISONS
-    found = vec4(same ? 1.0 : 0.0);
-}
-"""
 _FLOATS: Final = (4.4709815e-38, 9.8848554e-33, -86.000626, 6.1870016e29, 1.1920929e-07, 0.99999905, 3.4028235e38)
 
 
 def _decimals(extension: str, comparisons: Iterable[str]) -> str:
     lines = "\n".join(f"    same = same && {comparison};" for comparison in comparisons)
-    return _DECIMALS.replace("EXTENSION\n", extension).replace("COMPARISONS", lines)
+    main = f"void main() {{\n    bool same = true;\n{lines}\n    answer = vec4(same ? 1.0 : 0.0);\n}}\n"
+    return f"{VERSION}{extension}layout(location = 0) out vec4 answer;\n{main}"
 
 
 def decimal_floats() -> str:

@@ -61,8 +61,8 @@ _NUMBERS: Final = {
 }
 
 _CONVERSION: Final = re.compile(r"convert_([a-z]+)(|2|3|4|8|16)(?:_sat)?(?:_rt[ezpn])?")
-_ACCESS: Final = re.compile(r"(vload|vstore)(2|3|4|8|16)")
-_HALF_ACCESS: Final = re.compile(r"(vload|vstore)_half(|2|3|4|8|16)(?:_rt[ezpn])?")
+_ACCESS: Final = re.compile(r"(vload|vstore)()(2|3|4|8|16)")
+_HALF_ACCESS: Final = re.compile(r"(vload|vstore)_(half)(|2|3|4|8|16)(?:_rt[ezpn])?")
 _VIEW: Final = re.compile(r"as_([a-z]+)(|2|3|4|8|16)")
 _WORD: Final = re.compile(r"\b[A-Za-z_]\w*\b")
 
@@ -121,26 +121,15 @@ def _conversion(name: str, base: str, n: str) -> Iterator[str]:
             yield f"{base}{n} {_CONST} {name}({source}{n});"
 
 
-def _access(name: str, way: str, n: str) -> Iterator[str]:
-    """Yield the forms of `vload8` or `vstore8` for each type and address space."""
-    for base in (*_INTS, *_FLOATS):
-        if way == "vload":
-            for space in ("__constant", *_SPACES):
-                yield f"{base}{n} {_PURE} {name}(size_t, const {space} {base} *);"
-        else:
-            for space in _SPACES:
-                yield f"void {_PLAIN} {name}({base}{n}, size_t, {space} {base} *);"
-
-
-def _half_access(name: str, way: str, n: str) -> Iterator[str]:
-    """Yield the forms of `vload_half8` or `vstore_half8_rte` for each address space."""
-    if way == "vload":
-        for space in ("__constant", *_SPACES):
-            yield f"float{n} {_PURE} {name}(size_t, const {space} half *);"
-    else:
-        for base in _FLOATS:
-            for space in _SPACES:
-                yield f"void {_PLAIN} {name}({base}{n}, size_t, {space} half *);"
+def _access(name: str, way: str, half: str, n: str) -> Iterator[str]:
+    """Yield the forms of `vload8`, `vstore8`, `vload_half8` or `vstore_half8_rte` for each type and address space."""
+    loads = way == "vload"
+    for base in (*_INTS, *_FLOATS) if not half else ("float",) if loads else _FLOATS:
+        for space in ("__constant", *_SPACES) if loads else _SPACES:
+            if loads:
+                yield f"{base}{n} {_PURE} {name}(size_t, const {space} {half or base} *);"
+            else:
+                yield f"void {_PLAIN} {name}({base}{n}, size_t, {space} {half or base} *);"
 
 
 def _view(name: str, base: str, n: str) -> Iterator[str]:
@@ -150,6 +139,6 @@ def _view(name: str, base: str, n: str) -> Iterator[str]:
 _PATTERNS: Final[dict[re.Pattern[str], Callable[..., Iterator[str]]]] = {
     _CONVERSION: _conversion,
     _ACCESS: _access,
-    _HALF_ACCESS: _half_access,
+    _HALF_ACCESS: _access,
     _VIEW: _view,
 }

@@ -75,10 +75,7 @@ def _listed() -> tuple[Any, ...]:
     platforms: list[Any] = []
     try:
         cl = pyopencl()
-        with (
-            suppress(cl.Error),
-            ieee_arithmetic(),
-        ):  # a processor's driver starts threads, which compute as this one does
+        with suppress(cl.Error), ieee_arithmetic():  # the driver may start threads, which compute as this one does
             platforms = cl.get_platforms()
             if all_devices := [d for platform in platforms for d in platform.get_devices()]:
                 return tuple(sorted(all_devices, key=lambda d: not d.type & cl.device_type.GPU))

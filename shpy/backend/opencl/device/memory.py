@@ -320,12 +320,6 @@ _Copies = dict[Any, tuple[int, Any, bool]]
 """For each layout of the elements: the version of the data, the buffer, and whether changed parts are sent to it."""
 
 
-@once
-def tables_of(machine: Machine) -> Tables:
-    """Return the tables of a device."""
-    return Tables(machine)
-
-
 class Tables:
     """The buffers of tables, for as long as their data exists."""
 
@@ -373,6 +367,10 @@ class Tables:
             offset = start * part[0].nbytes
             copied.append(cl.enqueue_copy(self.machine.queue, buffer, part, dst_offset=offset, is_blocking=False))
         cl.wait_for_events(copied)
+
+
+tables_of = once(Tables)
+"""Return the tables of a device."""
 
 
 def _as_held(array: Array, dtype: Any, padded: bool) -> Array:
