@@ -19,6 +19,7 @@ from shpy.backend.base import Array, Options
 from shpy.backend.device import probe
 from shpy.backend.glsl.device.context import open_context
 from shpy.backend.opencl.device import driver as device, trial
+from shpy.backend.opencl.device.compiler_trials import TRIALS
 from shpy.backend.opencl.device.driver import machine_of
 from shpy.ir import ops
 from shpy.ir.types import Base, vec
@@ -348,6 +349,7 @@ def test_a_trial_that_does_not_end_has_failed_and_the_others_go_on(monkeypatch):
 def test_abilities_that_could_not_be_tried_are_told_and_not_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path / "kept"))
     machine = device.Machine(machine_of(None).device)
+    monkeypatch.setattr(machine, "_may_try", lambda key: False)
 
     def refused(*_command, **_options):
         raise OSError("no more processes")
@@ -367,6 +369,67 @@ def test_abilities_are_tried_once_for_a_driver(tmp_path, monkeypatch):
     monkeypatch.delitem(vars(machine), "_succeeded")
     monkeypatch.setattr(device, "works", None)  # not to be called again
     assert machine._succeeded == asked
+
+
+def counted(monkeypatch):
+    """Return the list of the trials that other processes run from now on."""
+    asked = []
+
+    def works(place, options, trials):
+        asked.append(list(trials))
+        return trial.works(place, options, trials)
+
+    monkeypatch.setattr(device, "works", works)
+    return asked
+
+
+@pytest.mark.parametrize("nothing_kept", [False, True])
+def test_pocl_is_tried_here_and_answers_as_another_process_does(tmp_path, monkeypatch, nothing_kept):
+    """Where nothing is kept on disk, the next process could not know that this one ended by a trial."""
+    monkeypatch.setenv("SHPY_CACHE_DIR", "" if nothing_kept else str(tmp_path))
+    asked = counted(monkeypatch)
+    machine = device.Machine(machine_of(None).device)
+    assert machine._succeeded == trial.works(machine._place(), machine.options("strict"), TRIALS)
+    assert bool(asked) == nothing_kept
+
+
+def test_a_process_that_ended_by_a_trial_is_the_last_to_try_itself(tmp_path, monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    asked = counted(monkeypatch)
+
+    def end(*_):
+        raise SystemExit
+
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "outcomes_here", end)
+        with pytest.raises(SystemExit):
+            device.Machine(machine_of(None).device)._succeeded  # noqa: B018
+    assert "wide32" in device.Machine(machine_of(None).device)._succeeded
+    assert len(asked) == 1
+
+
+def test_a_compiler_that_refuses_all_trials_at_once_is_asked_for_each(tmp_path, monkeypatch):
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    asked = counted(monkeypatch)
+    broken = {**TRIALS, "reduce": trial.Trial("int8", "a[0] = no_such_function(a[0]);", (1,), (2,))}
+    monkeypatch.setattr(device, "TRIALS", broken)
+    assert device.Machine(machine_of(None).device)._succeeded == TRIALS.keys() - {"reduce"}
+    assert asked == [list(broken)]
+
+
+def test_trials_in_one_kernel_fail_one_by_one():
+    machine = machine_of(None)
+    good = trial.Trial("int", "a[0] *= 2;", (3,), (6,))
+    tried = {
+        "first": good,
+        "wrong": trial.Trial("int", "a[0] *= 2;", (3,), (7,)),
+        "missing": trial.Trial("int", "a[0] = no_such_function(a[0]);", (3,), (4,), needs="__NO_SUCH_PROCESSOR__"),
+        "floats": trial.Trial("float16", "a[0] *= 0.5f;", (3.0,) * 16, (1.5,) * 16),
+        "last": good,
+    }
+    assert trial.outcomes(machine.cl, machine.context, [], tried, "") == {"first", "floats", "last"}
+    tried["broken"] = trial.Trial("int", "a[0] = no_such_function(a[0]);", (3,), (3,))
+    assert trial.outcomes(machine.cl, machine.context, [], tried, "") is None
 
 
 def test_zeros_are_hidden_from_a_compiler_that_folds_them(wrong: Any) -> None:

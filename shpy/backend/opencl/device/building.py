@@ -13,6 +13,7 @@ run. `run` runs the kernel.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -168,7 +169,8 @@ def _refusal(log: str, kernel: KernelText) -> CompileError:
 def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[int, int]:
     """Return the lanes of a prepared module's packets, and those where it reads neighbours in a grid."""
     each = private_memory(module).size
-    fitting = [n for n in machine.widths if n * _PACKETS * each <= machine.most_private] or [min(machine.widths)]
+    fits = [n for n in machine.widths if n * _PACKETS * each <= machine.most_private] if each else machine.widths
+    fitting = fits or [min(machine.widths)]
     register = machine.lanes // (2 if precision == "f64" else 1)
     loops = [_carried(f, s) for f in module.functions for s in walk(f.body) if isinstance(s, Loop)]
     most = min(_MOST_EACH, _REGISTERS // max(loops, default=1) or 1) * register
@@ -178,7 +180,7 @@ def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[i
     return _widest(fitting, most), _widest(fitting, most_of_large)
 
 
-def _widest(widths: list[int], most: int) -> int:
+def _widest(widths: Sequence[int], most: int) -> int:
     return max((n for n in widths if n <= most), default=min(widths))
 
 

@@ -13,11 +13,12 @@ from __future__ import annotations
 import ctypes
 import math
 import threading
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from shpy.backend.opencl.device.declarations import GUARD, declarations
-from shpy.backend.opencl.device.trial import DECLARES, Trial
+from shpy.backend.opencl.device.trial import DECLARES, Trial, outcomes
 from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS
 from shpy.backend.opencl.packets.prologue_wide import try_wide
 from shpy.backend.opencl.packets.widen import WIDER
@@ -72,6 +73,8 @@ def most_private(tried: int, stack: int | None) -> int:
     return max(min(sizes, default=0), _LEAST)
 
 
+_X86: Final = {4: "__SSE__", 8: "__AVX__", 16: "__AVX512DQ__"}
+"""The macros of compilers for processors with vectors of as many numbers of 32 bits."""
 _ROUNDED = (1.5, -0.5, 2.0, 2.5, -3.0, 0.0, 7.75, 1e9)
 _CALLS: Final = (
     "float8 x = vload8(get_global_id(0), (__global float *)a); int8 i = clamp(convert_int8_sat(x), 0, 3); "
@@ -98,11 +101,15 @@ _TRIALS: Final = {
         (0, 8, 1, 9, 2, 10, 3, 11),
     ),
     **{
-        f"signs{n}": Trial(f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1))
+        f"signs{n}": Trial(
+            f"int{n}", f"int{n} mask = a[0]; a[0].x = {text};", (0, -1, *[0] * (n - 2)), (2, -1), needs=_X86[n]
+        )
         for n, text in SIGNS.items()
     },
     **{
-        f"guess{n}": Trial(f"float{n}", f"a[0] = floor({text.format('a[0]')} + 0.5f);", (0.0625,) * n, (4.0,) * n)
+        f"guess{n}": Trial(
+            f"float{n}", f"a[0] = floor({text.format('a[0]')} + 0.5f);", (0.0625,) * n, (4.0,) * n, needs=_X86[n]
+        )
         for n, text in GUESSES.items()
     },
     **{
@@ -111,9 +118,20 @@ _TRIALS: Final = {
         )
         for n in WIDER
     },
-    **{name_of(size): trial_of(size) for size in SIZES},
 }
-TRIALS: Final = {
-    name: replace(trial, declarations=declarations(trial.statements), option=GUARD) for name, trial in _TRIALS.items()
-}
+
+
+def _declared(trials: dict[str, Trial]) -> dict[str, Trial]:
+    return {name: replace(t, declarations=declarations(t.statements), option=GUARD) for name, t in trials.items()}
+
+
+TRIALS: Final = _declared(_TRIALS)
 """Functions that a compiler may have besides OpenCL C; DECLARES comes first, for it makes the others faster."""
+MEMORY: Final = _declared({name_of(size): trial_of(size) for size in reversed(SIZES)})
+"""Trials of private memory, the largest first: a smaller one succeeds where it does."""
+
+
+def outcomes_here(cl: Any, context: Any, options: list[str], trials: Mapping[str, Trial]) -> frozenset[str] | None:
+    """Run trials in this process, with functions declared; None where the driver refuses their kernel."""
+    calls = declarations(" ".join(trial.statements for trial in trials.values()))
+    return outcomes(cl, context, [*options, GUARD], trials, calls)

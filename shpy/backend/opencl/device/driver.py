@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import cached_property, partial
@@ -29,11 +29,19 @@ from shpy.backend.device.pace import Pace
 from shpy.backend.device.pool import Kind, Pool, rounded
 from shpy.backend.device.probe import COUNT, FAULTS, PROBED, hard_inputs, notes_of, wrong_operations
 from shpy.backend.device.processes import Driver, at_exit
-from shpy.backend.opencl.device.compiler_trials import SIZES, TRIALS, most_private, name_of, thread_stack
+from shpy.backend.opencl.device.compiler_trials import (
+    MEMORY,
+    SIZES,
+    TRIALS,
+    most_private,
+    name_of,
+    outcomes_here,
+    thread_stack,
+)
 from shpy.backend.opencl.device.declarations import GUARD, declarations
 from shpy.backend.opencl.device.loading import POCL, explain_absence, explain_cache, pyopencl
 from shpy.backend.opencl.device.probes import ABILITIES, BINARY64, EXACTNESS, abilities_in_binary64
-from shpy.backend.opencl.device.trial import DECLARES, Unfinished, works
+from shpy.backend.opencl.device.trial import DECLARES, Trial, Unfinished, works
 from shpy.backend.opencl.device.waiting import Waiter
 from shpy.backend.opencl.packets.prologue import GUESSES, SIGNS, Abilities
 from shpy.backend.opencl.packets.widen import WIDER, WIDTHS
@@ -56,6 +64,8 @@ _LEAST = 64
 """Bytes of the smallest buffer."""
 _TRIED: Final = 1 << 20
 """Bytes of a buffer from which on the host allocates and frees as much memory before the driver does."""
+_TRIED_HERE: Final = "trials that a process ran itself"
+"""The list of trials, by their keys, that some process has begun to run itself."""
 _FEW: Final = 16
 """The most brief runs for which a wait need not be interruptible."""
 
@@ -362,18 +372,55 @@ class Machine:
     @once_of_each
     def _succeeded(self) -> frozenset[str]:
         """Return the names of the TRIALS that succeed: run once for each driver version, and stored on disk."""
-        reads_header = self.device.platform.name.strip() == POCL  # PoCL reads the header again for each program
+        reads_header = self._is_pocl  # again for each program
         trials = {name: trial for name, trial in TRIALS.items() if reads_header or name != DECLARES}
+        return self._tried(trials, trials)
+
+    @once_of_each
+    def _holds(self) -> int:
+        """Return the most bytes of private memory of the trials in MEMORY: tried when a kernel has local arrays."""
+        largest = max((size for size in SIZES if size <= (thread_stack() or 0) * 3 // 4), default=None)
+        names = self._tried(MEMORY, {} if largest is None else {name_of(largest): MEMORY[name_of(largest)]})
+        return max((size for size in SIZES if name_of(size) in names), default=0)
+
+    def _tried(self, trials: Mapping[str, Trial], harmless: Mapping[str, Trial]) -> frozenset[str]:
+        """Return the names of the trials that succeed, stored on disk.
+
+        Those that are `harmless` with PoCL run in this process; another one runs all if none of them succeeds.
+        """
         texts = "".join(t.declarations + t.text(name) for name, t in trials.items())
         key = self._key(f"{texts} in threads of {thread_stack()} bytes", self._options)
+
+        def ask() -> frozenset[str]:
+            names = None
+            if harmless and self._is_pocl and self._may_try(key):
+                with self.lock:
+                    names = outcomes_here(self.cl, self.context, self._options, harmless)
+            return names or works(self._place(), self._options, trials)
+
         try:
-            return store.known_names(key, trials, lambda: works(self._place(), self._options, trials))
+            return store.known_names(key, trials, ask)
         except Unfinished as error:  # not cached: the next process tries again
             warn(
                 f"kernels on {self.device.name.strip()} may be slower than they could be: what its compiler can do was "
                 f"not found out ({error})"
             )
             return frozenset()
+
+    def _may_try(self, key: str) -> bool:
+        """Return whether this process may run trials itself: none before it has, or it ended by them, and no answer.
+
+        PoCL's versions pass the trials, or refuse them, without harm (`tests/drivers.py`). Should another one end the
+        process, the next process finds the key in the list on disk.
+        """
+        if store.is_remembered(_TRIED_HERE, key):
+            return False
+        store.remember(_TRIED_HERE, key)
+        return store.is_remembered(_TRIED_HERE, key)
+
+    @property
+    def _is_pocl(self) -> bool:
+        return bool(self.device.platform.name.strip() == POCL)
 
     @cached_property
     def abilities(self) -> Abilities:
@@ -390,8 +437,7 @@ class Machine:
 
         A CPU's driver ends the process where a stack does not hold them; a GPU's refuses the kernel.
         """
-        tried = max((size for size in SIZES if name_of(size) in self._succeeded), default=0)
-        return most_private(tried, thread_stack()) if self.is_cpu else max(tried, SIZES[0])
+        return most_private(self._holds, thread_stack()) if self.is_cpu else max(self._holds, SIZES[0])
 
     @property
     def orders_stores(self) -> bool:
