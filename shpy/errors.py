@@ -124,6 +124,20 @@ def warn(message: str) -> None:
     warnings.warn(message, ShpyWarning, stacklevel=level)
 
 
+def raise_interrupt(error: BaseException, before: BaseException | None) -> None:
+    """Raise the KeyboardInterrupt that `error` replaced, if there is one.
+
+    `before` is `sys.exception()` of the time before the work that raised `error`: a caller may be handling an earlier
+    interrupt, which is no cause of this error. An interrupt becomes another error where Python calls `__set_name__`
+    (RuntimeError before Python 3.12), or where a cleanup fails, as that of a lock that was not yet taken again.
+    """
+    cause: BaseException | None = error
+    while cause is not None and cause is not before:
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause
+        cause = cause.__cause__ or cause.__context__
+
+
 def _is_passed(file: str) -> bool:
     return file.startswith(_HOUSE) or is_standard(file)
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 from dataclasses import dataclass
 from typing import Any
 
 from shpy.backend.base import Backend, Device
-from shpy.errors import BackendUnavailable
+from shpy.errors import BackendUnavailable, raise_interrupt
 
 _MODULES = {
     "numpy": "shpy.backend.numpy.device.run",
@@ -49,7 +50,12 @@ def backend(name: str) -> Backend:
     if result is None:
         if not isinstance(name, str) or name not in NAMES:
             raise BackendUnavailable(f"there is no backend {name!r}", cure=" or ".join(map(repr, NAMES)))
-        result = _backends[name] = importlib.import_module(_MODULES[name]).backend
+        before = sys.exception()
+        try:
+            result = _backends[name] = importlib.import_module(_MODULES[name]).backend
+        except RuntimeError as error:
+            raise_interrupt(error, before)
+            raise
     return result
 
 

@@ -28,7 +28,7 @@ from typing import Any, Final
 
 from shpy.backend.base import Array, Call, Device, DeviceCall, Executable, Options, Space
 from shpy.backend.registry import AUTO, backend as backend_named
-from shpy.errors import ShpyError
+from shpy.errors import ShpyError, raise_interrupt
 from shpy.ieee import ieee_arithmetic
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Loc, Module
@@ -217,6 +217,7 @@ class TieredExecutable:
         if not store.is_remembered(_COMPILED, text) and total < (worth := self.expected(cached=False)):
             self._worth = worth
             return
+        before = sys.exception()
         try:
             opencl: Any = backend_named(BETTER)
             if faults := opencl.faults(self._options.device):
@@ -225,6 +226,7 @@ class TieredExecutable:
             with ieee_arithmetic(), uncollected(), announced(self._module, BETTER, _PATIENCE):
                 better = opencl.compile(self._module, self._options)
         except Exception as error:  # drivers raise errors of any type
+            raise_interrupt(error, before)
             self._refuse(f"{BETTER} does not take it ({_said(error)})")
             return
         store.remember(_COMPILED, text)
@@ -236,12 +238,14 @@ class TieredExecutable:
         better = self._better
         if better is None:  # another thread has refused it meanwhile
             return self._quick.run(call)  # type: ignore[no-any-return]
+        before = sys.exception()
         try:
             if len(self._trials) >= _TRIED or not self._seconds:
                 return better.run(call)
             start = time.perf_counter()
             status = better.run(call)
         except Exception as error:  # for instance, too little memory on the device
+            raise_interrupt(error, before)
             self._refuse(f"{BETTER} gave an error ({_said(error)})")
             return self._quick.run(call)  # type: ignore[no-any-return]
         self._trials.append((time.perf_counter() - start) / call.count)

@@ -52,7 +52,7 @@ def at_line(after: int) -> Iterator[None]:
 
         def count(frame: Any, event: str, _: Any) -> Any:
             nonlocal left
-            if event == "line" and not _hears_nothing(frame, entered):
+            if event == "line" and not hears_nothing(frame, entered):
                 left -= 1
                 if left == 0:
                     raise Interrupted
@@ -76,7 +76,7 @@ def at_line(after: int) -> Iterator[None]:
         sys.settrace(before)
 
 
-def _hears_nothing(frame: Any, entered: set[int]) -> bool:
+def hears_nothing(frame: Any, entered: set[int]) -> bool:
     """Return whether CPython handles no signal at a line: at `try:`, or at a `with` that the frame leaves.
 
     An exception there would pass by the `__exit__` of the block around it, and a lock would stay locked.

@@ -25,6 +25,8 @@ from shpy.packages import install
 POCL = "Portable Computing Language"
 _FILE = 1 << 18
 """Bytes of a file that a folder must have room for: those of a compiled kernel."""
+_BEGINNING = 1.0
+"""Seconds in which a thread begins, if there is one: Ctrl-C may come before it is made."""
 
 
 def pyopencl() -> Any:
@@ -37,19 +39,30 @@ def pyopencl() -> Any:
 
 
 def _imported(name: str) -> Any:
-    """Import a module on another thread: Ctrl-C while an extension in C starts would end the process by SIGABRT."""
+    """Import a module on another thread: Ctrl-C while an extension in C starts would end the process by SIGABRT.
+
+    Ctrl-C ends the wait after the import: a program that ended meanwhile would end with status 1 and not by SIGINT,
+    since CPython forgets how the program ended where another thread calls `exec` with a text, as dataclasses do.
+    """
     if name in sys.modules or sys.is_finalizing():
         return importlib.import_module(name)
     answer: Answer[Any] = Answer()
+    begun = threading.Event()
 
     def work() -> None:
+        begun.set()
         try:
             answer.give(importlib.import_module(name))
         except BaseException as error:
             answer.refuse(error)
 
-    threading.Thread(target=work, name="shpy-import", daemon=True).start()
-    return answer.result()
+    try:
+        threading.Thread(target=work, name="shpy-import", daemon=True).start()
+        return answer.result()
+    except KeyboardInterrupt:
+        while not answer.wait(_BEGINNING) and begun.is_set():
+            pass
+        raise
 
 
 def _set_environment() -> None:
