@@ -9,14 +9,10 @@ Stage: render. Above the integrators, and above the trade-off that chooses among
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from raytracer.arrays import is_whole
 from raytracer.backends import chosen_backend
-from raytracer.cluster.connection import connected
-from raytracer.cluster.job import Job
-from raytracer.cluster.partitioned import check_partitions, render_partitioned
-from raytracer.cluster.replicated import render_tiles
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Choice, Integrator, Options, Whitted, chosen
@@ -25,7 +21,9 @@ from raytracer.integrators.primary import GBuffer, size_of
 from raytracer.integrators.progressive import check_resume
 from raytracer.integrators.renderer import Renderer, Resume
 from raytracer.scene.scene import Scene
-from raytracer.studies.tradeoff import fastest
+
+if TYPE_CHECKING:
+    from raytracer.cluster.job import Job
 
 
 def render(
@@ -69,6 +67,8 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
+        from raytracer.cluster.job import Job  # here, since most pictures need no cluster
+
         job = Job(scene, chosen_integrator, chosen_backend(backend, shares_cores=True))
         return _by_workers(cluster, job, size, max_error, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
@@ -91,6 +91,10 @@ def _by_workers(
     progress: Progress | None,
 ) -> Image:
     """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it."""
+    from raytracer.cluster.connection import connected
+    from raytracer.cluster.partitioned import check_partitions, render_partitioned
+    from raytracer.cluster.replicated import render_tiles
+
     if max_error is not None:
         raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
     if not (tile_rows is None or is_whole(tile_rows, 1)):
@@ -115,6 +119,8 @@ def _within(
     resume: Resume,
 ) -> Image:
     """Render by the fastest variant that keeps an error."""
+    from raytracer.studies.tradeoff import fastest  # here, since most pictures ask for no error
+
     check_resume(chosen_integrator, resume)
     if not (isinstance(chosen_integrator, Whitted) and chosen_integrator.is_plain):
         raise SceneError("max_error chooses among the variants of the unified tracer: leave the choice to it")

@@ -17,11 +17,6 @@ import importlib
 from typing import Any
 
 from shpy.backend.registry import BackendInfo, backends, default_backend
-from shpy.chains.chain import Chain, loop, repeat, sequence
-from shpy.chains.running import ChainResult
-from shpy.chains.share import share
-from shpy.choices import choice
-from shpy.collectives import argsort, compact, expand, gather, histogram, reduce, scan, scatter, sort, top_k, unique
 from shpy.errors import (
     BackendUnavailable,
     CompileError,
@@ -71,17 +66,30 @@ from shpy.tracing import Step
 
 globals().update(TYPES | FUNCTIONS)
 
-# The modules and the names that `__getattr__` loads on first use, each name with its module.
+# The modules and the names that `__getattr__` loads on first use, each name with its module: most programs use few.
 _MODULES = {
     **{name: name for name in ("accuracy", "command", "files", "library", "packages", "screen", "testing", "view")},
     "outputs": "pictures.outputs",
     "videos": "pictures.videos",
 }
-_LATER = {"animate": "pictures.animation", "map_blocks": "cluster", "map_overlap": "cluster", "widget": "notebook.live"}
+_LATER = {
+    **dict.fromkeys(("Chain", "loop", "repeat", "sequence"), "chains.chain"),
+    **dict.fromkeys(
+        "argsort compact expand gather histogram reduce scan scatter sort top_k unique".split(), "collectives"
+    ),
+    **dict.fromkeys(("map_blocks", "map_overlap"), "cluster"),
+    "ChainResult": "chains.running",
+    "animate": "pictures.animation",
+    "choice": "choices",
+    "share": "chains.share",
+    "widget": "notebook.live",
+}
+_WITH_MORE_PACKAGES = {"widget"}
+"""Names that `from shpy import *` leaves out: their packages may be missing."""
 
 # Names of Python's builtins (abs, min, round, …) stay out, so that `from shpy import *` shadows none.
 __all__ = sorted(
-    ["animate", "map_blocks", "map_overlap"]
+    [*(_LATER.keys() - _WITH_MORE_PACKAGES)]
     + [
         name
         for name, thing in globals().items()
@@ -89,6 +97,11 @@ __all__ = sorted(
         and not (name[0] == "_" or hasattr(_builtins, name))
     ]
 )
+
+
+def __dir__() -> list[str]:
+    """List what is loaded on first use, too."""
+    return sorted({*globals(), *_LATER, *_MODULES})
 
 
 def __getattr__(name: str) -> Any:

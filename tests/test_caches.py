@@ -34,6 +34,7 @@ FEW = {
     "shpy/lang/recording/location.py": "one warning",
     "shpy/passes/formulas/edges.py": "operations of the language and their types",
     "shpy/passes/library.py": "operations of the language and their types",
+    "shpy/streams/methods.py": "methods of streams",
     "shpy/testing/certify/functions.py": "functions of the language",
     "shpy/testing/certify/golden.py": "one file",
     "shpy/view/kernels.py": "one thread",

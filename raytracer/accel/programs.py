@@ -1,4 +1,4 @@
-"""Programs of the builders, recorded when they are first needed: importing the ray tracer records none.
+"""Programs that are recorded when they are first needed: importing the ray tracer records none.
 
 Stage: accelerate.
 

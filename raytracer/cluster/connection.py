@@ -8,7 +8,6 @@ Stage: cluster. Dask is imported when a cluster is asked for.
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
 import os
@@ -101,6 +100,8 @@ def _workers(count: int) -> Any:
 
 
 def _worker_class() -> Any:
+    import asyncio  # here, since commands without a cluster import this file, too
+
     from distributed.deploy.subprocess import SubprocessWorker
 
     class LocalWorker(SubprocessWorker):  # type: ignore[misc]

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import shpy as sh
+from raytracer.accel.programs import LateProgram
 from raytracer.errors import ClusterError
 from raytracer.integrators.integrator import Integrator
 from raytracer.integrators.renderer import Renderer
@@ -47,7 +48,7 @@ class _ProbeResults(NamedTuple):
     unit: sh.Vector3f
 
 
-@sh.program
+@LateProgram
 def probe(x: sh.Attrib1f, y: sh.Attrib1f) -> _ProbeResults:
     """Compute operations that drivers and processors may round differently."""
     return _ProbeResults(
@@ -76,7 +77,7 @@ def probed(backend: str, integrator: Integrator, *tables: Any) -> str:
     """Return a digest of the results of `probe` in an integrator's arithmetic, and of tables."""
     numbers = np.arange(1, 2 * _PROBES + 1, dtype=np.uint64) * 2654435761 % (1 << 24)  # Knuth's multiplicative hash
     x, y = ((numbers + 1) / np.float32(1 << 24)).astype(np.float32).reshape(2, -1)
-    results = probe.compile(backend, **integrator.arithmetic)(x, y)
+    results = probe.program.compile(backend, **integrator.arithmetic)(x, y)
     digest = hashlib.sha256()
     for table in (*tables, *results):
         digest.update(b"-" if table is None else np.ascontiguousarray(table).tobytes())

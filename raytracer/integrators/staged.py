@@ -91,7 +91,7 @@ class StagedTracer:
         # No loop limit: a stage visits at most `at_once` cells or triangles.
         self.kernels = {name: program.compile(**options, loop_limit=None) for name, program in self.programs.items()}
         masks = stages.MASKS if early_z else {}
-        self._masks = {name: program.compile(**options) for name, program in masks.items()}
+        self._masks = {name: late.program.compile(**options) for name, late in masks.items()}
 
     @property
     def at_once(self) -> Any:

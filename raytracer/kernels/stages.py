@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import shpy as sh
+from raytracer.accel.programs import LateProgram
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridBeside, GridIntersector, is_over
 from raytracer.kernels.pixel import Pixel
@@ -131,38 +132,38 @@ def programs(tracer: Tracer, rays: EyeRays | PanoramaRays) -> dict[str, Any]:
         "traverse": _traverser(walk, at_once),
         "intersect": _intersector(walk, at_once),
         "shade": shading(tracer),
-        "waiting": waiting,
-        "moving": moving,
-        "unfinished": unfinished,
+        "waiting": waiting.program,
+        "moving": moving.program,
+        "unfinished": unfinished.program,
     }
 
 
-@sh.program
+@LateProgram
 def waiting(state: sh.Attrib1i) -> sh.Attrib1b:
     """Write True for the rays that wait for the intersector; the others are discarded."""
     SH_DISCARD(state != WAIT)
     return sh.Attrib1b(True)
 
 
-@sh.program
+@LateProgram
 def moving(state: sh.Attrib1i) -> sh.Attrib1b:
     """Return whether rays are on their way."""
     return sh.Attrib1b((state == ACTIVE) | (state == WAIT))
 
 
-@sh.program
+@LateProgram
 def unfinished(state: sh.Attrib1i) -> sh.Attrib1b:
     """Return whether pixels have rays that are on their way or have yet to be shaded."""
     return sh.Attrib1b(state != FINISHED)
 
 
-@sh.program
+@LateProgram
 def active(state: sh.Attrib1i) -> sh.Attrib1b:
     """Return whether rays go from cell to cell."""
     return sh.Attrib1b(state == ACTIVE)
 
 
-@sh.program
+@LateProgram
 def stopped(state: sh.Attrib1i) -> sh.Attrib1b:
     """Return whether rays have triangles to try."""
     return sh.Attrib1b(state == WAIT)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,6 @@ from shpy.lang.values.structure import Leaf, is_lazy, layout_of
 from shpy.lang.values.types import Attrib1f
 from shpy.lang.values.value import CLASSES
 from shpy.programs import Program
-from shpy.streams.methods import bind_reductions
 from shpy.streams.stream import Place, Stream
 
 _METHODS = ("pairwise", "compensated", "exact")
@@ -209,17 +209,18 @@ def _by_bits(stream: Stream, base: Base) -> bool:
     return base is Base.F and stream.precision == "f32" and stream.place.space.flushes
 
 
-bind_reductions(
-    sum=_sum,
-    mean=_mean,
-    min=lambda stream, axis: _extreme(stream, axis, "min"),
-    max=lambda stream, axis: _extreme(stream, axis, "max"),
-    argmin=lambda stream, axis: _place(stream, axis, "argmin"),
-    argmax=lambda stream, axis: _place(stream, axis, "argmax"),
-    any=lambda stream, axis: _logic(stream, axis, "any"),
-    all=lambda stream, axis: _logic(stream, axis, "all"),
-    count=_count,
-)
+METHODS: Final[dict[str, Callable[..., Any]]] = {
+    "sum": _sum,
+    "mean": _mean,
+    "min": lambda stream, axis: _extreme(stream, axis, "min"),
+    "max": lambda stream, axis: _extreme(stream, axis, "max"),
+    "argmin": lambda stream, axis: _place(stream, axis, "argmin"),
+    "argmax": lambda stream, axis: _place(stream, axis, "argmax"),
+    "any": lambda stream, axis: _logic(stream, axis, "any"),
+    "all": lambda stream, axis: _logic(stream, axis, "all"),
+    "count": _count,
+}
+"""The reductions that streams have as methods (`streams/methods`)."""
 
 
 def _element(stream: Stream, name: str) -> tuple[int, Base]:

@@ -1,6 +1,7 @@
 """The reductions that streams have as methods.
 
-Stage: run. They run programs, which stand above streams, so `shpy.collectives` binds them here when it is imported.
+Stage: run. They run programs, which stand above streams, so the module that has them is loaded by its name at the first
+use of one. Most programs use none.
 
     x.sum()                   # a numpy scalar
     x.sum(axis=0)             # a Stream without that axis
@@ -8,19 +9,20 @@ Stage: run. They run programs, which stand above streams, so `shpy.collectives` 
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
-from typing import Any, Final, Literal
+from functools import cache
+from typing import Any, Literal
 
 import numpy as np
 
 from shpy.ieee import in_ieee_arithmetic
 
-_bound: Final[dict[str, Callable[..., Any]]] = {}
 
-
-def bind_reductions(**functions: Callable[..., Any]) -> None:
-    """Have the methods call functions of `shpy.collectives.reducing`, each with the stream as its first argument."""
-    _bound.update((name, in_ieee_arithmetic(function)) for name, function in functions.items())
+@cache
+def _reduction(name: str) -> Callable[..., Any]:
+    """Return the function of a method, which takes the stream as its first argument."""
+    return in_ieee_arithmetic(importlib.import_module("shpy.collectives.reducing").METHODS[name])
 
 
 def _on_host(value: Any) -> Any:
@@ -62,7 +64,7 @@ class StreamReductions:
         Elements of 16 bits are converted to binary32 first; the sums are taken in binary32, along the same tree, and
         the result is rounded to binary16 once, at the end.
         """
-        return _bound["sum"](self, method=method, axis=axis)
+        return _reduction("sum")(self, method=method, axis=axis)
 
     def mean(self, axis: int | None = None) -> Any:
         """Return the pairwise sum divided by the number of elements, which rounds once more; NaN for no elements.
@@ -70,7 +72,7 @@ class StreamReductions:
         Of elements of 16 bits, sum and quotient are taken in binary32, and the quotient is rounded to binary16.
         Raises ShpyTypeError for streams of ints and bools.
         """
-        return _bound["mean"](self, axis=axis)
+        return _reduction("mean")(self, axis=axis)
 
     def min(self, axis: int | None = None) -> Any:
         """Return the least element. NaN is less than all numbers.
@@ -78,7 +80,7 @@ class StreamReductions:
         Of equal elements, -0 and 0 among them, the first is taken; of several NaN, the first.
         Raises ShpyTypeError for no elements.
         """
-        return _bound["min"](self, axis=axis)
+        return _reduction("min")(self, axis=axis)
 
     def max(self, axis: int | None = None) -> Any:
         """Return the largest element. NaN is larger than all numbers.
@@ -86,30 +88,30 @@ class StreamReductions:
         Of equal elements, -0 and 0 among them, the first is taken; of several NaN, the first.
         Raises ShpyTypeError for no elements.
         """
-        return _bound["max"](self, axis=axis)
+        return _reduction("max")(self, axis=axis)
 
     def argmin(self, axis: int | None = None) -> Any:
         """Return the index of the first element equal to `min()`, or of the first NaN: along an axis or in C order.
 
         Raises ShpyTypeError for no elements.
         """
-        return _bound["argmin"](self, axis=axis)
+        return _reduction("argmin")(self, axis=axis)
 
     def argmax(self, axis: int | None = None) -> Any:
         """Return the index of the first element equal to `max()`, or of the first NaN: along an axis or in C order.
 
         Raises ShpyTypeError for no elements.
         """
-        return _bound["argmax"](self, axis=axis)
+        return _reduction("argmax")(self, axis=axis)
 
     def any(self, axis: int | None = None) -> Any:
         """Return whether an element is not zero (NaN is not): False for no elements."""
-        return _bound["any"](self, axis=axis)
+        return _reduction("any")(self, axis=axis)
 
     def all(self, axis: int | None = None) -> Any:
         """Return whether no element is zero: True for no elements."""
-        return _bound["all"](self, axis=axis)
+        return _reduction("all")(self, axis=axis)
 
     def count(self, axis: int | None = None) -> Any:
         """Return how many elements are not zero (NaN is not), as int32: 0 for no elements."""
-        return _bound["count"](self, axis=axis)
+        return _reduction("count")(self, axis=axis)
