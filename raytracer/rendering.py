@@ -9,7 +9,7 @@ Stage: render. Above the integrators, and above the trade-off that chooses among
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 from raytracer.arrays import is_whole
 from raytracer.backends import chosen_backend
@@ -21,9 +21,6 @@ from raytracer.integrators.primary import GBuffer, size_of
 from raytracer.integrators.progressive import check_resume
 from raytracer.integrators.renderer import Renderer, Resume
 from raytracer.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from raytracer.cluster.job import Job
 
 
 def render(
@@ -67,10 +64,8 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     if cluster is not None:
-        from raytracer.cluster.job import Job  # here, since most pictures need no cluster
-
-        job = Job(scene, chosen_integrator, chosen_backend(backend, shares_cores=True))
-        return _by_workers(cluster, job, size, max_error, tile_rows, partitions, resume, progress)
+        work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
+        return _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
     if tile_rows is not None or partitions is not None:
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
@@ -82,7 +77,7 @@ def render(
 
 def _by_workers(
     cluster: Any,
-    job: Job,
+    work: tuple[Scene, Integrator, str],
     size: tuple[int, int],
     max_error: float | None,
     tile_rows: int | None,
@@ -90,8 +85,13 @@ def _by_workers(
     resume: Resume,
     progress: Progress | None,
 ) -> Image:
-    """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it."""
+    """Render by the workers of a cluster, which hold the scene or, with `partitions`, parts of it.
+
+    `work` is the scene, the integrator and the name of the backend.
+    """
+    # Here, since most pictures need no cluster: to import these takes 40 ms of CPU, and Dask more.
     from raytracer.cluster.connection import connected
+    from raytracer.cluster.job import Job
     from raytracer.cluster.partitioned import check_partitions, render_partitioned
     from raytracer.cluster.replicated import render_tiles
 
@@ -99,6 +99,7 @@ def _by_workers(
         raise SceneError("max_error chooses by times measured on this machine: leave it or the cluster out")
     if not (tile_rows is None or is_whole(tile_rows, 1)):
         raise SceneError(f"tile_rows is a number of rows, 1 or more, not {tile_rows!r}")
+    job = Job(*work)
     if partitions is not None:
         check_partitions(job, partitions)
         if resume is not None or tile_rows is not None:

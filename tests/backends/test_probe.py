@@ -385,7 +385,7 @@ def counted(monkeypatch):
 
 @pytest.mark.parametrize("nothing_kept", [False, True])
 def test_pocl_is_tried_here_and_answers_as_another_process_does(tmp_path, monkeypatch, nothing_kept):
-    """Where nothing is kept on disk, the next process could not know that this one ended by a trial."""
+    """Another process runs them if nothing is kept on disk: no process could know that a trial ended one before."""
     monkeypatch.setenv("SHPY_CACHE_DIR", "" if nothing_kept else str(tmp_path))
     asked = counted(monkeypatch)
     machine = device.Machine(machine_of(None).device)
