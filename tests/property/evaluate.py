@@ -13,43 +13,9 @@ import numpy as np
 from shpy.ir import meaning
 from shpy.ir.constants import DTYPES
 from shpy.testing.conformance.exact import exact
+from shpy.testing.generated import syntax
 from shpy.testing.generated.source import PARAMS, TABLES
-from shpy.testing.generated.syntax import (
-    FIELDS,
-    Apply,
-    Assign,
-    Block,
-    Call,
-    Component,
-    Const,
-    Construct,
-    Convert,
-    Declare,
-    DeclareMatrix,
-    DeclareStruct,
-    Do,
-    Exit,
-    Expr,
-    For,
-    Function,
-    If,
-    LaneIndex,
-    Lanes,
-    Multiply,
-    Name,
-    Plain,
-    Product,
-    Read,
-    Splat,
-    Stmt,
-    StoreAt,
-    Swizzle,
-    Tree,
-    Variable,
-    While,
-    Write,
-    WriteStruct,
-)
+from shpy.testing.generated.syntax import FIELDS
 
 DISCARDED, WRITTEN, STOPPED = 0, 1, 2
 
@@ -65,9 +31,9 @@ class Leave(Exception):
 class Evaluator:
     """One element. `scope` holds numpy scalars, (size,) arrays, and (length[, size]) arrays."""
 
-    def __init__(self, program: Tree) -> None:
+    def __init__(self, program: syntax.Tree) -> None:
         self.program = program
-        self.functions: dict[str, Function] = {f.name: f for f in program.functions}
+        self.functions: dict[str, syntax.Function] = {f.name: f for f in program.functions}
 
     def run(self, inputs: list[Any]) -> tuple[list[Any], int]:
         """Return the outputs, and DISCARDED, WRITTEN or STOPPED."""
@@ -76,7 +42,7 @@ class Evaluator:
         for array in self.program.arrays:
             if array.struct:
                 for field, type in FIELDS.items():
-                    scope[f"{array.name}.{field}"] = self.zeros(Variable("", type, array.length))
+                    scope[f"{array.name}.{field}"] = self.zeros(syntax.Variable("", type, array.length))
             else:
                 scope[array.name] = self.zeros(array)
         with np.errstate(all="ignore"):
@@ -87,12 +53,12 @@ class Evaluator:
             return [self.value(e, scope) for e in self.program.results], WRITTEN
 
     @staticmethod
-    def zeros(array: Variable) -> Any:
+    def zeros(array: syntax.Variable) -> Any:
         """Return the initial contents of an array."""
         tail = (array.type.size,) if array.type.size > 1 else ()
         return np.zeros((array.length or 0, *tail), DTYPES[array.type.base])
 
-    def body(self, block: Block, scope: dict[str, Any]) -> None:
+    def body(self, block: syntax.Block, scope: dict[str, Any]) -> None:
         """Run a function's body, which a return ends."""
         try:
             self.block(block, scope)
@@ -100,58 +66,58 @@ class Evaluator:
             if leave.kind != "return":
                 raise
 
-    def block(self, block: Block, scope: dict[str, Any]) -> None:
+    def block(self, block: syntax.Block, scope: dict[str, Any]) -> None:
         """Execute statements in order."""
         for statement in block:
             self.statement(statement, scope)
 
-    def statement(self, s: Stmt, scope: dict[str, Any]) -> None:
+    def statement(self, s: syntax.Stmt, scope: dict[str, Any]) -> None:
         """Execute one statement."""
-        if isinstance(s, Plain):
+        if isinstance(s, syntax.Plain):
             self.plain(s, scope)
             return
         match s:
-            case Call():
+            case syntax.Call():
                 self.call(s, scope)
-            case Lanes(_, condition, name, value):
+            case syntax.Lanes(_, condition, name, value):
                 if self.value(condition, scope):
                     scope[name] = self.value(value, scope)
-            case If(branches, orelse):
+            case syntax.If(branches, orelse):
                 for condition, body in branches:
                     if self.value(condition, scope):
                         self.block(body, scope)
                         return
                 self.block(orelse or (), scope)
-            case Exit(kind, condition):
+            case syntax.Exit(kind, condition):
                 if condition is None or self.value(condition, scope):
                     raise Leave(kind)
-            case While() | Do() | For():
+            case syntax.While() | syntax.Do() | syntax.For():
                 self.loop(s, scope)
 
-    def plain(self, s: Plain, scope: dict[str, Any]) -> None:
+    def plain(self, s: syntax.Plain, scope: dict[str, Any]) -> None:
         """Execute a statement that is neither control flow nor a call."""
         match s:
-            case Declare(name, value):
+            case syntax.Declare(name, value):
                 scope[name] = self.value(value, scope)
-            case DeclareMatrix(name, rows):
+            case syntax.DeclareMatrix(name, rows):
                 scope |= {f"{name}[{r}]": self.value(row, scope) for r, row in enumerate(rows)}
-            case DeclareStruct(name, values):
+            case syntax.DeclareStruct(name, values):
                 scope |= {f"{name}.{f}": self.value(v, scope) for f, v in zip(FIELDS, values, strict=True)}
-            case Assign():
+            case syntax.Assign():
                 self.assign(s, scope)
-            case StoreAt(name, index, value):
+            case syntax.StoreAt(name, index, value):
                 scope[name] = scope[name].copy()
                 self.put(scope[name], self.value(index, scope), self.value(value, scope))
-            case Write(name, index, value, op):
+            case syntax.Write(name, index, value, op):
                 at, new = self.value(index, scope), self.value(value, scope)
                 if op is not None:
                     new = self.apply(op, [self.at(scope[name], (at,)), new])
                 self.put(scope[name], at, new)
-            case WriteStruct(name, index, values):
+            case syntax.WriteStruct(name, index, values):
                 at, fields = self.value(index, scope), [self.value(v, scope) for v in values]
                 for field, new in zip(FIELDS, fields, strict=True):
                     self.put(scope[f"{name}.{field}"], at, new)
-            case Multiply(name, other):
+            case syntax.Multiply(name, other):
                 right = self.matrix(other, scope)
                 products = [self.combine(row, right) for row in self.matrix(name, scope)]
                 scope |= {f"{name}[{r}]": row for r, row in enumerate(products)}
@@ -182,12 +148,12 @@ class Evaluator:
             total = total + number * row
         return total
 
-    def product(self, e: Product, scope: dict[str, Any]) -> Any:
+    def product(self, e: syntax.Product, scope: dict[str, Any]) -> Any:
         """Multiply a matrix and a vector, in the order that the language names."""
         vector, rows = self.value(e.vector, scope), self.matrix(e.matrix, scope)
         return self.combine(vector, rows) if e.left else np.array([self.apply("dot", [r, vector]) for r in rows])
 
-    def assign(self, s: Assign, scope: dict[str, Any]) -> None:
+    def assign(self, s: syntax.Assign, scope: dict[str, Any]) -> None:
         """Store into a variable, or into some of its components."""
         old, value = scope[s.name], self.value(s.value, scope)
         if s.picked is None:
@@ -198,23 +164,23 @@ class Evaluator:
         new[picked] = self.apply(s.op, [old[picked], value]) if s.op else value
         scope[s.name] = new
 
-    def call(self, s: Call, scope: dict[str, Any]) -> None:
+    def call(self, s: syntax.Call, scope: dict[str, Any]) -> None:
         """Call a subroutine: what it stores in a parameter comes back."""
         function = self.functions[s.function]
         inner = {p.name: self.value(a, scope) for p, a in zip(function.params, s.args, strict=True)}
         self.body(function.body, inner)
         for param, arg in zip(function.params, s.args, strict=True):
             if param.name in function.stored:
-                assert isinstance(arg, Name)
+                assert isinstance(arg, syntax.Name)
                 scope[arg.name] = inner[param.name]
         if s.result is not None:
             scope[s.result] = self.value(function.results[0], inner)
 
-    def loop(self, s: While | Do | For, scope: dict[str, Any]) -> None:
+    def loop(self, s: syntax.While | syntax.Do | syntax.For, scope: dict[str, Any]) -> None:
         """Run a loop; an iteration is counted once the loop's test has passed."""
-        bounds = [int(self.value(b, scope)) for b in s.bounds] if isinstance(s, For) else []
-        indices = iter(range(*bounds)) if isinstance(s, For) else None
-        constant = isinstance(s, For) and all(isinstance(b, Const) for b in s.bounds)
+        bounds = [int(self.value(b, scope)) for b in s.bounds] if isinstance(s, syntax.For) else []
+        indices = iter(range(*bounds)) if isinstance(s, syntax.For) else None
+        constant = isinstance(s, syntax.For) and all(isinstance(b, syntax.Const) for b in s.bounds)
         limit = self.program.loop_limit
         count = 0
         while True:
@@ -223,7 +189,7 @@ class Evaluator:
                 if index is None:
                     return
                 scope[s.index] = np.int32(index)  # type: ignore[union-attr]
-            if isinstance(s, While) and not self.value(s.condition, scope):
+            if isinstance(s, syntax.While) and not self.value(s.condition, scope):
                 return
             if count == limit and not constant:
                 raise Leave("stopped")
@@ -235,38 +201,38 @@ class Evaluator:
                     return
                 if leave.kind != "continue":
                     raise
-            if isinstance(s, Do) and self.value(s.until, scope):
+            if isinstance(s, syntax.Do) and self.value(s.until, scope):
                 return
 
-    def value(self, e: Expr, scope: dict[str, Any]) -> Any:
+    def value(self, e: syntax.Expr, scope: dict[str, Any]) -> Any:
         """Return the value of an expression."""
         match e:
-            case Const(type, values):
+            case syntax.Const(type, values):
                 array = np.array(values).astype(DTYPES[type.base])
                 return array if type.size > 1 else array[0]
-            case Name(_, name):
+            case syntax.Name(_, name):
                 return scope[name]
-            case Splat(type, scalar):
+            case syntax.Splat(type, scalar):
                 return np.full(type.size, self.value(scalar, scope))
-            case Apply(_, op, args):
+            case syntax.Apply(_, op, args):
                 return self.apply(op, [self.value(a, scope) for a in args])
-            case Convert(type, inner):
+            case syntax.Convert(type, inner):
                 return meaning.convert(self.value(inner, scope), DTYPES[type.base])
-            case Construct(_, parts):
+            case syntax.Construct(_, parts):
                 array = np.concatenate([np.atleast_1d(self.value(p, scope)) for p in parts])
                 return np.full(e.type.size, array[0]) if len(array) == 1 else array
-            case Swizzle(_, inner, picked):
+            case syntax.Swizzle(_, inner, picked):
                 return np.atleast_1d(self.value(inner, scope))[list(picked) if len(picked) > 1 else picked[0]]
-            case Component(_, inner, index):
+            case syntax.Component(_, inner, index):
                 return self.at(self.value(inner, scope), (self.value(index, scope),))
-            case Read(_, name, index, field):
+            case syntax.Read(_, name, index, field):
                 key = f"{name}.{field}" if field else name
                 data = scope[key] if key in scope else TABLES[name].data(np.float32).array
                 return self.at(data, tuple(self.value(i, scope) for i in index))
-            case LaneIndex(_, _, condition):
+            case syntax.LaneIndex(_, _, condition):
                 self.value(condition, scope)
                 return np.int32(7)
-            case Product():
+            case syntax.Product():
                 return self.product(e, scope)
 
     @staticmethod
@@ -286,7 +252,7 @@ def floor_quotient(x: Any, y: Any) -> Any:
     return np.where(below, quotient.dtype.type(-1), quotient)
 
 
-def evaluated(program: Tree, *inputs: Any) -> tuple[Any, ...]:
+def evaluated(program: syntax.Tree, *inputs: Any) -> tuple[Any, ...]:
     """Return the outputs for arrays of elements, zeros for elements that were discarded or stopped."""
     ends = [Evaluator(program).run(list(element)) for element in zip(*inputs, strict=True)]
     blank = [0] * len(program.results)

@@ -18,45 +18,8 @@ import numpy as np
 import shpy as sh
 from shpy.ir.types import Base, Type
 from shpy.programs import Program
-from shpy.testing.generated.syntax import (
-    F3,
-    FIELDS,
-    Apply,
-    Assign,
-    B,
-    Block,
-    Call,
-    Component,
-    Const,
-    Construct,
-    Convert,
-    Declare,
-    DeclareMatrix,
-    DeclareStruct,
-    Do,
-    Exit,
-    Expr,
-    F,
-    For,
-    I,
-    If,
-    LaneIndex,
-    Lanes,
-    Multiply,
-    Name,
-    Plain,
-    Product,
-    Read,
-    Splat,
-    Stmt,
-    StoreAt,
-    Swizzle,
-    Tree,
-    Variable,
-    While,
-    Write,
-    WriteStruct,
-)
+from shpy.testing.generated import syntax
+from shpy.testing.generated.syntax import F3, FIELDS, B, F, I
 
 SYMBOLS = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "floordiv": "//", "floormod": "%", "and": "&", "or": "|",
@@ -79,38 +42,38 @@ def number(base: Base, value: float) -> str:
     return f"np.float32('{value}')" if np.isinf(value) or np.isnan(value) else repr(float(value))
 
 
-def text(e: Expr) -> str:
+def text(e: syntax.Expr) -> str:
     """Return the expression in the language."""
     match e:
-        case Const(type, values):
+        case syntax.Const(type, values):
             return f"{class_of(type)}({', '.join(number(type.base, v) for v in values)})"
-        case Name(_, name):
+        case syntax.Name(_, name):
             return name
-        case Splat(_, scalar):
+        case syntax.Splat(_, scalar):
             return text(scalar)
-        case Apply(_, op, args) if op in SYMBOLS:
+        case syntax.Apply(_, op, args) if op in SYMBOLS:
             right = args[1]
             written = text(right)
-            if isinstance(right, Const) and right.type.size == 1 and not isinstance(args[0], Const):
+            if isinstance(right, syntax.Const) and right.type.size == 1 and not isinstance(args[0], syntax.Const):
                 written = written if op in ("shl", "shr") else number(right.type.base, right.values[0])
             return f"({text(args[0])} {SYMBOLS[op]} {written})"
-        case Apply(_, op, args) if op in PREFIX:
+        case syntax.Apply(_, op, args) if op in PREFIX:
             return f"({PREFIX[op]}{text(args[0])})"
-        case Apply(_, op, args):
+        case syntax.Apply(_, op, args):
             return f"sh.{'mod' if op == 'floormod' else op}({', '.join(map(text, args))})"
-        case Convert(type, value):
+        case syntax.Convert(type, value):
             return f"{class_of(type)}({text(value)})"
-        case Construct(type, parts):
+        case syntax.Construct(type, parts):
             return f"{class_of(type)}({', '.join(map(text, parts))})"
-        case Swizzle(_, value, picked):
+        case syntax.Swizzle(_, value, picked):
             return f"{text(value)}.{''.join('xyzw'[p] for p in picked)}"
-        case Component(_, value, index):
+        case syntax.Component(_, value, index):
             return f"{text(value)}[{text(index)}]"
-        case Read(_, name, index, field):
+        case syntax.Read(_, name, index, field):
             return f"{name}[{', '.join(map(text, index))}]{'.' * bool(field)}{field}"
-        case LaneIndex(_, how, condition):
+        case syntax.LaneIndex(_, how, condition):
             return f"sh.cond(sh.{how}({text(condition)}), 7, 9)"
-        case Product(_, matrix, vector, left):
+        case syntax.Product(_, matrix, vector, left):
             return f"({text(vector)} @ {matrix})" if left else f"({matrix} @ {text(vector)})"
 
 
@@ -126,10 +89,10 @@ def _place(name: str, picked: tuple[int, ...] | None, op: str | None) -> str:
 class _Writer:
     """Writes a program's source text."""
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: syntax.Tree) -> None:
         self.tree = tree
         self.lines: list[str] = []
-        self.results: tuple[Expr, ...] = ()
+        self.results: tuple[syntax.Expr, ...] = ()
 
     def source(self) -> str:
         """Return the whole text."""
@@ -167,77 +130,79 @@ class _Writer:
         operands = f"({values})" if len(self.results) > 1 else values or "None"
         return f"{word}({operands}{f', {condition}' if condition else ''})"
 
-    def block(self, depth: int, block: Block) -> None:
+    def block(self, depth: int, block: syntax.Block) -> None:
         for statement in block:
             self.statement(depth, statement)
         if not block:
             self.line(depth, "pass")
 
-    def plain(self, depth: int, s: Plain) -> None:
+    def plain(self, depth: int, s: syntax.Plain) -> None:
         match s:
-            case Declare(name, value):
-                fresh = isinstance(value, Apply | Construct | Convert | Const)
+            case syntax.Declare(name, value):
+                fresh = isinstance(value, syntax.Apply | syntax.Construct | syntax.Convert | syntax.Const)
                 self.line(depth, f"{name} = {text(value) if fresh else f'{class_of(value.type)}({text(value)})'}")
-            case DeclareMatrix(name, rows):
+            case syntax.DeclareMatrix(name, rows):
                 self.line(depth, f"{name} = sh.Matrix{len(rows)}f({', '.join(map(text, rows))})")
-            case DeclareStruct(name, values):
+            case syntax.DeclareStruct(name, values):
                 self.line(depth, f"{name} = Pair({', '.join(map(text, values))})")
-            case Assign(name, value, picked, op):
+            case syntax.Assign(name, value, picked, op):
                 self.line(depth, f"{_place(name, picked, op)} {SYMBOLS[op] if op else ''}= {text(value)}")
-            case StoreAt(name, index, value):
+            case syntax.StoreAt(name, index, value):
                 self.line(depth, f"{name}[{text(index)}] = {text(value)}")
-            case Write(name, index, value, op):
+            case syntax.Write(name, index, value, op):
                 self.line(depth, f"{name}[{text(index)}] {SYMBOLS[op] if op else ''}= {text(value)}")
-            case WriteStruct(name, index, values):
+            case syntax.WriteStruct(name, index, values):
                 self.line(depth, f"{name}[{text(index)}] = Pair({', '.join(map(text, values))})")
-            case Multiply(name, other):
+            case syntax.Multiply(name, other):
                 self.line(depth, f"{name}[:] = {name} @ {other}")
 
-    def statement(self, depth: int, s: Stmt) -> None:
-        if isinstance(s, Plain):
+    def statement(self, depth: int, s: syntax.Stmt) -> None:
+        if isinstance(s, syntax.Plain):
             self.plain(depth, s)
             return
         match s:
-            case Call(function, args, result):
+            case syntax.Call(function, args, result):
                 call = f"{function}({', '.join(map(text, args))})"
                 self.line(depth, f"{result}[:] = {call}" if result else call)
-            case Lanes(how, condition, name, value):
+            case syntax.Lanes(how, condition, name, value):
                 self.line(depth, f"with SH_IF(sh.{how}({text(condition)})):")
                 masked = f"{name}[:] = sh.cond({text(condition)}, {text(value)}, {name})"
                 self.line(depth + 1, masked if how == "any_lane" else f"{name}[:] = {text(value)}")
                 if how == "all_lanes":
                     self.line(depth, "with SH_ELSE():")
                     self.line(depth + 1, masked)
-            case Exit("return", condition):
+            case syntax.Exit("return", condition):
                 self.line(depth, self.returned("SH_RETURN", text(condition) if condition else ""))
-            case Exit(kind, condition):
+            case syntax.Exit(kind, condition):
                 self.line(depth, f"SH_{kind.upper()}({text(condition) if condition else ''})")
             case _:
                 self.compound(depth, s)
 
-    def compound(self, depth: int, s: If | While | Do | For) -> None:
+    def compound(self, depth: int, s: syntax.If | syntax.While | syntax.Do | syntax.For) -> None:
         match s:
-            case If(branches, orelse):
+            case syntax.If(branches, orelse):
                 for word, (condition, body) in zip(itertools.chain(["IF"], itertools.repeat("ELIF")), branches):  # noqa: B905
                     self.line(depth, f"with SH_{word}({text(condition)}):")
                     self.block(depth + 1, body)
                 if orelse is not None:
                     self.line(depth, "with SH_ELSE():")
                     self.block(depth + 1, orelse)
-            case While(condition, body):
+            case syntax.While(condition, body):
                 self.line(depth, f"with SH_WHILE(lambda: {text(condition)}):")
                 self.block(depth + 1, body)
-            case Do(body, until, late):
+            case syntax.Do(body, until, late):
                 self.line(depth, "with SH_DO():")
                 self.block(depth + 1, body) if body else None
                 self.line(depth + 1, f"SH_UNTIL({'lambda: ' if late else ''}{text(until)})")
-            case For(index, bounds, body):
-                limits = ", ".join(number(Base.I, b.values[0]) if isinstance(b, Const) else text(b) for b in bounds)
+            case syntax.For(index, bounds, body):
+                limits = ", ".join(
+                    number(Base.I, b.values[0]) if isinstance(b, syntax.Const) else text(b) for b in bounds
+                )
                 self.line(depth, f"with SH_FOR({limits}) as {index}:")
                 self.block(depth + 1, body)
 
 
-def source(tree: Tree) -> str:
+def source(tree: syntax.Tree) -> str:
     """Return the program in the language."""
     return _Writer(tree).source()
 
@@ -259,14 +224,14 @@ PARAMS = {
 }
 """The uniforms that they read."""
 
-UNIFORMS = (Variable("pf", F), Variable("pv", F3), Variable("pi", I), Variable("pb", B))
+UNIFORMS = (syntax.Variable("pf", F), syntax.Variable("pv", F3), syntax.Variable("pi", I), syntax.Variable("pb", B))
 """The names and types of PARAMS, in their order."""
 
 
 class Generated(Program):
     """A generated program: `tree` is its syntax, `text` its source, which hypothesis prints where it fails."""
 
-    tree: Tree
+    tree: syntax.Tree
     text: str
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
@@ -274,7 +239,7 @@ class Generated(Program):
         printer.text(f"the program\n\n{self.text}")
 
 
-def record(tree: Tree) -> Generated:
+def record(tree: syntax.Tree) -> Generated:
     """Run the text. Python finds its lines, so that errors and the emitted text can name them."""
     written = source(tree)
     file = f"<generated {next(_files)}>"
