@@ -15,31 +15,9 @@ from typing import Final
 import numpy as np
 
 from shpy.backend.dump import dump
+from shpy.backend.emit import tree
 from shpy.backend.emit.spell_tree import tree_text
-from shpy.backend.emit.tree import (
-    AnyType,
-    Assign,
-    Block,
-    Call,
-    Cast,
-    Construct,
-    Declare,
-    Do,
-    Exit,
-    Expr,
-    Function,
-    If,
-    Index,
-    Literal,
-    Loop,
-    Member,
-    Name,
-    Operator,
-    Own,
-    Parameter,
-    Pointer,
-    Stmt,
-)
+from shpy.backend.emit.tree import AnyType, Block, Expr, Literal, Name
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
 
@@ -115,21 +93,21 @@ class Speller:
         """Spell a float of a base."""
         raise KeyError(value)
 
-    def construct(self, e: Construct) -> Spelled:
+    def construct(self, e: tree.Construct) -> Spelled:
         """Spell a vector."""
         raise KeyError(e)
 
-    def cast(self, e: Cast) -> Spelled:
+    def cast(self, e: tree.Cast) -> Spelled:
         """Spell a conversion."""
         raise KeyError(e)
 
-    def array(self, s: Declare) -> str:
+    def array(self, s: tree.Declare) -> str:
         """Spell the declaration of an array."""
         raise KeyError(s)
 
     def declaration(self, type: AnyType, name: str, passed: str = "") -> str:
         """Spell `float x`, and `float *x` of a pointer."""
-        if isinstance(type, Pointer):
+        if isinstance(type, tree.Pointer):
             return f"{type.space}{self.type_name(type.to)} *{name}"
         return f"{self.type_name(type)} {name}"
 
@@ -138,9 +116,9 @@ class Speller:
     def type_name(self, type: AnyType) -> str:
         """Spell a type."""
         match type:
-            case Own():
+            case tree.Own():
                 return type.name
-            case Pointer():
+            case tree.Pointer():
                 return f"{type.space}{self.type_name(type.to)} *"
         return self.base_name(type)
 
@@ -162,29 +140,29 @@ class Speller:
         match e:
             case Name():
                 return e.text, Level.ATOM
-            case Operator():
+            case tree.Operator():
                 return self._operator(e)
-            case Call():
+            case tree.Call():
                 return self.called(e), Level.POSTFIX
             case Literal():
                 return self.number(e)
-            case Member(_, Operator(_, "*", (Name(_, pointer),)), field):
+            case tree.Member(_, tree.Operator(_, "*", (Name(_, pointer),)), field):
                 return f"{pointer}->{field}", Level.POSTFIX
-            case Member():
+            case tree.Member():
                 return f"{self.at(e.of, Level.POSTFIX)}.{e.field}", Level.POSTFIX
-            case Construct():
+            case tree.Construct():
                 return self.construct(e)
-            case Cast():
+            case tree.Cast():
                 return self.cast(e)
-            case Index():
+            case tree.Index():
                 return f"{self.at(e.of, Level.POSTFIX)}[{self.text(e.at)}]", Level.POSTFIX
         raise TypeError(type(e).__name__)
 
-    def called(self, e: Call) -> str:
+    def called(self, e: tree.Call) -> str:
         """Spell a call."""
         return f"{e.function}({self.listed(e.args)})"
 
-    def _operator(self, e: Operator) -> Spelled:
+    def _operator(self, e: tree.Operator) -> Spelled:
         symbol = e.symbol
         match e.args:
             case (a,):
@@ -224,7 +202,7 @@ class Speller:
             self.statement(s)
         self._indent -= 1
 
-    def function(self, f: Function) -> None:
+    def function(self, f: tree.Function) -> None:
         """Append an empty line and a function, its head on one line if that fits."""
         dump("tree", f.name, lambda: tree_text(f))
         self._last = None
@@ -242,52 +220,52 @@ class Speller:
         self.block(f.body)
         self.line("}")
 
-    def parameter(self, p: Parameter) -> str:
+    def parameter(self, p: tree.Parameter) -> str:
         """Spell a parameter."""
         length = "" if p.length is None else f"[{p.length}]"
         return f"{self.declaration(p.type, p.name, p.passed)}{length}"
 
-    def statement(self, s: Stmt) -> None:
+    def statement(self, s: tree.Stmt) -> None:
         """Append a statement."""
         match s:
-            case Declare(length=int()):
+            case tree.Declare(length=int()):
                 self.line(self.array(s), s.loc)
-            case Declare() | Assign():
+            case tree.Declare() | tree.Assign():
                 self.line(f"{self._simple(s)};", s.loc)
-            case Do():
+            case tree.Do():
                 self.line(f"{self.text(s.value)};", s.loc)
-            case Exit():
+            case tree.Exit():
                 self.line(f"{s.word} {self.text(s.value)};" if s.value is not None else f"{s.word};", s.loc)
-            case If():
+            case tree.If():
                 self._choice(s, "")
-            case Loop():
+            case tree.Loop():
                 self._loop(s)
 
-    def _simple(self, s: Declare | Assign) -> str:
+    def _simple(self, s: tree.Declare | tree.Assign) -> str:
         """Spell a declaration or an assignment without its semicolon."""
-        if isinstance(s, Declare):
+        if isinstance(s, tree.Declare):
             declared = self.declaration(s.type, s.name)
             return declared if s.value is None else f"{declared} = {self.text(s.value)}"
         match s.value:
-            case Operator(_, symbol, (a, b)) if symbol in _UPDATES and a == s.target:
+            case tree.Operator(_, symbol, (a, b)) if symbol in _UPDATES and a == s.target:
                 return f"{self.text(s.target)} {symbol}= {self.text(b)}"
         return f"{self.text(s.target)} = {self.text(s.value)}"
 
-    def _choice(self, s: If, before: str) -> None:
+    def _choice(self, s: tree.If, before: str) -> None:
         """Append `if`, `else if` and `else`."""
         self.line(f"{before}if ({self.text(s.condition)}) {{", s.loc)
         self.block(s.then)
         match s.orelse:
             case ():
                 self.line("}")
-            case (If() as only,):
+            case (tree.If() as only,):
                 self._choice(only, "} else ")
             case _:
                 self.line("} else {")
                 self.block(s.orelse)
                 self.line("}")
 
-    def _loop(self, s: Loop) -> None:
+    def _loop(self, s: tree.Loop) -> None:
         """Append a `for`, `while` or `do`. After a loop without a step the user's line is named again."""
         test = "" if s.test is None else self.text(s.test)
         if s.step is not None:
@@ -307,7 +285,7 @@ class Speller:
 def _begins_with(e: Expr, symbol: str) -> bool:
     """Return whether the text of an operand begins with a prefix: `--x` is not `-(-x)`."""
     match e:
-        case Operator(_, own, (_,)):
+        case tree.Operator(_, own, (_,)):
             return own == symbol
         case Literal():
             return symbol == "-" and is_negative(e.value)

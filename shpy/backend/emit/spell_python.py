@@ -16,34 +16,10 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.backend.dump import dump
+from shpy.backend.emit import tree
 from shpy.backend.emit.spell_c import is_negative
 from shpy.backend.emit.spell_tree import tree_text
-from shpy.backend.emit.tree import (
-    Assign,
-    Block,
-    Call,
-    Construct,
-    Declare,
-    Do,
-    Each,
-    Exit,
-    Expr,
-    Function,
-    If,
-    Index,
-    ListDisplay,
-    Literal,
-    Loop,
-    Member,
-    Method,
-    Name,
-    NamedArgument,
-    Operator,
-    Slice,
-    Stmt,
-    Tuple,
-    Update,
-)
+from shpy.backend.emit.tree import Block, Expr, Literal, Name
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Loc
 from shpy.ir.types import Base, Type
@@ -98,7 +74,7 @@ class PythonSpeller:
 
     def listed(self, args: Iterable[Expr]) -> str:
         """Spell arguments; tuples are put in brackets."""
-        return ", ".join([self.at(a, Strength.TERNARY) if isinstance(a, Tuple) else self.text(a) for a in args])
+        return ", ".join([self.at(a, Strength.TERNARY) if isinstance(a, tree.Tuple) else self.text(a) for a in args])
 
     def at(self, e: Expr, level: Strength) -> str:
         """Spell an expression, in brackets unless it binds at least as tightly as `level`."""
@@ -108,7 +84,7 @@ class PythonSpeller:
     def condition(self, e: Expr) -> Spelled:
         """Spell a uniform bool after `if` or `while`."""
         match e:
-            case Operator(_, "!", (a,)):
+            case tree.Operator(_, "!", (a,)):
                 return f"not {self.at(a, Strength.COMPARE)}", Strength.NOT
         return self.spelled(e)
 
@@ -121,30 +97,30 @@ class PythonSpeller:
             case Literal():
                 text = number(e.type, e.value)
                 return text, Strength.UNARY if is_negative(e.value) else Strength.POSTFIX
-            case Operator():
+            case tree.Operator():
                 return self._operator(e)
-            case Method():
+            case tree.Method():
                 return f"{self.at(e.of, Strength.POSTFIX)}.{e.name}({self.listed(e.args)})", Strength.POSTFIX
-            case Call():
+            case tree.Call():
                 self.called.add(e.function)
                 return f"{e.function}({self.listed(e.args)})", Strength.POSTFIX
-            case Member():
+            case tree.Member():
                 return f"{self.at(e.of, Strength.POSTFIX)}.{e.field}", Strength.POSTFIX
-            case Construct():
+            case tree.Construct():
                 return self._construct(e), Strength.POSTFIX
-            case Index():
+            case tree.Index():
                 return f"{self.at(e.of, Strength.POSTFIX)}[{self.text(e.at)}]", Strength.POSTFIX
-            case Slice():
+            case tree.Slice():
                 return f"{'' if e.start is None else e.start}:{e.stop}", Strength.TUPLE
-            case ListDisplay():
+            case tree.ListDisplay():
                 return f"[{self.listed(e.args)}]", Strength.POSTFIX
-            case NamedArgument():
+            case tree.NamedArgument():
                 return f"{e.name}={self.text(e.value)}", Strength.TUPLE
-            case Tuple():
+            case tree.Tuple():
                 return self.listed(e.args), Strength.TUPLE
         raise TypeError(type(e).__name__)
 
-    def _operator(self, e: Operator) -> Spelled:
+    def _operator(self, e: tree.Operator) -> Spelled:
         match e.args:
             case (a,):
                 symbol = "~" if e.symbol == "!" else e.symbol
@@ -165,7 +141,7 @@ class PythonSpeller:
         obscure = operator in _OBSCURE and level in _BRACKETED and level is not operator
         return f"({text})" if obscure or level < at_least else text
 
-    def _construct(self, e: Construct) -> str:
+    def _construct(self, e: tree.Construct) -> str:
         match e.args:
             case (Literal() as one,):
                 return f"np.full(({e.type.size}, 1), {dtype(one.type)}({self.text(one)}))"
@@ -184,7 +160,7 @@ class PythonSpeller:
             text = f"{text}  # {_file(loc)}:{loc.line}"
         self.lines.append(f"{'    ' * self._indent}{text}")
 
-    def function(self, f: Function) -> None:
+    def function(self, f: tree.Function) -> None:
         """Append two empty lines and a function."""
         dump("tree", f.name, lambda: tree_text(f))
         self._last = None
@@ -201,36 +177,36 @@ class PythonSpeller:
             self.line("pass")
         self._indent -= 1
 
-    def statement(self, s: Stmt) -> None:
+    def statement(self, s: tree.Stmt) -> None:
         """Append a statement."""
         match s:
-            case Assign():
+            case tree.Assign():
                 self.line(f"{self.text(s.target)} = {self.text(s.value)}", s.loc)
-            case Update():
+            case tree.Update():
                 self.line(f"{self.text(s.target)} {s.symbol}= {self.text(s.value)}", s.loc)
-            case Do():
+            case tree.Do():
                 self.line(self.text(s.value), s.loc)
-            case Exit():
+            case tree.Exit():
                 self.line(f"{s.word} {self.text(s.value)}" if s.value is not None else s.word, s.loc)
-            case If():
+            case tree.If():
                 self._choice(s, "if")
-            case Loop():
+            case tree.Loop():
                 self.line(f"while {'True' if s.test is None else self.condition(s.test)[0]}:", s.loc)
                 self.block(s.body)
-            case Each():
+            case tree.Each():
                 self.line(f"for {self.text(s.name)} in {self.text(s.over)}:", s.loc)
                 self.block(s.body)
-            case Declare():
+            case tree.Declare():
                 raise TypeError("Python declares nothing")
 
-    def _choice(self, s: If, word: str) -> None:
+    def _choice(self, s: tree.If, word: str) -> None:
         """Append `if`, `elif` and `else`."""
         self.line(f"{word} {self.condition(s.condition)[0]}:", s.loc)
         self.block(s.then)
         match s.orelse:
             case ():
                 pass
-            case (If() as only,):
+            case (tree.If() as only,):
                 self._choice(only, "elif")
             case _:
                 self.line("else:")
@@ -258,7 +234,7 @@ def number(type: Type, value: Any) -> str:
 def _begins_with(e: Expr, symbol: str) -> bool:
     """Return whether the text of an operand begins with a prefix: `--x` would read as one operator."""
     match e:
-        case Operator(_, own, (_,)):
+        case tree.Operator(_, own, (_,)):
             return ("~" if own == "!" else own) == symbol
         case Literal():
             return symbol == "-" and is_negative(e.value)

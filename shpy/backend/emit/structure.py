@@ -25,7 +25,7 @@ from shpy.backend.emit.loops import LoopParts, leading_test, opens_loop
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.operations import Operations
 from shpy.backend.emit.survey import Place, is_whole
-from shpy.backend.emit.tree import BOOL, Assign, Declare, Do, Exit, Expr, Literal, Name, measure
+from shpy.backend.emit.tree import BOOL, Expr, Literal, Name, measure
 from shpy.backend.emit.waiting import Waiting
 from shpy.ir.nodes import (
     Break,
@@ -101,7 +101,7 @@ class Body:
             self._unnamed = self.function.outputs[0].id if whole else None
         if returns and not single:
             zeroed = [o for o in self.function.outputs if o.id in self._zeroed]
-            self.out += [Assign(self.slots[o.id], self.operations.zero(o.type)) for o in zeroed]
+            self.out += [tree.Assign(self.slots[o.id], self.operations.zero(o.type)) for o in zeroed]
 
     def _find_declarations(self) -> None:
         """Find where each variable is declared, and whether as zero."""
@@ -132,7 +132,7 @@ class Body:
 
     def leave(self, loc: Loc | None = None) -> tree.Stmt:
         """Return the statement that leaves the function."""
-        return Exit("return", self.slots[self.function.outputs[0].id] if self.gives_value else None, loc)
+        return tree.Exit("return", self.slots[self.function.outputs[0].id] if self.gives_value else None, loc)
 
     @contextmanager
     def block(self) -> Iterator[list[tree.Stmt]]:
@@ -155,7 +155,7 @@ class Body:
         """Declare a temporary that holds the value; from now on it stands for that."""
         definition = self.values[value]
         name = self.scope.take(definition.name)
-        self.out.append(Declare(definition.type, name, e or self.exprs[value], loc=loc or definition.loc))
+        self.out.append(tree.Declare(definition.type, name, e or self.exprs[value], loc=loc or definition.loc))
         self.exprs[value] = Name(definition.type, name)
         self.waiting.remove(value)
 
@@ -179,7 +179,7 @@ class Body:
     def declare_zero(self, variable: Variable) -> None:
         """Declare a variable that may be read before it is stored."""
         zero, length = self.operations.zero(variable.type), self.operations.array_length(variable)
-        self.out.append(Declare(variable.type, self.slot(variable), zero, length, variable.loc))
+        self.out.append(tree.Declare(variable.type, self.slot(variable), zero, length, variable.loc))
 
     def _is_missing(self, variable: int) -> bool:
         """Return whether the variable is still to be declared."""
@@ -194,7 +194,7 @@ class Body:
             if v in self._zeroed:
                 self.declare_zero(variable)
             elif not (isinstance(s, Store) and s.variable == v):
-                self.out.append(Declare(variable.type, self.slot(variable), loc=variable.loc))
+                self.out.append(tree.Declare(variable.type, self.slot(variable), loc=variable.loc))
 
     # Statements
 
@@ -206,7 +206,7 @@ class Body:
         """Append one statement and what is declared before it; return whether what follows cannot be reached."""
         if isinstance(s, Store) and place in self._returns:
             self.waiting.use([s.value])
-            self.out.append(Exit("return", self.exprs[s.value], s.loc))
+            self.out.append(tree.Exit("return", self.exprs[s.value], s.loc))
             return True
         self._declare(place, s)
         return self.statement(s, place)
@@ -225,14 +225,14 @@ class Body:
             case Call():
                 self.call(s, place)
             case Break():
-                self.out.append(Exit("break", None, s.loc))
+                self.out.append(tree.Exit("break", None, s.loc))
                 return True
             case Continue():
-                self.out.append(Exit("continue", None, s.loc))
+                self.out.append(tree.Exit("continue", None, s.loc))
                 return True
             case Return():
                 left = self.leave(s.loc)
-                if place[0] or not (isinstance(left, Exit) and left.value is None):
+                if place[0] or not (isinstance(left, tree.Exit) and left.value is None):
                     self.out.append(left)
                 return True
         return False
@@ -292,7 +292,7 @@ class Body:
         elif not adopted and opens_loop(self.survey, s, place, reads):
             self._first_values[s.variable] = e, s.loc
         else:
-            self.out.append(Declare(variable.type, self.slot(variable), e, loc=s.loc))
+            self.out.append(tree.Declare(variable.type, self.slot(variable), e, loc=s.loc))
         if adopted:
             self.exprs[s.value] = self.slots[s.variable]
             if self.waiting.left[s.value]:
@@ -320,16 +320,16 @@ class Body:
             return
         for result in s.results:
             temporary = Name(result.type, self.scope.take(result.name))
-            self.out.append(Declare(result.type, temporary.text, loc=s.loc))
+            self.out.append(tree.Declare(result.type, temporary.text, loc=s.loc))
             self.exprs[result.id] = temporary
             args.append(self.operations.reference(temporary))
-        self.out.append(Do(self.operations.called(s.function, BOOL, args), s.loc))
+        self.out.append(tree.Do(self.operations.called(s.function, BOOL, args), s.loc))
 
     def _call_with_result(self, call: Expr, s: Call, place: Place) -> None:
         (result,), after = s.results, self.survey.following(place)
         count = self.survey.uses[result.id]
         if not count:
-            self.out.append(Do(call, s.loc))
+            self.out.append(tree.Do(call, s.loc))
         elif count == 1 and isinstance(after, Store) and after.value == result.id and is_whole(after):
             self.exprs[result.id] = call
         else:
@@ -402,7 +402,7 @@ class Body:
     def _gate(self, s: Loop, outer: Names) -> Name:
         """Declare the bool that holds from a loop's second iteration on."""
         gate = Name(BOOL, outer.take("again"))
-        self.out.append(Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
+        self.out.append(tree.Declare(BOOL, gate.text, Literal(BOOL, False), loc=s.loc))
         return gate
 
     def _hide_first_values(self, s: Loop, place: Place) -> None:
@@ -417,10 +417,10 @@ class Body:
             zero = self.operations.unknown_zero(type)
             if zero is not None and variable in self.slots and self.variables[variable].length is None:
                 slot, op = self.slots[variable], "-" if type.is_float else "+"  # -0.0 + 0.0 is 0.0
-                self.out.append(Assign(slot, tree.infix(op, slot, zero), s.loc))
+                self.out.append(tree.Assign(slot, tree.infix(op, slot, zero), s.loc))
 
-    def _begin_counters(self) -> tuple[Declare, ...]:
+    def _begin_counters(self) -> tuple[tree.Declare, ...]:
         """Name the counters that begin with the loop; a loop inside has starts of its own."""
         starts, self._first_values = self._first_values, {}
         names = {v: self.slot(self.variables[v], "i") for v in starts}
-        return tuple(Declare(self.variables[v].type, names[v], e, loc=loc) for v, (e, loc) in starts.items())
+        return tuple(tree.Declare(self.variables[v].type, names[v], e, loc=loc) for v, (e, loc) in starts.items())

@@ -14,20 +14,7 @@ from shpy.backend.emit import tree
 from shpy.backend.emit.names import Names
 from shpy.backend.emit.spell_c import text_of
 from shpy.backend.emit.structure import Body
-from shpy.backend.emit.tree import (
-    BOOL,
-    INT,
-    Assign,
-    Cast,
-    Construct,
-    Declare,
-    Do,
-    Expr,
-    Literal,
-    Name,
-    Parameter,
-    number,
-)
+from shpy.backend.emit.tree import BOOL, INT, Expr, Literal, Name, number
 from shpy.backend.glsl.text.interface import LAST, InputTexture, Limits, Shader
 from shpy.backend.glsl.text.operations import GlslOperations, GlslUnit
 from shpy.backend.glsl.text.prologue import (
@@ -109,7 +96,7 @@ class _ShaderMaker(GlslUnit):
         body, alone = GlslBody(GlslOperations(self, function)), len(function.outputs) == 1
         parameters = [self.parameter(body, port) for port in function.inputs]
         if not alone:
-            parameters += [Parameter(o.type, body.slot(o), "out") for o in function.outputs]
+            parameters += [tree.Parameter(o.type, body.slot(o), "out") for o in function.outputs]
         body.begin(returns=True)
         body.statements()
         result = function.outputs[0].type if alone else None
@@ -127,13 +114,13 @@ class _ShaderMaker(GlslUnit):
         """Return a speller of functions."""
         return GlslSpeller(exact=self.exact, reads=self.limits.reads)
 
-    def parameter(self, body: GlslBody, port: Value | Variable) -> Parameter:
+    def parameter(self, body: GlslBody, port: Value | Variable) -> tree.Parameter:
         """Name a parameter."""
         if isinstance(port, Variable):
-            return Parameter(port.type, body.slot(port), "inout", port.length)
+            return tree.Parameter(port.type, body.slot(port), "inout", port.length)
         name = Name(port.type, body.scope.take(port.name, "x"))
         body.exprs[port.id] = name
-        return Parameter(port.type, name.text)
+        return tree.Parameter(port.type, name.text)
 
     def add_main(self, *, rejects: bool) -> tuple[tuple[InputTexture, ...], list[str]]:
         """Add `main`; return the textures of the inputs, and the declarations of the outputs."""
@@ -148,12 +135,12 @@ class _ShaderMaker(GlslUnit):
         if args:
             corner = tree.picked(Name(_FLOAT.sized(4), "gl_FragCoord"), (0, 1), _FLOAT.sized(2))
             last = self.runtime_name(LAST, _PIXEL)
-            body.append(Declare(_PIXEL, at.text, tree.call("min", _PIXEL, Cast(_PIXEL, corner), last)))
+            body.append(tree.Declare(_PIXEL, at.text, tree.call("min", _PIXEL, tree.Cast(_PIXEL, corner), last)))
         called = self.functions[entry.name]
         if rejects:
             status = Name(INT, names.take("out_status"))
             depth = tree.choice(tree.call(called, BOOL, *args), Literal(_FLOAT, 0.0), Literal(_FLOAT, 1.0))
-            body += [Assign(status, number(Status.DISCARDED)), Assign(Name(_FLOAT, "gl_FragDepth"), depth)]
+            body += [tree.Assign(status, number(Status.DISCARDED)), tree.Assign(Name(_FLOAT, "gl_FragDepth"), depth)]
             outputs = [output(0, INT, status.text)]
         else:
             ports = [*(p.name for p in self.module.outputs), "status"]
@@ -170,10 +157,14 @@ class _ShaderMaker(GlslUnit):
         pairs = [(Name(_texel(o.type), target), o) for target, o in zip(targets, outputs, strict=True)]
         if len(pairs) == 1:
             ((target, o),) = pairs
-            return [Assign(target, _as_texel(tree.call(called, o.type, *args)))]
+            return [tree.Assign(target, _as_texel(tree.call(called, o.type, *args)))]
         results = [Name(o.type, names.take(o.name)) for o in outputs]
-        stores = [Assign(target, _as_texel(r)) for r, (target, _) in zip(results, pairs, strict=True)]
-        return [*(Declare(r.type, r.text) for r in results), Do(tree.call(called, BOOL, *args, *results)), *stores]
+        stores = [tree.Assign(target, _as_texel(r)) for r, (target, _) in zip(results, pairs, strict=True)]
+        return [
+            *(tree.Declare(r.type, r.text) for r in results),
+            tree.Do(tree.call(called, BOOL, *args, *results)),
+            *stores,
+        ]
 
 
 def _fetched(texture: InputTexture, at: Name) -> Expr:
@@ -189,7 +180,7 @@ def _fetched(texture: InputTexture, at: Name) -> Expr:
     return (
         tree.infix("!=", e, zero, type)
         if type.size == 1
-        else tree.call("notEqual", type, e, Construct(texel_type, (zero,)))
+        else tree.call("notEqual", type, e, tree.Construct(texel_type, (zero,)))
     )
 
 
@@ -200,4 +191,4 @@ def _texel(type: Type) -> Type:
 
 def _as_texel(e: Expr) -> Expr:
     """Return a value as a texel holds it."""
-    return Cast(_texel(e.type), e) if e.type.is_bool else e
+    return tree.Cast(_texel(e.type), e) if e.type.is_bool else e

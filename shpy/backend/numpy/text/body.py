@@ -16,24 +16,7 @@ from typing import Final
 from shpy.backend.emit import tree
 from shpy.backend.emit.structure import MAX_DEPTH, Body
 from shpy.backend.emit.survey import Place, is_whole
-from shpy.backend.emit.tree import (
-    BOOL,
-    INT,
-    Assign,
-    Block,
-    Construct,
-    Do,
-    Exit,
-    Expr,
-    Index,
-    Literal,
-    Method,
-    Name,
-    Tuple,
-    Update,
-    measure,
-    several,
-)
+from shpy.backend.emit.tree import BOOL, INT, Block, Expr, Literal, Name, measure, several
 from shpy.backend.numpy.text.compaction import LaneLoop, compacted
 from shpy.backend.numpy.text.iterations import Iterations, counted, rewritten
 from shpy.backend.numpy.text.leaving import plans
@@ -115,10 +98,10 @@ class PythonBody(Body):
         self.splats = _splats(self.made_by.values())
         blank = self.blank()
         if self.function.pure and blank:
-            self.out.append(Assign(self.operations.lanes, tree.call("lane_count", INT, *self.arguments)))
+            self.out.append(tree.Assign(self.operations.lanes, tree.call("lane_count", INT, *self.arguments)))
         for slot in blank:
             lanes = self.operations.lanes if slot.id in self.varying_slots else None
-            self.out.append(Assign(self.slots[slot.id], zeros(slot.type, lanes, slot.length)))
+            self.out.append(tree.Assign(self.slots[slot.id], zeros(slot.type, lanes, slot.length)))
         if not self.region(self.function.body, 0):
             self.out.append(self.leave())
         return compacted(tuple(self.out), self.lane_names, self.scope)
@@ -172,7 +155,7 @@ class PythonBody(Body):
         """Return a copy, where a later store could change the array that the expression looks into."""
         if not is_shared(e) or not self.in_place:
             return e
-        return e if self.changing_names.isdisjoint(tree.walk(e)) else Method(e.type, e, "copy")
+        return e if self.changing_names.isdisjoint(tree.walk(e)) else tree.Method(e.type, e, "copy")
 
     @cached_property
     def changing_names(self) -> frozenset[Expr]:
@@ -185,10 +168,10 @@ class PythonBody(Body):
         scalar = e.splat
         type = definition.type if scalar is None else definition.type.scalar
         name = Name(type, self.scope.take(definition.name))
-        self.out.append(Assign(name, own(self.unshared(e if scalar is None else scalar)), loc or definition.loc))
+        self.out.append(tree.Assign(name, own(self.unshared(e if scalar is None else scalar)), loc or definition.loc))
         if value in self.varying:
             self.lane_names.add(name)
-        self.exprs[value] = name if scalar is None else Construct(definition.type, (name,))
+        self.exprs[value] = name if scalar is None else tree.Construct(definition.type, (name,))
         self.waiting.name(value)
 
     def need(self, values: Iterable[int]) -> None:
@@ -217,7 +200,7 @@ class PythonBody(Body):
             target = self.exprs[first]
             assert isinstance(target, Name)
             for symbol, operand in zip(UPDATES[s.op], rest, strict=True):
-                self.out.append(Update(target, symbol, self.exprs[operand], s.value.loc))
+                self.out.append(tree.Update(target, symbol, self.exprs[operand], s.value.loc))
             self.waiting.use(s.args)
             self.exprs[value] = target
             self.waiting.name(value, root=first)
@@ -250,9 +233,9 @@ class PythonBody(Body):
         self.change([s.variable])
         e = self.exprs[s.value]
         if s.value in self.copies and self.within is not None:
-            self.out.append(Do(e, s.loc))
+            self.out.append(tree.Do(e, s.loc))
         elif is_whole(s):
-            self.out.append(Assign(target, self.stored_form(variable, s.value, e), s.loc))
+            self.out.append(tree.Assign(target, self.stored_form(variable, s.value, e), s.loc))
         else:
             self.store_part(s, variable, e if e.splat is None else e.splat)
         if adopts:
@@ -270,7 +253,7 @@ class PythonBody(Body):
         if not alike or (self.function.pure and variable.id in self.in_place):
             return self.operations.spread(variable.type, e)
         e = own(e)
-        return Method(e.type, e, "copy") if variable.id in self.in_place and is_shared(e) else self.unshared(e)
+        return tree.Method(e.type, e, "copy") if variable.id in self.in_place and is_shared(e) else self.unshared(e)
 
     def store_part(self, s: Store, variable: Variable, e: Expr) -> None:
         """Append a store into some components, or into an element of an array."""
@@ -279,13 +262,13 @@ class PythonBody(Body):
         index = None if s.index is None else self.exprs[s.index]
         if index is None:
             assert components is not None
-            self.out.append(Assign(Index(variable.type, whole, components), e, s.loc))
+            self.out.append(tree.Assign(tree.Index(variable.type, whole, components), e, s.loc))
         elif not isinstance(index, Literal):
-            listed = [] if s.components is None else [Tuple(INT, tuple(map(tree.number, s.components)))]
-            self.out.append(Do(tree.call("put", variable.type, whole, index, own(e), *listed), s.loc))
+            listed = [] if s.components is None else [tree.Tuple(INT, tuple(map(tree.number, s.components)))]
+            self.out.append(tree.Do(tree.call("put", variable.type, whole, index, own(e), *listed), s.loc))
         elif 0 <= index.value < (variable.length or 0):
-            at = index if components is None else Tuple(INT, (index, components))
-            self.out.append(Assign(Index(variable.type, whole, at), e, s.loc))
+            at = index if components is None else tree.Tuple(INT, (index, components))
+            self.out.append(tree.Assign(tree.Index(variable.type, whole, at), e, s.loc))
 
     def put_aside(self, s: Let) -> Expr:
         """Return an exit copy, into the array of all lanes."""
@@ -313,7 +296,7 @@ class PythonBody(Body):
             if result.id in self.varying:
                 self.lane_names.add(self.exprs[result.id])
         names = [self.exprs[result.id] for result in s.results]
-        self.out.append(Assign(several(names), call, s.loc) if names else Do(call, s.loc))
+        self.out.append(tree.Assign(several(names), call, s.loc) if names else tree.Do(call, s.loc))
 
     def stored_results(self, s: Call, place: Place) -> dict[int, int]:
         """Return the variables that the statements after a call store its results into, and nothing else."""
@@ -342,19 +325,19 @@ class PythonBody(Body):
         start = len(self.out)
         while start:
             last = self.out[start - 1]
-            if not isinstance(last, Assign) or last.target not in outputs or last.target in stored:
+            if not isinstance(last, tree.Assign) or last.target not in outputs or last.target in stored:
                 break
             if any(last.target in tree.walk(e) for e in stored.values()):
                 break
             start -= 1
-            copied = isinstance(last.value, Method) and last.value.name == "copy"
+            copied = isinstance(last.value, tree.Method) and last.value.name == "copy"
             stored[last.target] = last.value.parts[0] if copied else last.value
         results = several([stored.get(o, o) for o in outputs])
         if stored and self.unit.ruler.width(results) < MAX_WIDTH + 2 * len(outputs) - 2:
             line = self.out[start].loc if len(stored) == 1 else None
             del self.out[start:]
-            return Exit("return", results, line)
-        return Exit("return", several(outputs), loc)
+            return tree.Exit("return", results, line)
+        return tree.Exit("return", several(outputs), loc)
 
     # Loops
 
@@ -381,7 +364,7 @@ class PythonBody(Body):
                 with self.waiting.region(), self.block() as step:
                     self.region(s.continuing, continuing)
                     if s.until is not None:
-                        step.append(tree.If(self.exprs[s.until], (Exit("break"),), (), s.loc))
+                        step.append(tree.If(self.exprs[s.until], (tree.Exit("break"),), (), s.loc))
             self.waiting.use([] if s.until is None else [s.until])
         block = _with_step(tuple(statements), tuple(step))
         block = block if ended else (*block, *step)
@@ -414,7 +397,7 @@ def _with_step(block: Block, step: Block) -> Block:
     for s in block:
         if isinstance(s, tree.If):
             s = replace(s, then=_with_step(s.then, step), orelse=_with_step(s.orelse, step))
-        statements += [*step, s] if isinstance(s, Exit) and s.word == "continue" else [s]
+        statements += [*step, s] if isinstance(s, tree.Exit) and s.word == "continue" else [s]
     return tuple(statements)
 
 

@@ -13,22 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from shpy.backend.emit import tree
-from shpy.backend.emit.tree import (
-    BOOL,
-    INT,
-    Assign,
-    Block,
-    Cast,
-    Construct,
-    Declare,
-    Do,
-    Exit,
-    Expr,
-    Index,
-    Literal,
-    Name,
-    number,
-)
+from shpy.backend.emit.tree import BOOL, INT, Block, Expr, Literal, Name, number
 from shpy.backend.opencl.packets.prologue_wide import LONGEST
 from shpy.backend.opencl.packets.widen import lanes_of
 from shpy.ir.types import Base, Type
@@ -62,10 +47,10 @@ class LaneCalls:
         results = self._results("")
         args: list[Expr] = self._arguments(self.lane)
         if len(results) == 1:
-            called: tree.Stmt = Assign(results[0], tree.call(one, results[0].type, *args, *self.context))
+            called: tree.Stmt = tree.Assign(results[0], tree.call(one, results[0].type, *args, *self.context))
         else:
-            called = Do(tree.call(one, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context))
-        declared = [Declare(r.type, r.text) for r in results]
+            called = tree.Do(tree.call(one, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context))
+        declared = [tree.Declare(r.type, r.text) for r in results]
         call = (*declared, called, *self._keep(results, self.lane))
         return self._through_arrays(self._each_active(call))
 
@@ -78,19 +63,21 @@ class LaneCalls:
         results = [r for pair in pairs for r in pair]
         args = [*self._arguments(self.lane), there, *self._arguments(other)]
         call: Block = (
-            Declare(INT, self.lane.text, Index(INT, lanes, n)),
-            Declare(BOOL, there.text, tree.infix("<", following, count, BOOL)),
-            Declare(INT, other.text, tree.choice(there, Index(INT, lanes, following), self.lane)),
-            *(Declare(r.type, r.text) for r in results),
-            Do(tree.call(two, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context)),
+            tree.Declare(INT, self.lane.text, tree.Index(INT, lanes, n)),
+            tree.Declare(BOOL, there.text, tree.infix("<", following, count, BOOL)),
+            tree.Declare(INT, other.text, tree.choice(there, tree.Index(INT, lanes, following), self.lane)),
+            *(tree.Declare(r.type, r.text) for r in results),
+            tree.Do(tree.call(two, BOOL, *args, *(tree.prefix("&", r) for r in results), *self.context)),
             *self._keep(pairs[1], other),  # before the rest: without another lane it is the lane itself
             *self._keep(pairs[0], self.lane),
         )
         return self._through_arrays(
-            Declare(INT, lanes.text, length=self.lanes),
-            Declare(INT, count.text, number(0)),
-            self._each_active((Assign(Index(INT, lanes, count), self.lane), _increased(count))),
-            tree.Loop(call, (Declare(INT, n.text, number(0)),), tree.infix("<", n, count, BOOL), _increased(n, by=2)),
+            tree.Declare(INT, lanes.text, length=self.lanes),
+            tree.Declare(INT, count.text, number(0)),
+            self._each_active((tree.Assign(tree.Index(INT, lanes, count), self.lane), _increased(count))),
+            tree.Loop(
+                call, (tree.Declare(INT, n.text, number(0)),), tree.infix("<", n, count, BOOL), _increased(n, by=2)
+            ),
         )
 
     def _through_arrays(self, *work: tree.Stmt) -> Block:
@@ -98,25 +85,25 @@ class LaneCalls:
         lanes = self.lanes
         begin: list[tree.Stmt] = []
         for e in (*self.inputs, self.active):
-            begin.append(Declare(_element_type(e.type), self.arrays[e].text, length=lanes))
-            begin.append(Do(_memory("vstore", lanes, e.type, e, number(0), self.arrays[e])))
-        begin += [Declare(_element_type(e.type), self.arrays[e].text, number(0), lanes) for e in self.outputs]
+            begin.append(tree.Declare(_element_type(e.type), self.arrays[e].text, length=lanes))
+            begin.append(tree.Do(_memory("vstore", lanes, e.type, e, number(0), self.arrays[e])))
+        begin += [tree.Declare(_element_type(e.type), self.arrays[e].text, number(0), lanes) for e in self.outputs]
         loaded = [_loaded(self.arrays[e], lanes) for e in self.outputs]
         if len(loaded) == 1:
-            return (*begin, *work, Exit("return", loaded[0]))
-        stores = [Assign(tree.prefix("*", e), value) for e, value in zip(self.outputs, loaded, strict=True)]
+            return (*begin, *work, tree.Exit("return", loaded[0]))
+        stores = [tree.Assign(tree.prefix("*", e), value) for e, value in zip(self.outputs, loaded, strict=True)]
         return (*begin, *work, *stores)
 
     def _each_active(self, block: Block) -> tree.Loop:
         """Return the loop that does `block` for each active lane."""
-        there = Index(BOOL, self.arrays[self.active], self.lane)
+        there = tree.Index(BOOL, self.arrays[self.active], self.lane)
         within = tree.infix("<", self.lane, number(self.lanes), BOOL)
-        begin = (Declare(INT, self.lane.text, number(0)),)
+        begin = (tree.Declare(INT, self.lane.text, number(0)),)
         return tree.Loop((tree.If(there, block),), begin, within, _increased(self.lane))
 
     def _arguments(self, lane: Name) -> list[Expr]:
         """Return a lane's arguments."""
-        elements = [Index(e.type, self.arrays[e], lane) for e in self.inputs]
+        elements = [tree.Index(e.type, self.arrays[e], lane) for e in self.inputs]
         return [tree.infix("!=", e, number(0)) if e.type is BOOL else e for e in elements]
 
     def _results(self, prefix: str) -> list[Name]:
@@ -127,13 +114,13 @@ class LaneCalls:
         """Return the stores of a lane's results."""
         kept: list[tree.Stmt] = []
         for e, r in zip(self.outputs, results, strict=True):
-            value = tree.prefix("-", Cast(INT, r)) if e.type is BOOL else r
-            kept.append(Assign(Index(e.type, self.arrays[e], lane), value))
+            value = tree.prefix("-", tree.Cast(INT, r)) if e.type is BOOL else r
+            kept.append(tree.Assign(tree.Index(e.type, self.arrays[e], lane), value))
         return tuple(kept)
 
 
-def _increased(e: Name, by: int = 1) -> Assign:
-    return Assign(e, tree.infix("+", e, number(by)))
+def _increased(e: Name, by: int = 1) -> tree.Assign:
+    return tree.Assign(e, tree.infix("+", e, number(by)))
 
 
 def _element_type(type: Type) -> Type:
@@ -152,4 +139,4 @@ def _loaded(array: Name, lanes: int) -> Expr:
     if lanes <= LONGEST:
         return _memory("vload", lanes, type, number(0), array)
     parts = [_memory("vload", LONGEST, type, Literal(INT, k), array) for k in range(lanes // LONGEST)]
-    return Construct(type, tuple(parts))
+    return tree.Construct(type, tuple(parts))
