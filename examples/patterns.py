@@ -42,9 +42,12 @@ def water(p):
     return sh.Color3f(0.02, 0.16, 0.22) + net * sh.Color3f(0.7, 1, 0.9)
 
 
-def circuit(p):
-    near, second = worley(1.5 * p, "manhattan", 2)
-    return lerp(sh.Color3f(0.75, 0.6, 0.1), sh.Color3f(0.01, 0.09, 0.05), sh.smoothstep(0.04, 0.09, second - near))
+def knots(p):
+    x, y = sh.fract(p) - 0.5
+    across = sh.cond(cellnoise(p) < 0.5, x, -x)
+    ring = sh.min(sh.length(sh.vec2(across, y) - 0.5), sh.length(sh.vec2(across, y) + 0.5)) - 0.5
+    rope = sh.sqrt(sh.saturate(1 - (ring / 0.17) ** 2))
+    return lerp(sh.Color3f(0.01, 0.07, 0.05), sh.Color3f(0.95, 0.62, 0.16), rope * (0.55 + 0.45 * rope))
 
 
 def crystal(p):
@@ -53,7 +56,7 @@ def crystal(p):
 
 
 def wood(p):
-    rings = sh.fract(5 * sh.length(p * (0.25, 1) + 0.12 * fbm(2 * p, 3)))
+    rings = sh.fract(3 * sh.length((p - 3) * (0.3, 1) + 0.25 * fbm(p * (0.5, 1), 3)))
     return lerp(sh.Color3f(0.3, 0.13, 0.04), sh.Color3f(0.55, 0.3, 0.12), rings) * (1 - 0.15 * sh.noise(p * (3, 60)))
 
 
@@ -71,7 +74,7 @@ marbled = painted(marble)
 
 def draw(size, backend=None):
     """Draw the sheet, (3 * size, 3 * size, 3)."""
-    sheet = (clouds, marble, fire), (mosaic, pebbles, water), (circuit, crystal, wood)
+    sheet = (clouds, marble, fire), (mosaic, pebbles, water), (knots, crystal, wood)
     return np.block([[[painted(p).compile(backend)(shape=(size, size))] for p in row] for row in sheet])
 
 

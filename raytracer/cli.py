@@ -442,7 +442,7 @@ def _summary(image: Image) -> str:
 def progress_bar(title: str) -> Iterator[Progress]:
     """Show progress: a bar on a terminal once the work takes long; without a terminal, a line every few seconds."""
     if not sys.stderr.isatty() or find_spec("rich") is None:
-        yield sh.command.progress_lines(title)
+        yield sh.command.progress_lines(title, percent=True)
         return
     from rich.console import Console
     from rich.progress import Progress as Bar

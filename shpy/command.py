@@ -117,10 +117,10 @@ def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
             action.complete = files  # type: ignore[attr-defined]  # which shtab reads
 
 
-def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]:
+def progress_lines(title: str, every: float = 5.0, *, percent: bool = False) -> Callable[[int, int], None]:
     """Return a function of how much is done and of how much: it prints a line to standard error every few seconds.
 
-    Work that takes less than `every` seconds prints nothing.
+    Work that takes less than `every` seconds prints nothing. With `percent` the line has no numbers of units.
     """
     last = time.monotonic()
 
@@ -128,7 +128,7 @@ def progress_lines(title: str, every: float = 5.0) -> Callable[[int, int], None]
         nonlocal last
         if done < total and time.monotonic() - last >= every:
             last = time.monotonic()
-            print(f"{title}: {done} of {total}", file=sys.stderr, flush=True)
+            print(f"{title}: {f'{done / total:.1%}' if percent else f'{done} of {total}'}", file=sys.stderr, flush=True)
 
     return progress
 

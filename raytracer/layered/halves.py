@@ -39,7 +39,7 @@ Codes = NDArray[np.uint16]
 
 
 class NumberGroups(NamedTuple):
-    """Ascending numbers as those of the first of each group of `2**shift`, and differences from these, in pairs."""
+    """Ascending numbers: the first of each group of `2**shift`, and the differences of the others from it, in pairs."""
 
     bases: NDArray[np.int32]
     starts: Words

@@ -146,10 +146,11 @@ class ChristenStudy(report.Study):
     def draw(self, axes: Any) -> None:
         """Draw time, calls and rays."""
         for column, backend in enumerate(list(self.backends)[:3]):
-            for axis, key in zip(axes[:, column], ("grid", "iterations"), strict=False):
+            for axis, key, values in zip(axes[:, column], ("grid", "iterations"), (GRIDS, ITERATIONS), strict=False):
                 line = self.find(backend=backend, **{key: ...})
                 curves(axis, line, attrgetter(f"case.{key}"), attrgetter("seconds"), _style_of_tracer)
                 axis.set(yscale="log", xlabel=key, ylabel="seconds a picture", title=f"{backend}: time against {key}")
+                axis.set_xticks([value for value in values if any(getattr(m.case, key) == value for m in line)])
         calls, alive, cost = axes[2]
         for at_once, dashes in zip(AT_ONCE, ("-", "--"), strict=True):
             curves(
@@ -159,16 +160,22 @@ class ChristenStudy(report.Study):
                 lambda m: m.calls["traverse"] + m.calls["intersect"],
                 lambda m: _style(m, f"{m.case.at_once} a call", dashes),  # noqa: B023  # which is called here
             )
-        calls.set(yscale="log", xlabel="threshold", ylabel="calls of traverser and intersector")
+        calls.set(yscale="log", xlabel="threshold", ylabel="calls", title="calls of traverser and intersector")
         for m in self._compared():
-            rays, way = eye_rounds(m)[0], m.case.way
+            (rays, seconds), way = eye_rounds(m), m.case.way
             if m.case.backend == counted_on(self.backends) and way == WAYS[0]:
                 alive.plot(range(1, len(rays) + 1), rays, **_style(m, m.case.backend))
-            each = [1e6 * s / n for n, s in zip(m.alive, m.round_seconds, strict=True)]
+            each = [1e6 * s / n for n, s in zip(rays, seconds, strict=True)]
             full = {"few": "full", "all": "none", "masked": "top"}[way]
-            cost.plot(m.alive, each, **_style(m, f"{m.case.backend}, {way}", "", list(self.backends)), fillstyle=full)
-        alive.set(yscale="log", xlabel="iteration", ylabel="eye rays and mirrored rays", title="rays alive")
-        cost.set(xscale="log", yscale="log", xlabel="rays of a round", ylabel="microseconds a ray")
+            cost.plot(rays, each, **_style(m, f"{m.case.backend}, {way}", "", list(self.backends)), fillstyle=full)
+        alive.set(yscale="log", xlabel="iteration", ylabel="rays", title="eye rays and mirrored rays alive")
+        cost.set(
+            xscale="log",
+            yscale="log",
+            xlabel="rays of an iteration",
+            ylabel="microseconds a ray",
+            title="time of a ray",
+        )
 
 
 def _milliseconds(m: TracerMeasurement) -> str:

@@ -61,12 +61,6 @@ class LayeredStudy(report.Study):
 
     plan: Plan = FULL
     grid: ClassVar[tuple[int, int]] = (2, 3)
-    legend: ClassVar[dict[str, Any]] = {
-        "fontsize": 7,
-        "ncol": 3,
-        "loc": "upper center",
-        "bbox_to_anchor": (0.5, -0.13),
-    }  # below the plots, not over the data
 
     def pictures(self) -> str:
         """Return a description of the pictures."""

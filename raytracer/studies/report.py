@@ -45,7 +45,13 @@ class Study(ABC):
 
     grid: ClassVar[tuple[int, int]] = (3, 3)
     """Rows and columns of plots, each 5 inches wide and a little less high."""
-    legend: ClassVar[dict[str, Any]] = {"fontsize": 6}
+    legend: ClassVar[dict[str, Any]] = {
+        "fontsize": 7,
+        "ncol": 3,
+        "loc": "upper center",
+        "bbox_to_anchor": (0.5, -0.19),
+        "handlelength": 3.5,
+    }  # below the plots, not over the data
 
     @abstractmethod
     def pictures(self) -> str:

@@ -336,7 +336,7 @@ class Stream(StreamReductions, StreamFields):
                 cure="a stream of 1 to 3 axes",
             )
         if not self.size:
-            raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="one element that stands for none")
+            raise ShpyTypeError("a Table cannot be empty", loc=here(), cure="a stream of one element or more")
         return StreamSource(self)
 
 

@@ -1,6 +1,7 @@
 import os
 import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -139,7 +140,7 @@ def test_without_a_terminal_progress_is_a_line_every_few_seconds(monkeypatch, ca
     with cli.progress_bar("work") as progress:
         for done in range(5):
             progress(done, 4)
-    assert capsys.readouterr().err == "work: 1 of 4\nwork: 3 of 4\n"
+    assert capsys.readouterr().err == "work: 25.0%\nwork: 75.0%\n"
 
 
 def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
@@ -166,6 +167,21 @@ def test_the_mode_of_arithmetic_is_an_option(tmp_path, capsys):
     assert "loose" in capsys.readouterr().err
     assert cli.main([*words, "portable", "--error", "1"]) == 1
     assert "leave out --math" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["boxes", "mirror-box"])
+def test_the_commands_of_the_gallery_draw_its_pictures(name, tmp_path, monkeypatch, capsys):
+    """Cameras, backgrounds and exposures are those of docs/gallery/README.md."""
+    page = (Path(__file__).parents[2] / "docs" / "gallery" / "README.md").read_text()
+    (command,) = (line for line in page.splitlines() if f"`raytracer render {name} " in line)
+    words = command.split("`")[1].split()[1:]
+    words[words.index("--size") + 1], words[words.index("--samples") + 1] = "16x12", "1"
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([*words, "--backend", "numpy"]) == 0
+    rendered = (tmp_path / f"{name}.png").read_bytes()
+    monkeypatch.setattr(gallery, "SCENES", {name: gallery.SCENES[name]})
+    assert cli.main(["gallery", str(tmp_path), "--size", "16x12", "--samples", "1", "--backend", "numpy"]) == 0
+    assert (tmp_path / f"{name}.png").read_bytes() == rendered
 
 
 def test_the_gallery_has_every_scene(tmp_path, capsys, monkeypatch):

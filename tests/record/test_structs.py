@@ -104,7 +104,7 @@ def test_a_base_that_has_fields_or_a_constructor_but_is_no_struct_is_an_error():
         ),
         (Constructed, f"its base Constructed has __init__ of its own, {needs}", "@sh.struct above class Constructed"),
         (Named, f"its base Named has __init__ of its own, {needs}", "no protocol among the bases"),
-        (Placed, "its base Placed with the field at is none", "@sh.struct above class Placed"),
+        (Placed, "its base Placed with the field at is not a struct", "@sh.struct above class Placed"),
     ):
         with pytest.raises(sh.ShpyTypeError, match=f"Ball is a struct, and {says}") as caught:
 

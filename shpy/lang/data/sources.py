@@ -191,7 +191,7 @@ class HostArray:
                 cure=f"array.reshape(-1, {n})" if n > 1 else "array.reshape(-1)",
             )
         if data.size == 0 and not part:
-            raise ShpyTypeError(f"{self.spoken} cannot be empty", loc=here(), cure="one element that stands for none")
+            raise ShpyTypeError(f"{self.spoken} cannot be empty", loc=here(), cure="an array of one element or more")
         return data
 
     def checked(self, array: Any) -> NDArray[Any]:

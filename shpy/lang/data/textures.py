@@ -182,7 +182,7 @@ def checked_pixels(array: Any, axes: int = 2) -> tuple[NDArray[Any], int]:
             cure="array[..., :3]",
         )
     if not data.size:
-        raise ShpyTypeError("a texture cannot be empty", loc=here(), cure="one pixel that stands for none")
+        raise ShpyTypeError("a texture cannot be empty", loc=here(), cure="an image of one pixel or more")
     levels = {"uint8": 255, "uint16": 65535}.get(np.asarray(array).dtype.name)
     if levels is not None:
         data = data.astype(np.float32) / np.float32(levels)

@@ -94,7 +94,7 @@ def _check_mixin(base: type, cls: type, fields: Collection[str]) -> None:
     for name, hint in inspect.get_annotations(base).items():
         if name not in fields and "ClassVar" not in str(hint):
             raise ShpyTypeError(
-                f"{cls.__name__} is a struct, and its base {base.__name__} with the field {name} is none",
+                f"{cls.__name__} is a struct, and its base {base.__name__} with the field {name} is not a struct",
                 loc=here(),
                 cure=f"@sh.struct above class {base.__name__}",
             )

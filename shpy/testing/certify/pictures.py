@@ -36,7 +36,7 @@ def _example(name: str, target: DeviceChoice) -> Finding:
 
 
 def example(name: str) -> Setting:
-    """Return an example's kernel with what it runs on."""
+    """Return an example's kernel with its inputs."""
     program = Program.from_ir(parse((KERNELS / f"{name}.ir").read_text()))
     disc = _grid(64) * np.float32(2.25) - np.float32(1.125)
     match name:

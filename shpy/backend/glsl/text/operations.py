@@ -207,7 +207,7 @@ class GlslOperations(Operations):
     # Operations
 
     def need_names(self, inlined: set[int]) -> Collection[int]:
-        """Return the conditions on floats, and what else would lose its order."""
+        """Return the conditions on floats, and other values whose order the compiler would change."""
         if not self.unit.exact:
             return ()
         unit, least = self.unit, 2
