@@ -173,7 +173,10 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
     command.add_argument(
-        "--time", type=float, metavar="SECONDS", help="of what moves: a GLB or glTF file, a Python file, `animated`"
+        "--time",
+        type=float,
+        metavar="SECONDS",
+        help="the moment of a moving scene: a GLB, glTF or Python file, `animated`",
     )
     command.add_argument("--clip", metavar="NAME", help="with --time: which animation of the file (the first one)")
     command.add_argument("-o", "--output", type=Path, help="a .png, .jpg, .webp, .exr or .npy file (SCENE.png)")
@@ -215,7 +218,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def _add_backend(command: argparse.ArgumentParser, *, math: bool = True) -> None:
-    command.add_argument("--backend", help="where to run: numpy, opencl or glsl (the default one)")
+    command.add_argument("--backend", help="numpy, opencl or glsl (opencl where its device has numpy's bits)")
     if math:
         command.add_argument(
             "--math", help="strict, portable, relaxed or fast; devices without binary64 need portable (strict)"

@@ -6,7 +6,6 @@ docstring is what `raytracer scenes` prints.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -135,21 +134,27 @@ def spheres() -> Scene:
 
 
 def glass() -> Scene:
-    """Glass, clear and tinted, over a checked floor: 21,230 triangles; look at it with --bounces 8."""
-    clear = Material((0, 0, 0), specular=0.0, transmission=1.0, ior=1.5)
-    green = dataclasses.replace(clear, absorption=(1.6, 0.25, 1.1))
-    amber = dataclasses.replace(clear, absorption=(0.15, 0.6, 2.4))
-    ball = sphere(1.0, clear, rings=64, segments=96)
+    """Glass, faintly and strongly tinted, over a checked floor: 21,230 triangles; look at it with --bounces 8."""
+    blue, green, amber = (
+        Material((0, 0, 0), specular=0.0, transmission=1.0, ior=1.5, absorption=absorption)
+        for absorption in ((0.3, 0.13, 0.07), (1.6, 0.25, 1.1), (0.15, 0.6, 2.4))
+    )
+    ball = sphere(1.0, blue, rings=64, segments=96)
     ground = floor(24, Material(surface=checker(squares=24), specular=0.0))
     meshes = [
         ball.moved((-1.25, 1.002, 0.2)),
         box((1.1, 1.6, 1.1), green).moved((1.15, 0.802, -0.3), turn=28),
         torus(0.5, 0.19, amber, segments=96, sides=36).moved((0.35, 0.195, 1.65)),
-        sphere(0.55, Material((0.75, 0.13, 0.07), specular=0.5), rings=24, segments=48).moved((0.1, 0.55, -2.2)),
+        sphere(0.55, Material((0.75, 0.13, 0.07), specular=0.5), rings=24, segments=48).moved((-0.02, 0.55, -2.2)),
         ground,
     ]
+
+    def sky(direction: sh.Vector3f) -> sh.Color3f:  # from the horizon to the zenith
+        return sh.mix(sh.Color3f(0.70, 0.77, 0.85), sh.Color3f(0.10, 0.24, 0.55), sh.sqrt(sh.saturate(direction.y)))
+
     lights = (PointLight((-4, 8, 4), (0.9, 0.86, 0.8)), PointLight((6, 5, 3), (0.25, 0.28, 0.34)))
-    return Scene(meshes, lights, Camera((0.2, 2.9, 6.6), (0, 0.72, 0), fov=38), name="glass")
+    camera = Camera((0.3, 2.7, 6.4), (0.05, 0.75, 0), fov=37)
+    return Scene(meshes, lights, camera, background=sky, name="glass")
 
 
 def materials() -> Scene:
@@ -288,15 +293,15 @@ def cornell() -> Scene:
     """Cornell box: two blocks in a room under an area light, 38 triangles, for `--integrator path`.
 
     Lengths are in millimetres and the camera's place as they were measured at Cornell (Goral and others 1984; Cornell
-    University Program of Computer Graphics 1998, Cornell Box Data). Walls have colours instead of spectra; the light's
-    are the measured emission at 700, 600 and 500 nm.
+    University Program of Computer Graphics 1998, Cornell Box Data). Walls and light have colours instead of spectra;
+    the light's is that of Mitsuba's Cornell box.
     The ceiling has a hole, which the light fills; the side by which the camera looks in is open.
     """
     white, red, green = (
         Material(color, diffuse=1.0, specular=0.0)
         for color in ((0.725, 0.71, 0.68), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091))
     )
-    light = Material((0.78, 0.78, 0.78), diffuse=1.0, specular=0.0, emission=(18.4, 15.6, 8.0))
+    light = Material((0.78, 0.78, 0.78), diffuse=1.0, specular=0.0, emission=(18.387, 13.987, 6.754))
     corners = [(556.0, 548.8, 0.0), (556.0, 548.8, 559.2), (0.0, 548.8, 559.2), (0.0, 548.8, 0.0)]
     lamp = [(343.0, 548.8, 227.0), (343.0, 548.8, 332.0), (213.0, 548.8, 332.0), (213.0, 548.8, 227.0)]
     frame = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]

@@ -51,9 +51,11 @@ MOST = 64.0
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the options of the camera, the floor, the background and the exposure to a command."""
     group = command.add_argument_group("how the scene is seen")
-    group.add_argument("--camera", type=_triple, metavar="X,Y,Z", help="where the camera stands")
-    group.add_argument("--target", type=_triple, metavar="X,Y,Z", help="what it looks at")
-    group.add_argument("--up", type=_up, metavar="X,Y,Z", help="what is up in the picture: three numbers, or x, y or z")
+    group.add_argument("--camera", type=_triple, metavar="X,Y,Z", help="the position of the camera")
+    group.add_argument("--target", type=_triple, metavar="X,Y,Z", help="the point at which it is aimed")
+    group.add_argument(
+        "--up", type=_up, metavar="X,Y,Z", help="the direction that is up in the picture: three numbers, or x, y or z"
+    )
     group.add_argument("--fov", type=_fov, metavar="DEG", help="the angle across the picture's shorter side")
     group.add_argument("--no-floor", action="store_true", help="files: no floor under what is framed")
     group.add_argument(
@@ -63,7 +65,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--background",
         type=_background,
         metavar="COLOR",
-        help="what is seen where nothing is: #RRGGBB, linear R,G,B, or the file of a 360 degree picture",
+        help="the colour behind the scene: #RRGGBB, linear R,G,B, or the file of a 360 degree picture",
     )
     group.add_argument(
         "--exposure", type=_stops, metavar="EV", help="pictures for the eye: brighter by 2 to this power; -1 is half"

@@ -80,7 +80,7 @@ def _add_diff(commands: Any) -> None:
 def _add_certify(commands: Any) -> None:
     command = commands.add_parser(
         "certify",
-        help="whether the devices of this machine give the bits that the package ships",
+        help="test whether the devices of this machine compute the bits that the package ships",
         description="Run programs whose results are known, print a report, and write it as JSON for an issue.",
     )
     command.add_argument("--backend", choices=NAMES, help="the backend to check (default: each that is available)")
@@ -157,7 +157,7 @@ def doctor(every: bool = False) -> int:
             print(f"  to install: {install(*missing)}")
     broken = [name for name, fault in faults.items() if fault]
     try:
-        default, wrong = f"the default is {sh.default_backend()}, {sh.default_backend().why}", False
+        default, wrong = f"the default is {sh.default_backend()}: {sh.default_backend().why}", False
     except sh.ShpyError as error:
         default, wrong = str(error), True
     print(f"\n{len(faults) - len(broken)} of {len(faults)} backends work; {default}")

@@ -38,11 +38,13 @@ _USUAL = (-10.0, 10.0)
 
 def add_commands(commands: Any) -> None:
     """Add both to the commands of `shpy`."""
-    accuracy = commands.add_parser("accuracy", help="how far a program's results are from the exact ones, everywhere")
+    accuracy = commands.add_parser("accuracy", help="measure the errors of a program on every backend")
     _add_shared(accuracy, 2000)
     accuracy.add_argument("--precision", default="f32", help="f32,f64,f16 (default: f32)")
     accuracy.set_defaults(run=lambda options: _guarded(_accuracy, options))
-    trade = commands.add_parser("tradeoff", help="time against error of every variant, and the fastest close enough")
+    trade = commands.add_parser(
+        "tradeoff", help="measure time and error of every variant, and choose the fastest within an error"
+    )
     _add_shared(trade, 1000)
     trade.add_argument("--error", required=True, type=_budget, help="the most that is wanted: 2ulp, 1e-3 (relative)")
     trade.add_argument("--precision", default="f32,f16,f64", help="f32,f64,f16 (default: all)")

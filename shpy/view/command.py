@@ -41,7 +41,7 @@ def add_view(commands: Any) -> None:
 
 def _add_choice(command: argparse.ArgumentParser) -> None:
     """Add the options that choose a kernel."""
-    command.add_argument("--backend", choices=NAMES, help="(default: the fastest that there is here)")
+    command.add_argument("--backend", choices=NAMES, help="(default: the fastest that works here)")
     command.add_argument("--math", choices=tuple(MODES), default="strict", help="(default: strict)")
     command.add_argument("--fuse", action="store_true", help="round a * b + c once, with the same bits everywhere")
 

@@ -95,7 +95,9 @@ def add_draw(commands: Any, size: Any, add_choice: Any) -> argparse.ArgumentPars
     command.add_argument("--size", type=size, default=(512, 512), help="of the picture in pixels (default: 512x512)")
     add_choice(command)
     command.add_argument("--time", type=float, default=0.0, help="in seconds, for the input `time` (default: 0)")
-    command.add_argument("--frame", type=whole(0), default=0, help="its number; a chain runs so often (default: 0)")
+    command.add_argument(
+        "--frame", type=whole(0), default=0, help="the number of the frame; a chain runs as many times (default: 0)"
+    )
     command.add_argument("--steps", type=whole(1), default=1, help="of a chain for each frame (default: 1)")
     command.add_argument("--mouse", type=_mouse, default=(0.0, 0.0, 0.0, 0.0), metavar="X,Y,X,Y", help="in pixels")
     command.add_argument(
