@@ -116,7 +116,7 @@ quartiles, best calls, CPU time, and how far answers differ.
 Contenders take turns, round after round, {processes}. Unless a table says otherwise, a number is the median over
 the rounds of a contender's time as a multiple of ours in the same round, so **2.0 takes twice as long as ours**. Time
 begins with arrays in the host's memory and ends with an array there. Contenders compute in binary32 on all cores, but
-numpy, Embree and Warp use one core. shpy runs in strict mode unless a row names another, so its bits are the same on
+numpy and Warp use one core. shpy runs in strict mode unless a row names another, so its bits are the same on
 all backends; Warp rounds as written, too. numba, Taichi, Dr.Jit and JAX may fuse and reorder arithmetic."""
 
 

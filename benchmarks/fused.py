@@ -12,18 +12,10 @@ import math
 import numpy as np
 
 import shpy as sh
-from benchmarks.kernels.polynomial import COEFFICIENTS
+from benchmarks.kernels.polynomial import polynomial
 from benchmarks.tables import Table
 
 SAMPLES = 4_000
-
-
-@sh.program
-def polynomial(x: sh.Attrib1f) -> sh.Attrib1f:
-    total = sh.Attrib1f(0)
-    for c in COEFFICIENTS:
-        total[:] = sh.mad(total, x, c)
-    return total
 
 
 @sh.program

@@ -52,7 +52,6 @@ PEERS = {
     "jax": Peer("JAX", ("jax",), "jax"),
     "mitsuba": Peer("Mitsuba 3 (llvm_ad_rgb)", ("mitsuba",), "mitsuba", llvm=True),
     "whitted": Peer("Mitsuba 3, a tracer of its own", ("mitsuba",), "mitsuba", llvm=True),
-    "embreex": Peer("Embree (embreex)", ("embreex",), "embreex"),
 }
 
 

@@ -4,9 +4,8 @@
         ...
 
 Primary rays leave a camera that sees the whole mesh, one a pixel; ours makes them in the kernel. Secondary rays start
-where primary ones hit and leave in random directions on that side of the surface; ours are given as arrays. Mitsuba and
-embreex hold both kinds as arrays of their own already. The answer is the distance of the hit, infinite for none; or
-whether there is one.
+where primary ones hit and leave in random directions on that side of the surface; ours are given as arrays. Mitsuba
+holds both kinds as arrays of its own already. The answer is the distance of the hit, or whether there is one.
 """
 
 from __future__ import annotations
@@ -52,7 +51,6 @@ def _work(mesh: Mesh, name: str) -> Work:
     ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "plain", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
     work.version("mitsuba")(partial(mitsuba, mesh=mesh, any_hit=any_hit))
-    work.version("embreex")(partial(embreex, mesh=mesh, any_hit=any_hit))
     return work
 
 
@@ -212,23 +210,3 @@ def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool, coherent: bool | None = None)
     dr.eval(ray)
     alike = primary if coherent is None else coherent
     return lambda: _traced(scene, ray, alike, any_hit).reshape(shape)
-
-
-def embreex(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
-    """One thread, rays one by one, which is what its Python interface offers; primary rays are made beforehand."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene()
-    geometry = TriangleMesh(scene, np.float32(mesh.corners))
-    shape = (rays[0], rays[0]) if len(rays) == 1 else (-1,)
-    eye, ray = primary_rays(mesh, rays[0]) if len(rays) == 1 else rays
-
-    def run() -> np.ndarray:
-        assert geometry is not None  # the scene does not hold it itself
-        if any_hit:
-            return (scene.run(eye, ray, query="OCCLUDED") >= 0).reshape(shape)
-        distance = scene.run(eye, ray, query="DISTANCE")
-        return np.where(distance >= 1e36, np.inf, distance).reshape(shape)
-
-    return run

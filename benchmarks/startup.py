@@ -7,7 +7,6 @@ Cold is a process that finds nothing kept from an earlier one, warm is one after
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -22,10 +21,6 @@ import shpy as sh
 from benchmarks import record
 from benchmarks.tables import Table
 from raytracer import Mesh
-from shpy.backend.base import Options
-from shpy.backend.opencl.device.driver import TARGET as OPENCL
-from shpy.passes.pipeline import prepare
-from shpy.passes.size import count_ops
 
 CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
 IMPORTED = ("numpy", "shpy", "raytracer")
@@ -55,23 +50,14 @@ PROGRAMS: dict[str, Callable[[], Any]] = {
 }
 
 
-def statements(program: Any) -> int:
-    """Return the number of its IR's statements after the passes."""
-    return sum(count_ops(prepare(program.ir, Options(), OPENCL).module).values())
-
-
 def child(name: str, backend: str) -> None:
-    """Print seconds of recording, emitting and compiling, and the statements, as JSON: for a process of its own."""
+    """Print the seconds of emitting and compiling a program: for a process of its own."""
     sh.backends()  # opening the device is no part of it, and neither is the scene's accelerator
     record.mixed()
-    started = time.perf_counter()
     program = PROGRAMS[name]()
-    recorded = time.perf_counter()
-    record.TEXTS[backend](program.ir)
-    emitted = time.perf_counter()
+    started = time.perf_counter()
     program.compile(backend, loop_limit=None)
-    done = time.perf_counter()
-    print(json.dumps([recorded - started, emitted - recorded, done - emitted, statements(program)]))
+    print(time.perf_counter() - started)
 
 
 def _run(command: Sequence[str], cache: str, places: Mapping[str, str] | None = None) -> tuple[str, float]:
@@ -89,17 +75,16 @@ def _backends() -> list[str]:
 
 
 def compiling(mesh: Mesh, quick: bool) -> Table:
-    """Measure recording, emission and compilation of programs, each in a new process, cold and then warm."""
+    """Measure the compilation of programs, each in a new process, cold and then warm; `recording` has the rest."""
     rows, rounds = [], {}
     cases = [(name, backend) for name in PROGRAMS for backend in _backends()]
     for name, backend in [("spheres", "numpy")] if quick else cases:
         with tempfile.TemporaryDirectory() as cache:
-            runs = [json.loads(_run(["-c", CHILD, name, backend], cache)[0]) for _ in range(2)]
-        (recorded, emitted, cold, count), (*_, warm, _) = runs
-        rows.append([name, backend, f"{count:,}", *(f"{t:.3f}" for t in (recorded, emitted, cold, warm))])
-        rounds[f"{name}, {backend}"] = [run[2] for run in runs]
-    head = ["program", "target", "statements", "record", "emit", "compile, cold", "compile, warm"]
-    return Table("compiling", "Seconds; `compile` emits too, and waits for the driver's code.", head, rows, rounds)
+            cold, warm = (float(_run(["-c", CHILD, name, backend], cache)[0]) for _ in range(2))
+        rows.append([name, backend, f"{cold:.3f}", f"{warm:.3f}"])
+        rounds[f"{name}, {backend}"] = [cold, warm]
+    head = ["program", "target", "compile, cold", "compile, warm"]
+    return Table("compiling", "Seconds, with emission; the driver's code is waited for.", head, rows, rounds)
 
 
 def starting(mesh: Mesh, quick: bool) -> Table:

@@ -26,15 +26,16 @@ WORK = Work(
 )
 
 
+@sh.program
+def polynomial(x: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    for c in COEFFICIENTS:
+        total[:] = sh.mad(total, x, c)
+    return total
+
+
 @WORK.ours
 def ours(compiled, x):
-    @sh.program
-    def polynomial(x: sh.Attrib1f) -> sh.Attrib1f:
-        total = sh.Attrib1f(0)
-        for c in COEFFICIENTS:
-            total[:] = sh.mad(total, x, c)
-        return total
-
     kernel = compiled(polynomial)
     return lambda: kernel(x)
 
