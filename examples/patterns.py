@@ -43,11 +43,9 @@ def water(p):
 
 
 def knots(p):
-    x, y = sh.fract(p) - 0.5
-    across = sh.cond(cellnoise(p) < 0.5, x, -x)
-    ring = sh.min(sh.length(sh.vec2(across, y) - 0.5), sh.length(sh.vec2(across, y) + 0.5)) - 0.5
-    rope = sh.sqrt(sh.saturate(1 - (ring / 0.17) ** 2))
-    return lerp(sh.Color3f(0.01, 0.07, 0.05), sh.Color3f(0.95, 0.62, 0.16), rope * (0.55 + 0.45 * rope))
+    place = sh.vec2(sh.cond(cellnoise(p) < 0.5, 1.0, -1.0), 1) * (sh.fract(p) - 0.5)
+    ring = sh.min(sh.length(place - 0.5), sh.length(place + 0.5)) - 0.5
+    return lerp(sh.Color3f(0.01, 0.07, 0.05), sh.Color3f(0.9, 0.55, 0.12), sh.saturate(1 - (ring / 0.17) ** 2) ** 0.7)
 
 
 def crystal(p):
@@ -63,8 +61,7 @@ def wood(p):
 def painted(pattern):
     @sh.program
     def paint() -> sh.Color3f:
-        row, column = sh.grid_index(2)
-        return srgb_from_linear(sh.saturate(pattern(6 * (sh.vec2(column, row) + 0.5) / sh.grid_shape(2).y)))
+        return srgb_from_linear(sh.saturate(pattern(6 * (sh.vec2(*sh.grid_index(2).yx) + 0.5) / sh.grid_shape(2).y)))
 
     return paint
 
