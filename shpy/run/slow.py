@@ -17,16 +17,16 @@ from shpy.ir.nodes import Module
 from shpy.ir.traverse import callee_of, walk
 from shpy.passes.size import copies_of
 
-PATIENCE = 5.0
+PATIENCE = 1.0
 """Seconds after which a compilation is announced."""
 _MANY_CALLS = 10
 """Calls of a function from which on the line names SH_FOR. Fifty noises take llvmpipe 1.5 s, and in a loop 0.2 s."""
 
 
 @contextmanager
-def announced(module: Module, backend: str, patience: float | None = None) -> Iterator[None]:
-    """Announce a compilation that takes longer than `patience` seconds, once, unless SHPY_QUIET is set."""
-    with _told(module, backend), _printed(module, backend, PATIENCE if patience is None else patience):
+def announced(module: Module, backend: str) -> Iterator[None]:
+    """Announce a compilation that takes longer than PATIENCE seconds, once, unless SHPY_QUIET is set."""
+    with _told(module, backend), _printed(module, backend, PATIENCE):
         yield
 
 

@@ -55,8 +55,6 @@ _SAMPLE: Final = 32
 """Small calls for each one that is timed: reading the clock at each call would cost a twentieth of it."""
 _LAUNCH: Final = 5e-5
 """Seconds of OpenCL's shortest call: numpy runs what it can run in that time."""
-_PATIENCE: Final = 1.0
-"""Seconds of a compilation, for which nobody has asked by name, until a line says what the caller waits for."""
 _TRIED: Final = 4
 """Calls of OpenCL, of which the fastest is compared with numpy: drivers compile in the first ones, too."""
 
@@ -223,7 +221,7 @@ class TieredExecutable:
             if faults := opencl.faults(self._options.device):
                 self._refuse(f"{BETTER}'s device gets {' and '.join(sorted(faults))} wrong")
                 return
-            with ieee_arithmetic(), uncollected(), announced(self._module, BETTER, _PATIENCE):
+            with ieee_arithmetic(), uncollected(), announced(self._module, BETTER):
                 better = opencl.compile(self._module, self._options)
         except Exception as error:  # drivers raise errors of any type
             raise_interrupt(error, before)
