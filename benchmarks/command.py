@@ -59,6 +59,7 @@ STUDIES = studies.STUDIES | {
     "compiling": startup.compiling,
     "starting": startup.starting,
     "importing": startup.importing,
+    "sessions": startup.sessions,
     "small-calls": startup.small_calls,
     "calls": calls.calls,
     "features": features.features,

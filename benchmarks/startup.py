@@ -8,6 +8,7 @@ Cold is a process that finds nothing kept from an earlier one, warm is one after
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -120,6 +121,44 @@ def small_calls(mesh: Mesh, quick: bool) -> Table:
         f"CPU seconds of a process of {count:,} plain calls of x + 1 over 64 numbers; the least of {turns}, the median."
     )
     return Table("small-calls", note, ["backend", "least", "median", "of numpy's"], rows, seconds)
+
+
+def session(largest: int) -> None:
+    """Run five programs on 100 elements, on a tenth of the largest number and on that, and print the CPU seconds."""
+    started = time.process_time()  # imports come before, since they take the same time with each backend
+    x = np.linspace(0, 1, largest, dtype=np.float32)
+    for terms in range(4, 24, 4):
+
+        @sh.program
+        def waves(x: sh.Attrib1f, terms: int = terms) -> sh.Attrib1f:
+            return sum((sh.sin(x * k) / k for k in range(1, terms)), sh.Attrib1f(0))
+
+        for count in (100, largest // 10, largest, largest):
+            waves(x[:count])
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(time.process_time() - started + children.ru_utime + children.ru_stime)
+
+
+def sessions(mesh: Mesh, quick: bool) -> Table:
+    """Measure processes of five programs by plain calls, cold and then warm, beside those with each backend pinned.
+
+    The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend.
+    """
+    rows, rounds = [], {}
+    for largest in (1_000,) if quick else (10_000, 200_000, 2_000_000):
+        seconds: dict[str, list[float]] = {}
+        for name in ("numpy", "auto") if quick else ("numpy", "opencl", "auto"):
+            with tempfile.TemporaryDirectory() as cache:
+                command = ["-c", f"from benchmarks.startup import session; session({largest})"]
+                own = [float(_run(command, cache, {"SHPY_BACKEND": name})[0]) for _ in range(2 if quick else 3)]
+            seconds[name] = [own[0], min(own[1:])]
+            rounds[f"{largest}, {name}"] = own
+        for k, state in enumerate(("cold", "warm")):
+            better = min(both[k] for name, both in seconds.items() if name != "auto")
+            numbers = [f"{both[k]:.2f}" for both in seconds.values()]
+            rows.append([f"{largest:,}, {state}", *numbers, f"{seconds['auto'][k] / better:.2f}"])
+    note = "CPU seconds of a process of five programs, each called with 100 elements to as many as the row says."
+    return Table("sessions", note, ["elements", *seconds, "auto, of the better"], rows, rounds)
 
 
 def importing(mesh: Mesh, quick: bool) -> Table:

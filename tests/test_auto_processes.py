@@ -54,7 +54,7 @@ def python(text, **settings):
 FORKED = """
 import os, numpy as np, shpy as sh
 from shpy.run import tiers
-tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._LOOK = 0; tiers._TRIED = 1000
+tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._COMPILER = tiers._LOOK = 0; tiers._TRIED = 1000
 @sh.program
 def f(x: sh.Attrib1f):
     return sh.sin(x)
@@ -83,7 +83,7 @@ WITHOUT = """
 import sys; sys.modules["pyopencl"] = None
 import numpy as np, shpy as sh
 from shpy.run import tiers
-tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._LOOK = 0
+tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._COMPILER = tiers._LOOK = 0
 @sh.program
 def f(x: sh.Attrib1f):
     return x * 2
@@ -101,7 +101,7 @@ ENDED = """
 import os, random, sys, time
 import numpy as np, shpy as sh
 from shpy.run import tiers
-tiers._COLD = tiers._CACHED = (0, 0.0002); tiers._START = 0.1
+tiers._COLD = tiers._CACHED = (0, 0.0002); tiers._START = 0.1; tiers._COMPILER = 0
 @sh.program
 def f(x: sh.Attrib1f):
     t = sh.Attrib1f(0)

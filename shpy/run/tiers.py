@@ -41,8 +41,10 @@ QUICK: Final = "numpy"
 BETTER: Final = "opencl"
 _COMPILED: Final = "texts that OpenCL compiled"
 """The list of texts whose binaries the driver is expected to have in its own files."""
-_START: Final = 0.5
+_START: Final = 0.2
 """Seconds to load pyopencl and to open a driver, once in a process."""
+_COMPILER: Final = 0.6
+"""Seconds until a driver compiles the first text of a process: PoCL reads its library of functions."""
 _COLD: Final = (0.19, 0.0011)
 """Seconds to compile a program, and each of its prepared statements: off by 1.5 times on the mean of 26 programs."""
 _CACHED: Final = (0.02, 0.00035)
@@ -100,7 +102,8 @@ class TieredExecutable:
     def expected(self, *, cached: bool) -> float:
         """Return the seconds that compiling for OpenCL is expected to take, `cached` in the driver's files or not."""
         once, each = _CACHED if cached else _COLD
-        return once + each * self._statements + (0 if "pyopencl" in sys.modules else _START)
+        start = _START if cached else _START + _COMPILER
+        return once + each * self._statements + (0 if "pyopencl" in sys.modules else start)
 
     @property
     def runs_on(self) -> str:

@@ -141,6 +141,7 @@ class Stress:
         stack.enter_context(patch.object(tiers, "_LOOK", 0.0))
         stack.enter_context(patch.object(tiers, "_COLD", (0.0, 0.0)))
         stack.enter_context(patch.object(tiers, "_START", 0.0))
+        stack.enter_context(patch.object(tiers, "_COMPILER", 0.0))
         stack.enter_context(patch.object(TieredExecutable, "run", take_over_sometimes))
 
     # Lateness: what the host does after it has started a run comes before the run.
