@@ -408,10 +408,11 @@ class Machine:
             return frozenset()
 
     def _may_try(self, key: str) -> bool:
-        """Return whether this process may run trials itself: none before it has, or it ended by them, and no answer.
+        """Return whether this process may run trials itself, which no process has begun before without an answer.
 
-        PoCL's versions pass the trials, or refuse them, without harm (`tests/drivers.py`). Should another one end the
-        process, the next process finds the key in the list on disk.
+        PoCL 3.1 passes all of them. Its versions 6.0, 7.1 and that of PyPI have run kernels of the same forms
+        (docs/drivers.md). If another version ends the process, the next one finds the key in the list on disk, and
+        runs the trials in a process of their own.
         """
         if store.is_remembered(_TRIED_HERE, key):
             return False
