@@ -249,7 +249,7 @@ class _Watcher:
         if self.plan.finiteness and args is not None and value.type.is_float:
             operands = [v for a in args if (v := self.values.get(a)) and v.type.is_float]  # others are references
             for slot, op in (("nan", "isnan"), ("infinite", "isinf")):
-                self.keep(self.begins(op, slot, value, operands), slot, after)
+                self.store_where(self.begins(op, slot, value, operands), slot, after)
         b.loc = None
 
     def begins(self, op: str, slot: str, value: Value, operands: list[Value]) -> Value:
