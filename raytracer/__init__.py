@@ -15,6 +15,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from raytracer.appearance.materials import Material
+from raytracer.appearance.metallic_roughness import MetallicRoughness
 from raytracer.appearance.programs import Hit, Surface
 from raytracer.appearance.textures import Texture
 from raytracer.errors import ClusterError, SceneError
@@ -52,6 +53,7 @@ __all__ = [
     "LayeredCube",
     "Material",
     "Mesh",
+    "MetallicRoughness",
     "Path",
     "PointLight",
     "Renderer",

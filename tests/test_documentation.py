@@ -29,6 +29,7 @@ RUN = [
     "docs/accuracy.md", "docs/clusters.md",
     "docs/shadertoy.md", "docs/live.md",
     "docs/raytracer.md", "docs/raytracer-pictures.md", "docs/raytracer-rays.md", "docs/raytracer-files.md",
+    "docs/materials.md",
     "docs/tutorial.md",
 ]  # fmt: skip
 FENCE = re.compile(r"^```(?P<info>\w.*)\n(?P<text>(?:(?!```).*\n)*)```$", re.MULTILINE)

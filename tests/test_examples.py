@@ -1,20 +1,20 @@
 """Every example runs on every backend, and what it shows is right."""
 
 import importlib
+import pathlib
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from patience import HANGING
 
 import shpy as sh
-from raytracer import Camera, Intersector, Scene, render
+from raytracer import Camera, Intersector, Path, Scene, render
 from raytracer.meshes.shapes import box, floor
 
 BOXES = Scene.builtin("boxes")
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = pathlib.Path(__file__).parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem != "pictures")
 
 on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
@@ -42,7 +42,7 @@ def pixels_of(program, size, backend="numpy", time=0.0, mouse=(0, 0, 0, 0), **pa
 
 
 def test_no_example_goes_untested():
-    tested = Path(__file__).read_text()
+    tested = pathlib.Path(__file__).read_text()
     assert NAMES
     assert [name for name in NAMES if f'example("{name}")' not in tested] == []
 
@@ -79,6 +79,7 @@ SHOWN = {
     "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),
     "cubemap": lambda m, backend: m.by_cube_map((16, 12), 8, 4, backend=backend).pixels,
     "occlusion": lambda m, backend: m.occlusion(Scene.framed(box()), (16, 12), 4, backend),
+    "metals": lambda m, backend: render(m.metals(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
     "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
 }
 
@@ -381,6 +382,17 @@ def test_trace():
     slope, change = (next(s for s in steps if s.name == name) for name in ("slope", "change"))
     assert change.loc.line == slope.loc.line + 1
     assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)
+
+
+def test_metals():
+    """The balls have the colours of their metals, and sharp ones show the lamps."""
+    m = example("metals")
+    image = render(m.metals(), (90, 60), integrator=Path(samples=8), backend="numpy")
+    gold, blue = (image.pixels[image.object_id == 1 + k].mean(axis=0) for k in (0, 3))
+    assert gold[0] > 1.5 * gold[2]
+    assert blue[2] > 1.3 * blue[0]
+    sharp, rough = (image.pixels[image.object_id == 1 + 5 * row].max() for row in (0, 2))
+    assert sharp > 2 * rough
 
 
 def test_cube_maps_mirror_far_things_alone():

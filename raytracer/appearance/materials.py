@@ -25,6 +25,8 @@ NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmiss
 """The coefficients that are one number."""
 PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
+LAYERED: Final = ("metallic", "roughness", "index", "tint", "clearcoat", "clearcoat_roughness", "thin")
+"""The kernels' names of what only a `MetallicRoughness` may have as a `Texture`."""
 _REAL: Final = float | int | np.integer | np.floating
 CUTOFF: Final = 0.5
 """The threshold of a `cutout`: below it there is no surface."""
@@ -36,7 +38,7 @@ class Material:
 
     `color` is linear RGB; a mesh's vertex colours multiply it. `diffuse` and `specular` weigh the two lobes,
     `shininess` is the exponent of the highlight, and `reflectivity` in [0, 1] the share of the colour that is the
-    mirror image.
+    mirror image: a number, or (r, g, b) for a mirror with a colour, as of a metal.
 
     `transmission` in [0, 1] is the share of the surface that is clear, such as glass of the refractive index `ior`: it
     mirrors what Fresnel's equations say and refracts the rest, and `color` and `reflectivity` are those of the other
@@ -74,7 +76,7 @@ class Material:
     diffuse: float | Texture = 0.9
     specular: float | Texture = 0.25
     shininess: float | Texture = 40.0
-    reflectivity: float | Texture = 0.0
+    reflectivity: float | Triple | Texture = 0.0
     transmission: float | Texture = 0.0
     ior: float = 1.5
     absorption: Triple = (0.0, 0.0, 0.0)
@@ -88,11 +90,15 @@ class Material:
         color = None if isinstance(self.color, Texture) else three_floats(self.color)
         if color is None and not isinstance(self.color, Texture):
             raise SceneError(f"a material's color is three numbers (r, g, b) or a Texture, not {self.color!r}")
+        if not isinstance(self.reflectivity, Texture | _REAL):
+            object.__setattr__(self, "reflectivity", three_floats(self.reflectivity) or self.reflectivity)
         for name in NUMBERS:
             number = getattr(self, name)
-            if not isinstance(number, Texture | _REAL):
-                raise SceneError(f"a material's {name} is a number or a Texture, not {number!r}")
-        numbers = [one_float(x) for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
+            if not isinstance(number, Texture | _REAL) and not (name == "reflectivity" and three_floats(number)):
+                colored = ", (r, g, b)" if name == "reflectivity" else ""
+                raise SceneError(f"a material's {name} is a number{colored} or a Texture, not {number!r}")
+        fields = [x for name in NUMBERS if not isinstance(x := getattr(self, name), Texture)]
+        numbers = [one_float(x) for value in fields for x in (value if isinstance(value, tuple) else (value,))]
         if color is not None:
             object.__setattr__(self, "color", color)
             numbers += color
@@ -100,7 +106,7 @@ class Material:
             raise SceneError(f"a material's numbers are finite and not negative: {self}")
         for name in ("reflectivity", "transmission"):
             share = getattr(self, name)
-            if not isinstance(share, Texture) and share > 1:
+            if not isinstance(share, Texture) and np.max(share) > 1:
                 raise SceneError(f"a {name} lies in [0, 1], not {share}")
         if not (isinstance(self.ior, _REAL) and 0 < (one_float(self.ior) or 0) < math.inf):
             raise SceneError(f"an ior, the refractive index, is a positive number such as 1.5, not {self.ior!r}")
@@ -116,7 +122,7 @@ class Material:
             program = getattr(self, name)
             if program is not None and not callable(program):
                 raise SceneError(f"a material's {name} is a function or a program, not {program!r}")
-            object.__setattr__(self, name, _hashable(program))
+            object.__setattr__(self, name, hashable(program))
         if not isinstance(self.cutout, Texture | None):
             raise SceneError(
                 f"a material's cutout is a Texture or None, not {self.cutout!r}; a surface that is clear all over has "
@@ -133,7 +139,26 @@ class Material:
     @property
     def numbers(self) -> dict[str, float]:
         """The coefficients that are one number; 1 where they are read from pictures."""
-        return {name: 1.0 if isinstance(x := getattr(self, name), Texture) else float(x) for name in NUMBERS}
+        numbers = {name: getattr(self, name) for name in NUMBERS} | {"reflectivity": max(self.mirror)}
+        return {name: 1.0 if isinstance(x, Texture) else float(x) for name, x in numbers.items()}
+
+    @property
+    def mirror(self) -> Triple:
+        """The reflectivity as a colour; white where it is read from a picture."""
+        if isinstance(self.reflectivity, tuple):
+            return self.reflectivity
+        share = 1.0 if isinstance(self.reflectivity, Texture) else float(self.reflectivity)
+        return (share, share, share)
+
+    @property
+    def is_clear(self) -> bool:
+        """True if light goes through a share of the surface, unless a program alone says so."""
+        return self.numbers["transmission"] > 0
+
+    @property
+    def clear_ior(self) -> float:
+        """The refractive index of the clear share."""
+        return self.ior
 
     @property
     def tint(self) -> Triple:
@@ -143,10 +168,7 @@ class Material:
     @property
     def glow(self) -> Triple:
         """The emission; its mean where it is read from a picture."""
-        if not isinstance(self.emission, Texture):
-            return self.emission
-        r, g, b = self.emission.image.mean(axis=(0, 1), dtype=np.float64).tolist()
-        return (r, g, b)
+        return mean_color(self.emission)
 
     @property
     def may_mirror(self) -> bool:
@@ -155,7 +177,15 @@ class Material:
         return self.surface is not None or numbers["reflectivity"] > 0 or numbers["transmission"] > 0
 
 
-def _hashable(program: Any) -> Any:
+def mean_color(color: Triple | Texture) -> Triple:
+    """Return a colour; its mean where it is read from a picture."""
+    if not isinstance(color, Texture):
+        return color
+    r, g, b = color.image.mean(axis=(0, 1), dtype=np.float64).tolist()
+    return (r, g, b)
+
+
+def hashable(program: Any) -> Any:
     """Return a program by which scenes are searched: for an object without a hash, such as a dataclass, its method."""
     try:
         hash(program)

@@ -66,9 +66,10 @@ class Surface(_Lookup):
     `color` is linear RGB, `diffuse`, `specular` and `shininess` Phong's coefficients, `reflectivity` the share of the
     mirror image, `transmission` the share that is clear, `ior` its refractive index, `emission` the linear radiance
     that the surface sends out, and `normal` a normal on the viewer's side, for instance one that a bump map has turned.
-    Numbers and triples are taken as well as values of the language.
+    A `MetallicRoughness` has `base_color` (or `color`), `metallic`, `roughness`, `specular`, `clearcoat`,
+    `clearcoat_roughness`, `emission` and `normal`. Numbers and triples are taken as well as values of the language.
 
-    A material's `shade` is handed one in which all but `transmission`, `ior` and `emission` are known, and
+    A `Material`'s `shade` is handed one in which Phong's numbers, `color`, `reflectivity` and `normal` are known, and
     `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`,
     a number or a Texture.
     Raises SceneError, with the line, for values of other types.
@@ -83,6 +84,11 @@ class Surface(_Lookup):
     ior: sh.Attrib1f
     normal: sh.Normal3f
     emission: sh.Color3f
+    base_color: sh.Color3f
+    metallic: sh.Attrib1f
+    roughness: sh.Attrib1f
+    clearcoat: sh.Attrib1f
+    clearcoat_roughness: sh.Attrib1f
     position: sh.Point3f
     face: sh.Normal3f
     view: sh.Vector3f
@@ -99,11 +105,17 @@ class Surface(_Lookup):
         ior: Any = None,
         normal: Any = None,
         emission: Any = None,
+        base_color: Any = None,
+        metallic: Any = None,
+        roughness: Any = None,
+        clearcoat: Any = None,
+        clearcoat_roughness: Any = None,
     ) -> None:
         values = {
             "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
             "reflectivity": reflectivity, "transmission": transmission, "ior": ior, "normal": normal,
-            "emission": emission,
+            "emission": emission, "base_color": base_color, "metallic": metallic, "roughness": roughness,
+            "clearcoat": clearcoat, "clearcoat_roughness": clearcoat_roughness,
         }  # fmt: skip
         super().__init__({})
         self.values: dict[str, Any] = {
@@ -121,9 +133,24 @@ class Surface(_Lookup):
         return surface
 
 
-GIVEN = ("color", "diffuse", "specular", "shininess", "reflectivity", "transmission", "ior", "normal", "emission")
+OF_PHONG = ("diffuse", "shininess", "reflectivity", "transmission", "ior")
+"""The outputs of a `surface` that only a `Material` has."""
+OF_LAYERS = ("base_color", "metallic", "roughness", "clearcoat", "clearcoat_roughness")
+"""The outputs of a `surface` that only a `MetallicRoughness` has."""
+GIVEN: tuple[str, ...] = (
+    "color",
+    "diffuse",
+    "specular",
+    "shininess",
+    "reflectivity",
+    "transmission",
+    "ior",
+    "normal",
+    "emission",
+)
+GIVEN += OF_LAYERS
 """The outputs that a `surface` may have."""
-UNSHADED = ("transmission", "ior", "emission")
+UNSHADED = ("transmission", "ior", "emission", *OF_LAYERS)
 """The outputs of a `surface` that `shade` does not get: it gives the colour of the opaque share under a light."""
 _CUTOUT = "a cutout says where there is no surface"
 

@@ -8,6 +8,7 @@ Stage: scene description. A `Texture` holds linear numbers; `kernels.appearance`
 
 from __future__ import annotations
 
+import functools
 import logging
 import warnings
 from collections.abc import Callable, Iterator
@@ -81,6 +82,13 @@ class Texture:
             if alpha:
                 pixels = pixels[..., 3:] if pixels.ndim == 3 and pixels.shape[2] == 4 else np.ones((1, 1))
         self.image: NDArray[np.float32] = _linear(pixels, False if alpha else srgb, self.name)
+
+    @functools.cached_property
+    def complement(self) -> Texture:
+        """The texture of 1 minus the numbers of this one, where these are at most 1."""
+        other = Texture(1 - np.minimum(self.image, 1), srgb=False, filter=self.filter, wrap=self.wrap)
+        other.name = self.name
+        return other
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]

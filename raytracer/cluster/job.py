@@ -70,7 +70,7 @@ def fingerprint(renderer: Renderer) -> str:
     if layout is None:
         return ""
     tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.glass
-    return probed(renderer.backend, renderer.integrator, *tables, layout.lights)
+    return probed(renderer.backend, renderer.integrator, *tables, layout.layers, layout.mirrors, layout.lights)
 
 
 def probed(backend: str, integrator: Integrator, *tables: Any) -> str:

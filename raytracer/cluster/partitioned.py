@@ -29,8 +29,8 @@ from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted, check_scene
 from raytracer.integrators.layers import Progress, canvas, rows_at_once, take_samples, unscale, whole_size
 from raytracer.kernels.appearance import Appearance
+from raytracer.kernels.kinds import MaterialKinds, is_black
 from raytracer.kernels.pixel import Pixel
-from raytracer.kernels.surfaces import is_black
 from raytracer.layered.cube import is_layered
 from raytracer.scene.layout import Layout
 from raytracer.scene.scene import Background
@@ -95,6 +95,12 @@ def _check_layout(layout: Layout, background: Background) -> Appearance:
         examine_sky(background, "a background")
     if (layout.glass[::2, 0] > 0).any() or "transmission" in appearance.gives:
         raise SceneError("partitions follow mirrored rays alone, and this scene has glass: leave the partitions out")
+    kinds = MaterialKinds.of(layout, appearance)
+    if kinds.layered or kinds.tinted:
+        raise SceneError(
+            "partitions have Phong's model with grey mirrors, and this scene has a MetallicRoughness or a mirror with "
+            "a colour: leave the partitions out"
+        )
     return appearance
 
 

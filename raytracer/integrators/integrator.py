@@ -21,7 +21,7 @@ from raytracer.accel.choice import check
 from raytracer.accel.grid import MAX_PER_SIDE
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.kernels.scene_tables import MIN_CONTRIBUTION
+from raytracer.kernels.shares import MIN_CONTRIBUTION
 from raytracer.kernels.stages import AT_ONCE
 from raytracer.layered.cube import LayeredCube, is_layered
 from raytracer.scene.scene import Scene

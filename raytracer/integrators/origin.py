@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from raytracer.appearance.materials import Material
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.programs import UserProgram
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
@@ -94,9 +94,9 @@ def _background(scene: Scene, tracer: PathTracer | None) -> Iterable[Any]:
         yield repr(scene.background)
 
 
-def _described(material: Material, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:
+def _described(material: AnyMaterial, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:
     """Return the fields of a material: of a texture its digest, of a program its place among the scene's."""
-    entries: list[Any] = []
+    entries: list[Any] = ["metallic-roughness"] if isinstance(material, MetallicRoughness) else []
     for field in dataclasses.fields(material):
         value = getattr(material, field.name)
         if isinstance(value, Texture):

@@ -84,7 +84,7 @@ class StagedTracer:
         self.compacts = not early_z
         self.clock: Callable[[], float] = time.perf_counter
         self.programs = stages.programs(tracer, rays)
-        self._streams = _STREAMS | {"point": tracer.surfaces.interaction}
+        self._streams = _STREAMS | {"point": tracer.surfaces.interaction, "light": tracer.light_struct}
         self.params = self.programs["generate"].params
         self._place: dict[str, Any] = {"backend": backend, "precision": precision}
         options = {**self._place, "math": math, "fuse": fuse}

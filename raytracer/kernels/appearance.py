@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer.appearance.materials import PICTURED
+from raytracer.appearance.materials import LAYERED, PICTURED
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.programs import (
+    OF_LAYERS,
+    OF_PHONG,
     Hit,
     Surface,
     ask_shade,
@@ -54,15 +57,18 @@ class Appearance:
         self.examined = examinations = [examine_surface(program) for program in self.surfaces]
         for program in self.shades:
             examine_shade(program)
-        self.textured = [name for name in PICTURED if any(name in material.textures for material in materials)]
+        names = PICTURED + LAYERED
+        self.textured = [name for name in names if any(name in material.textures for material in materials)]
         self.gives = frozenset(self.textured).union(*(examined.gives for examined in examinations))
         gives = {program: examined.gives for program, examined in zip(self.surfaces, examinations, strict=True)}
+        for material in materials:
+            if material.surface is not None:
+                _check_model(material, gives[material.surface])
         self.glowing = [
             material.surface is not None and "emission" in gives[material.surface] for material in materials
         ]
         self.clears = [
-            material.numbers["transmission"] > 0
-            or (material.surface is not None and "transmission" in gives[material.surface])
+            material.is_clear or (material.surface is not None and "transmission" in gives[material.surface])
             for material in materials
         ]
         self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in examinations))
@@ -104,11 +110,12 @@ class Appearance:
                 elif name == "color":
                     variables[name] *= color
                 else:
-                    variables[name][:] = color if name == "emission" else color.r
+                    variables[name][:] = color if name in ("emission", "tint") else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():
-                    variables[name][:] = sh.normalize(value) if name == "normal" else value
+                    place = variables["color" if name == "base_color" else name]
+                    place[:] = sh.normalize(value) if name == "normal" else value
         for name in ("reflectivity", "transmission"):
             if name in self.gives:
                 variables[name][:] = sh.clamp(variables[name], 0, 1)
@@ -143,6 +150,18 @@ class Appearance:
         if self._columns[column] == {number}:
             return nullcontext()
         return SH_IF(self.programs[material][column] == number)
+
+
+def _check_model(material: AnyMaterial, gives: frozenset[str]) -> None:
+    """Raise SceneError for a program that gives what a material of the other model has."""
+    layered = isinstance(material, MetallicRoughness)
+    wrong = sorted(gives & set(OF_PHONG if layered else OF_LAYERS))
+    if wrong:
+        own, other = ("MetallicRoughness", "Material") if layered else ("Material", "MetallicRoughness")
+        raise SceneError(
+            f"{place_of(material.surface)}: {', '.join(wrong)} of a Surface belong to a {other}, and this is the "
+            f"surface of a {own}: write {other}(surface=...)"
+        )
 
 
 def _distinct(programs: Sequence[Program | None]) -> list[Program]:

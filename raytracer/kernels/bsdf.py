@@ -1,8 +1,9 @@
-"""The BSDF of a surface: a matt lobe and a glossy one; in path tracing, as functions and as densities.
+"""The BSDF of a surface in path tracing, as functions and as densities.
 
-Stage: kernel. `diffuse_lobe` and `highlight` are those of Whitted's tracer (Phong 1975). In path tracing the matt lobe
-is Lambert's. The glossy lobe is Phong's with the factor that keeps its energy at grazing light below `specular`
-(Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
+Stage: kernel. In Phong's model the matt lobe is Lambert's, and the glossy lobe has the factor that keeps its energy at
+grazing light below `specular` (Lafortune and Willems 1994, Using the Modified Phong Reflectance Model).
+`kernels.microfacets` has the lobes of a `MetallicRoughness`. `diffuse_lobe` and `highlight` are those of Whitted's
+tracer (Phong 1975).
 """
 
 from __future__ import annotations
@@ -11,22 +12,41 @@ from math import pi
 from typing import Any
 
 import shpy as sh
+from raytracer.kernels.directions import around, largest
+from raytracer.kernels.microfacets import Microfacets
+from shpy import SH_ELSE, SH_IF
 
 FAINT = 2.0**-64
 """A highlight that is no light. Where nothing else is seen, its last bits are denormal, which not every GL keeps."""
 
 
 class Bsdf:
-    """The lobes of a scene's surfaces; without `highlights` there is the matt one alone."""
+    """The lobes of a scene's surfaces; without `highlights` Phong's model has the matt one alone.
 
-    def __init__(self, highlights: bool) -> None:
-        self.highlights = highlights
+    `layers` are those of its `MetallicRoughness`, if there are any; `mixed` says whether other surfaces stand beside.
+    """
+
+    def __init__(self, highlights: bool, layers: Microfacets | None = None, mixed: bool = False) -> None:
+        self.highlights, self.layers, self.mixed = highlights, layers, mixed
 
     def evaluate(self, surface: Any, light: Any) -> tuple[Any, Any]:
         """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and `sample`'s density there.
 
         The radiance is 0 for a light behind the surface or its triangle.
         """
+        if self.layers is None:
+            return self.evaluate_phong(surface, light)
+        if not self.mixed:
+            return self.layers.evaluate(surface, light)
+        value, density = sh.Color3f(0, 0, 0), sh.Attrib1f(0)
+        with SH_IF(surface.is_layered):
+            value[:], density[:] = self.layers.evaluate(surface, light)
+        with SH_ELSE():
+            value[:], density[:] = self.evaluate_phong(surface, light)
+        return value, density
+
+    def evaluate_phong(self, surface: Any, light: Any) -> tuple[Any, Any]:
+        """Return what `evaluate` does for a surface in Phong's model."""
         cosine = sh.max(sh.dot(surface.normal, light), 0.0)
         diffuse, specular, shininess = surface.coefficients
         matt = cosine * (1 / pi)
@@ -56,35 +76,6 @@ class Bsdf:
         diffuse, specular, _ = surface.coefficients
         matt = diffuse * largest(surface.color)
         return sh.cond(specular > 0, specular / (specular + matt), 0.0)
-
-
-def around(axis: Any, cosine: Any, turn: Any) -> Any:
-    """Return the unit vector at an angle of this cosine to the unit `axis`, turned about it by `turn` of a circle."""
-    across, beside = frame(axis)
-    angle = (2 * pi) * turn
-    sine = sh.sqrt(sh.max(1 - cosine * cosine, 0.0))
-    return sh.normalize((sine * sh.cos(angle)) * across + (sine * sh.sin(angle)) * beside + cosine * axis)
-
-
-def frame(axis: Any) -> tuple[Any, Any]:
-    """Return two unit vectors across a unit vector and each other (Duff and others 2017)."""
-    sign = sh.cond(axis.z < 0, -1.0, 1.0)
-    a = -1 / (sign + axis.z)
-    b = axis.x * axis.y * a
-    across = sh.Vector3f(1 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x)
-    return across, sh.Vector3f(b, sign + axis.y * axis.y * a, -axis.y)
-
-
-def mirrored(surface: Any) -> Any:
-    """Return the mirrored ray, turned back outside where an interpolated normal would send it into the surface."""
-    mirrored = sh.reflect(-surface.view, surface.normal)
-    below = sh.min(sh.dot(mirrored, surface.face), 0.0)
-    return mirrored - (2 * below) * surface.face
-
-
-def largest(color: Any) -> Any:
-    """Return the largest of a colour's components."""
-    return sh.max(color.x, color.y, color.z)
 
 
 def diffuse_lobe(normal: Any, light: Any) -> Any:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.errors import SceneError
-from raytracer.kernels.surfaces import SurfaceTables, blank
+from raytracer.kernels.interactions import blank
+from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.triangle import RayHit
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import Rows
-from raytracer.kernels.bsdf import around
+from raytracer.kernels.directions import around
+from raytracer.kernels.interactions import Interaction, blank
+from raytracer.kernels.kinds import glow_rows
 from raytracer.kernels.point import barylerp
 from raytracer.kernels.scene_tables import LightList
 from raytracer.kernels.sky import Sky, turn_of
-from raytracer.kernels.surfaces import Interaction, SurfaceTables, blank, glow_rows
+from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
 from raytracer.scene.lights import EnvironmentLight

@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import Any
 
 import shpy as sh
-from raytracer.kernels.bsdf import largest, mirrored
+from raytracer.kernels.directions import largest, mirrored
+from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import RayBodies
 from raytracer.kernels.pixel import Pixel
-from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.tracer import Tracer
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -77,7 +77,8 @@ class GlassTracer(Tracer):
         ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
         waiting = MediaStack(self.places, rows)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
-        local, mirror, clear = sh.Attrib1f(1), sh.Attrib1f(0), sh.Attrib1f(0)
+        share_type = sh.Color3f if self.shares.tinted else sh.Attrib1f
+        local, mirror, clear = share_type(1), share_type(0), share_type(0)
         bent = sh.Vector3f()
         self.surfaces.begin(ray_bodies, walk, ray.eye)
         with SH_DO():
@@ -99,15 +100,7 @@ class GlassTracer(Tracer):
                     with SH_IF(pixel.object < 0):
                         pixel.note(hit, surface, self.surfaces)
                     share *= self.surfaces.reach(ray_bodies, hit, surface)
-                    reflected, bent[:] = refracted(surface)
-                    opaque = 1 - surface.transmission
-                    local[:] = opaque * (1 - reflectivity)
-                    mirror[:] = opaque * reflectivity + surface.transmission * reflected
-                    clear[:] = surface.transmission * (1 - reflected)
-                    light.scolor[:] = self.ambient * surface.color
-                    if emission is not None:  # mirrors and glass emit in full, too
-                        pixel.color[:] += share * emission
-                    light.shadows[:] = sh.cond(local > 0, self.surfaces.lights_seen(surface, self.lights.number), 0)
+                    self.divide(light, pixel, surface, share, emission, reflectivity, (local, mirror, clear, bent))
                 self.show_sky(light, ray)
             if self.lights.count:
                 with SH_ELSE():
@@ -118,6 +111,38 @@ class GlassTracer(Tracer):
                 finished[:] = self.branch(ray, light, surface, share, waiting, ray_bodies, (mirror, clear, bent))
             SH_UNTIL(finished)
         return pixel
+
+    def divide(
+        self,
+        light: Any,
+        pixel: Pixel,
+        surface: Interaction,
+        share: Any,
+        emission: Any,
+        reflectivity: Any,
+        parts: tuple[Any, Any, Any, Any],
+    ) -> None:
+        """Divide the light of a surface that was hit into `parts`: its own, the mirrored and the refracted share.
+
+        The last of them is the direction of the refracted ray. Begin with ambient light and emission.
+        """
+        local, mirror, clear, bent = parts
+        reflected, bent[:] = refracted(surface)
+        opaque = 1 - surface.transmission
+        local[:] = self.shares.own(surface, opaque, reflectivity)
+        reflectivity = self.shares.mirror(surface, reflectivity)
+        mirror[:] = opaque * reflectivity + surface.transmission * reflected
+        clear[:] = surface.transmission * (1 - reflected)
+        if self.shares.thin:
+            clear += self.shares.clear(surface, opaque)
+        light.scolor[:] = self.ambient * self.shares.ambient(surface)
+        if emission is not None:  # mirrors and glass emit in full, too
+            pixel.color[:] += share * emission
+        light.shadows[:] = sh.cond(
+            (largest(local) if self.shares.tinted else local) > 0,
+            self.surfaces.lights_seen(surface, self.lights.number),
+            0,
+        )
 
     def show_sky(self, light: Any, ray: Any) -> None:
         """Take the background for a ray that has missed, after the branch of rays that have hit."""
@@ -132,7 +157,7 @@ class GlassTracer(Tracer):
         through[:] = False
         lightcol = light.lightcol
         with SH_IF(hit.id >= 0):
-            lightcol *= self.surfaces.passed(shadow, hit, ray.direction)
+            lightcol *= self.surfaces.passed(shadow, hit, ray.direction, ray.eye)
             through[:] = sh.max(sh.max(lightcol.r, lightcol.g), lightcol.b) > 0
             ray.limit -= hit.l
             ray.eye[:] = self.surfaces.behind(hit, ray.direction, ray.eye)
@@ -163,7 +188,7 @@ class GlassTracer(Tracer):
         ray.tracing[:] = True
         goes_on = light.r > 0
         light.r -= 1
-        reflects, refracts = (goes_on & (largest(share) * part > self.least.share) for part in (mirror, clear))
+        reflects, refracts = (goes_on & self.least.counts(share, part) for part in (mirror, clear))
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):

@@ -16,19 +16,21 @@ a running mean, so that a picture may be continued: it is the same whoever compu
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import FAR
 from raytracer.errors import SceneError, place_of
-from raytracer.kernels.bsdf import Bsdf, largest, mirrored
+from raytracer.kernels.bsdf import Bsdf
+from raytracer.kernels.directions import largest, mirrored
 from raytracer.kernels.emitters import Emitters
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
+from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import Media, RayBodies
 from raytracer.kernels.pixel import Pixel, background_pixel
 from raytracer.kernels.scene_tables import SceneTables
-from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER
 from raytracer.scene.layout import Layout
@@ -116,7 +118,7 @@ class PathTracer(SceneTables):
         self.together = backend in TOGETHER
         self.emitters = Emitters(layout, self.surfaces, scene.environment)
         self.lights = self.emitters.placed
-        self.bsdf = Bsdf(self.surfaces.highlights)
+        self.bsdf = Bsdf(self.surfaces.highlights, self.surfaces.lobes, self.surfaces.mixed)
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
         appearance = self.surfaces.appearance
         self.mirrors = self.surfaces.reflects
@@ -140,6 +142,8 @@ class PathTracer(SceneTables):
         }
         if self.emitters.around is None and not self.background.plain:
             self.features["sky"] = True
+        if self.surfaces.lobes is not None:
+            self.features["metallic-roughness"] = True
 
     def renew_emitters(self, layout: Layout) -> bool:
         """Update how lights are chosen."""
@@ -241,7 +245,7 @@ class PathTracer(SceneTables):
         """Send a ray to a light straight on through the clear surface that it has met."""
         path.through[:] = False
         with SH_IF(lighted & (hit.id >= 0)):
-            pending *= self.surfaces.passed(path.shadow, hit, ray, straight=True)
+            pending *= self.surfaces.passed(path.shadow, hit, ray, eye, straight=True)
             path.through[:] = largest(abs(pending)) > 0
             path.lighting[:] = path.through
             path.rest[:] = limit - hit.l
@@ -310,14 +314,39 @@ class PathTracer(SceneTables):
                 path.color += path.throughput * emission * share
         path.finished[:] = path.depth >= self.bounces
         if self.mirrors:
-            path.mirror[:] = path.random(0) < reflectivity
+            chance = largest(reflectivity) if self.surfaces.tinted else reflectivity
+            path.mirror[:] = path.random(0) < chance
+            if self.surfaces.tinted:
+                self.tint(path, reflectivity, chance)
         if self.surfaces.clear:
-            path.clear[:] = path.random(5) < surface.transmission
+            path.clear[:] = path.random(5) < self.clear_chance(surface)
+            if self.surfaces.kinds.thin:
+                self.tint_clear(path, surface)
         if self.straight:
             path.goes_on[:] = path.clear & (surface.ior == 1)
             path.finished &= ~path.goes_on
         if self.emitters.count:
             path.lighting[:] = ~(path.finished | path.mirror | path.clear)
+
+    def tint(self, path: PathSample, reflectivity: Any, chance: Any) -> None:
+        """Weigh a path by the colour of a mirror that is taken by `chance`, or by the colour of what that leaves."""
+        rest = (1 - reflectivity) / sh.max(1 - chance, 2.0**-24)
+        path.throughput *= sh.cond(path.mirror, reflectivity / sh.max(chance, 2.0**-24), rest)
+
+    def clear_chance(self, surface: Interaction) -> Any:
+        """Return the probability with which the clear share of a surface is taken."""
+        if not self.surfaces.kinds.thin:
+            return surface.transmission
+        thin = sh.cond(surface.is_layered, surface.straight, 0.0)
+        return surface.transmission + (1 - surface.transmission) * thin
+
+    def tint_clear(self, path: PathSample, surface: Interaction) -> None:
+        """Weigh a path by the colour of a thin wall that it goes through, or by the probability that it does not."""
+        chance, opaque = self.clear_chance(surface), 1 - surface.transmission
+        thin = surface.is_layered & (surface.straight > 0)
+        clear = surface.transmission + opaque * sh.cond(thin, surface.thin, sh.Color3f(0, 0, 0))
+        clear, rest = clear / sh.max(chance, 2.0**-24), opaque / sh.max(1 - chance, 2.0**-24)
+        path.throughput *= sh.cond(thin, sh.cond(path.clear, clear, sh.Color3f(rest)), sh.Color3f(1, 1, 1))
 
     def is_first(self, path: PathSample) -> Any:
         """Return whether a hit is what the eye sees in the first sample, which the layers show."""
@@ -363,11 +392,34 @@ class PathTracer(SceneTables):
 
     def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""
+        if self.surfaces.lobes is None:
+            self.sample_phong(path, surface, ray, eye)
+        else:
+            with SH_IF(surface.is_layered) if self.surfaces.mixed else nullcontext():
+                self.sample_layers(path, surface, ray, eye)
+            if self.surfaces.mixed:
+                with SH_ELSE():
+                    self.sample_phong(path, surface, ray, eye)
+        if self.straight and self.emitters.around is not None:
+            path.aimed[:] = self.density_around(ray, surface)
+
+    def sample_layers(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
+        """Go on along a lobe of a `MetallicRoughness`."""
+        assert self.surfaces.lobes is not None
+        scattering = self.surfaces.lobes.scatter(surface, [path.random(k) for k in (1, 2, 3)], mirrored(surface))
+        ray[:] = scattering.ray
+        eye[:] = surface.inter
+        if self.surfaces.kinds.thin:
+            eye[:] = sh.cond(scattering.through, surface.beyond, surface.inter)
+        path.finished[:] = ~(largest(scattering.weight) > 0)
+        path.throughput *= scattering.weight
+        path.density[:] = scattering.density
+
+    def sample_phong(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
+        """Go on along a lobe of Phong's model."""
         ray[:] = self.bsdf.sample(surface, *(path.random(k) for k in (1, 2, 3)))
         eye[:] = surface.inter
         value, density = self.bsdf.evaluate(surface, ray)
         path.finished[:] = ~((largest(value) > 0) & (density > 0))
         path.throughput *= value / sh.max(density, 2.0**-100)
         path.density[:] = density
-        if self.straight and self.emitters.around is not None:
-            path.aimed[:] = self.density_around(ray, surface)

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
+from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.point import SeenHit
-from raytracer.kernels.surfaces import Interaction, blank
 from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.walk import meet
 from shpy import SH_ELSE, SH_IF, SH_WHILE

@@ -9,8 +9,9 @@ from math import inf
 from typing import Any, NamedTuple
 
 import shpy as sh
+from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.point import SeenHit
-from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.triangle import RayHit
 
 

@@ -6,21 +6,19 @@ Stage: kernel. `LightList.aim` is the tracer's `getLightValues`. A tracer adds t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
 from raytracer.accel.space import Rows
 from raytracer.kernels.deferred import SampledSurfaces
+from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.sky import Sky
-from raytracer.kernels.surfaces import Interaction, SurfaceTables
+from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.walk import renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout, kinds_of
 from raytracer.scene.scene import Background, Scene
-
-MIN_CONTRIBUTION: Final = 2.0**-17
-"""The share of the picture, in its brightest channel, below which a ray is not followed: 1/512 of a step of 8 bits."""
 
 
 class LightList:
@@ -54,22 +52,6 @@ class LightList:
         if self.fades:
             way = distance / self.surfaces.scale
             lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
-
-
-class LeastShare:
-    """The `share` of the picture below which no ray is followed: a param, if it is another than MIN_CONTRIBUTION."""
-
-    def __init__(self, share: float) -> None:
-        self.share: Any = share
-        self.cuts = share != MIN_CONTRIBUTION
-        if self.cuts:
-            self.share = sh.Param(sh.Attrib1f, share, name="min_contribution")
-
-    def ends(self, light: Any) -> Any:
-        """Return whether no mirrored ray follows; by default a scene without glass follows all of them."""
-        if self.cuts:
-            return (light.r == 0) | (light.rn.y == 0) | ~(light.rn.x > self.share)
-        return (light.r == 0) | (light.rn.y == 0)
 
 
 class SceneTables:
@@ -136,4 +118,5 @@ def whitted_features(tracer: Any, layout: Layout) -> dict[str, bool | int]:
         features["shade programs"] = len(surfaces.appearance.shades)
         features["textures"] = len(surfaces.appearance.textured)
     others = {"glass": surfaces.clear, "cutouts": surfaces.accept is not None, "sky": not tracer.background.plain}
+    others["metallic-roughness"] = surfaces.lobes is not None
     return features | {name: True for name, there in others.items() if there}

@@ -14,14 +14,14 @@ both share: a stream holds what a variable holds there, to the bit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast, get_type_hints
 
 import shpy as sh
 from raytracer.accel.programs import LateProgram
 from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.grid_walk import GridBeside, GridIntersector, is_over
+from raytracer.kernels.interactions import PlainInteraction
 from raytracer.kernels.pixel import Pixel
-from raytracer.kernels.surfaces import PlainInteraction
 from raytracer.kernels.tracer import Light, Ray, Tracer
 from raytracer.kernels.triangle import RayHit, TriangleTest, Walk, is_ray
 from shpy import SH_DISCARD, SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -175,14 +175,16 @@ MASKS = {"precalculate": active, "traverse": active, "intersect": stopped, "shad
 
 def generator(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     """Record the program that makes the eye rays of a band."""
+    types = get_type_hints(EyeRayOutputs) | {"light": tracer.light_struct}
+    outputs = cast(Any, NamedTuple("EyeRayOutputs", list(types.items())))
 
-    @sh.program
-    def generate() -> EyeRayOutputs:
+    def generate() -> Any:
         row, column = sh.grid_index(2)
         ray, light, pixel = tracer.begin(*rays(row, column))
-        return EyeRayOutputs(ray, light, pixel, sh.Attrib1i(ACTIVE))
+        return outputs(ray, light, pixel, sh.Attrib1i(ACTIVE))
 
-    return generate
+    generate.__annotations__ = {"return": outputs}
+    return sh.program(generate)
 
 
 def _precalculation(walk: GridIntersector) -> Any:
@@ -267,7 +269,7 @@ def _intersector(walk: GridIntersector, at_once: Any) -> Any:
 
 def shading(tracer: Tracer) -> Any:
     """Record the program that adds the light of the hits and makes the next rays."""
-    types = SHADED | {"point": tracer.surfaces.interaction}
+    types = SHADED | {"point": tracer.surfaces.interaction, "light": tracer.light_struct}
     shaded = cast(Any, NamedTuple("Shaded", list(types.items())))
 
     def shade(ray: Any, nearest: Any, light: Any, point: Any, pixel: Any, state: Any) -> Any:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import Any, NamedTuple, get_type_hints
+from math import pi
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,7 +21,18 @@ from raytracer.appearance.materials import CUTOFF
 from raytracer.errors import SceneError
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.bsdf import FAINT, diffuse_lobe, highlight
+from raytracer.kernels.directions import largest
+from raytracer.kernels.interactions import (
+    ClearInteraction,
+    Interaction,
+    LayeredInteraction,
+    PlainInteraction,
+    ProgrammedInteraction,
+    blank,
+)
+from raytracer.kernels.kinds import MaterialKinds, glow_rows
 from raytracer.kernels.media import Media, RayBodies
+from raytracer.kernels.microfacets import SMOOTHEST, Microfacets
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
@@ -30,82 +42,8 @@ from shpy import SH_ELSE, SH_IF
 
 FLAT = 1 / 250
 """The largest slope of a normal map that is taken for 0: 8 bits store 0 as 127 or 128 of 255, which is 1/255 off."""
-
-
-@sh.struct
-class PlainInteraction:
-    """The interaction at the point that was hit last, from its hit until its last shadow ray.
-
-    `inter` is moved off the surface, to the side that it is seen from. `face` is the normal of the triangle itself, on
-    the viewer's side, as is `normal`; `coefficients` are diffuse, specular and shininess.
-    """
-
-    inter: sh.Point3f
-    view: sh.Vector3f
-    face: sh.Normal3f
-    normal: sh.Normal3f
-    color: sh.Color3f
-    coefficients: sh.Attrib3f
-
-
-@sh.struct
-class ProgrammedInteraction(PlainInteraction):
-    """An interaction of a scene with shades: the number of the surface's own, and the fields that shades alone read."""
-
-    reflectivity: sh.Attrib1f
-    shade: sh.Attrib1i
-
-
-@sh.struct
-class ClearInteraction(ProgrammedInteraction):
-    """An interaction in a scene with glass.
-
-    `beyond` is the point moved off the surface to the other side, `outside` says whether the ray came from outside.
-    """
-
-    beyond: sh.Point3f
-    transmission: sh.Attrib1f
-    ior: sh.Attrib1f
-    outside: sh.Attrib1b
-
-
-Interaction = Any
-"""One of these structs, as the scene needs."""
-
-
-class MaterialKinds(NamedTuple):
-    """The features of a kernel that the numbers of materials decide: True for those that it has code for.
-
-    `glows`: emission; `highlights`: the glossy lobe; `clear`: glass; `black`: highlights of surfaces that send no other
-    light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors; `media`: bodies that refract
-    or absorb; `straight`: clear surfaces that let light go straight on.
-    """
-
-    glows: bool
-    highlights: bool
-    clear: bool
-    black: bool
-    dark: bool
-    reflects: bool
-    media: bool
-    straight: bool
-
-    @classmethod
-    def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
-        """Return the kinds of a layout, whose materials have this appearance."""
-        lobes, gives = layout.material_rows[1::2, :2], appearance.gives
-        clear = np.array(appearance.clears)
-        indices, absorptions = layout.glass[::2, 1][clear], layout.glass[1::2][clear]
-        return cls(
-            glows=bool(glow_rows(layout, appearance)[:, 3].any()) or "emission" in gives,
-            highlights=bool((lobes[:, 1] > 0).any()) or "specular" in gives,
-            clear=bool(clear.any()),
-            black=bool(appearance) or is_black(layout),
-            dark=bool((lobes == 0).all(axis=1).any()) and not appearance.shades,
-            reflects=bool((layout.material_rows[::2, 3] > 0).any()) or "reflectivity" in gives,
-            media=bool((indices != 1).any() or absorptions.any() or (clear.any() and "ior" in gives)),
-            straight=bool((indices == 1).any() or (clear.any() and "ior" in gives)),
-        )
+BLURRED: Final = 1 / 16
+"""The least roughness of the highlight of a point light in a Whitted tracer, so that it is seen."""
 
 
 class SurfaceTables:
@@ -124,6 +62,12 @@ class SurfaceTables:
         self.glow = glow_rows(layout, self.appearance)
         self.kinds = MaterialKinds.of(layout, self.appearance)
         self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects, *_ = self.kinds
+        self.tinted, self.mixed = self.kinds.tinted, self.kinds.mixed
+        self.lobes = Microfacets(self.kinds.coats, self.kinds.thin) if self.kinds.layered else None
+        if self.tinted:
+            self.mirrors = sh.Table(layout.mirrors, sh.Attrib4f, "mirrors")
+        if self.lobes is not None:
+            self.layers = sh.Table(layout.layers, sh.Attrib4f, "layers")
         self.media: Media | None = None
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
@@ -143,6 +87,8 @@ class SurfaceTables:
     @property
     def interaction(self) -> Any:
         """The struct of interactions in this scene."""
+        if self.lobes is not None:
+            return LayeredInteraction
         if self.clear:
             return ClearInteraction
         return ProgrammedInteraction if self.appearance.shades else PlainInteraction
@@ -183,6 +129,10 @@ class SurfaceTables:
         self.materials.update(layout.material_rows)
         if self.clear:
             self.glass.update(layout.glass)
+        if self.tinted:
+            self.mirrors.update(layout.mirrors)
+        if self.lobes is not None:
+            self.layers.update(layout.layers)
         if self.media is not None:
             self.media.renew(self.bodies_of(layout))
         if self.glows:
@@ -229,7 +179,7 @@ class SurfaceTables:
             emission[:] = self.glow_at(hit).rgb
         if hit.sample is None:
             return self.look(hit, surface, point, side, emission)
-        reflectivity = sh.Attrib1f()
+        reflectivity = sh.Color3f(0, 0, 0) if self.tinted else sh.Attrib1f()
         with SH_IF(hit.sample < 0):
             reflectivity[:] = self.look(hit, surface, point, side, emission)
         with SH_ELSE():
@@ -246,9 +196,31 @@ class SurfaceTables:
 
     def look(self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients to those of its triangle; return its reflectivity."""
-        if not self.appearance:
-            return self.paint(hit, surface, self.material_at(hit))
-        return self.describe(hit, surface, point, side, emission)
+        if self.lobes is None:
+            if not self.appearance:
+                return self.paint(hit, surface, self.material_at(hit))
+            return self.describe(hit, surface, point, side, emission)
+        self.stack(surface, self.material_at(hit))
+        if self.appearance:
+            reflectivity = self.describe(hit, surface, point, side, emission)
+        else:
+            reflectivity = self.paint(hit, surface, self.material_at(hit))
+        self.prepare(surface)
+        return reflectivity
+
+    def prepare(self, surface: Interaction) -> None:
+        """Compute what follows from the view and the numbers of a `MetallicRoughness`."""
+        assert self.lobes is not None
+        with SH_IF(surface.is_layered) if self.mixed else nullcontext():
+            self.lobes.prepare(surface)
+
+    def stack(self, surface: Interaction, number: Any) -> None:
+        """Set the numbers of a `MetallicRoughness` that other materials have not."""
+        row, upper = self.layers[2 * number], self.layers[2 * number + 1]
+        surface.tint[:] = row.rgb
+        surface.index[:] = row.a
+        surface.coat[:] = upper.xyz
+        surface.is_layered[:] = upper.w > 0
 
     def recall(self, hit: RayHit, surface: Interaction, side: Any) -> Any:
         """Set the surface's normal and colour to those of its sample, the rest to the numbers of its material.
@@ -262,13 +234,16 @@ class SurfaceTables:
         surface.normal[:] = sh.cond(sh.dot(normal, surface.face) < 0, -normal, normal)
         surface.color[:] = color
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
-        reflectivity = self.materials[2 * number].a
+        if self.lobes is not None:
+            self.stack(surface, number)
+            self.prepare(surface)
+        reflectivity = self.mirrors[number].rgb if self.tinted else self.materials[2 * number].a
         return self._noted(surface, reflectivity, number)
 
     def _noted(self, surface: Interaction, reflectivity: Any, number: Any) -> Any:
         """Return the reflectivity, which the surface keeps for shades of users, as it does the shade's number."""
         if self.appearance.shades:
-            surface.reflectivity[:] = reflectivity
+            surface.reflectivity[:] = largest(reflectivity) if self.tinted else reflectivity
             surface.shade[:] = self.appearance.shade_of(number)
         return reflectivity
 
@@ -290,16 +265,27 @@ class SurfaceTables:
         surface.ior[:] = ratio
         return kept
 
-    def passed(self, ray_bodies: RayBodies | None, hit: RayHit, ray: Any, *, straight: bool = False) -> Any:
+    def thin_at(self, hit: RayHit, ray: Any, eye: Any, *, smooth: bool) -> Any:
+        """Return the share (r, g, b) of light that goes through the thin wall that was hit; if `smooth`, unblurred."""
+        surface = blank(self.interaction)
+        self.arrive(hit, ray, eye, surface, sh.Color3f(0, 0, 0) if self.glows else None)
+        counts = surface.is_layered
+        if smooth:
+            counts &= surface.coefficients.z < SMOOTHEST
+        return sh.cond(counts, surface.thin, sh.Color3f(0, 0, 0))
+
+    def passed(self, ray_bodies: RayBodies | None, hit: RayHit, ray: Any, eye: Any, *, straight: bool = False) -> Any:
         """Return the share (r, g, b) of light that comes to a hit and goes straight on, in the medium behind it.
 
-        `straight`: only where it would not be refracted.
+        `straight`: only where it would be neither refracted nor blurred.
         """
         material = self.material_at(hit)
         row = self.glass[2 * material]
         clear = row.x
         if "transmission" in self.appearance.textured:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
+        if self.kinds.thin:
+            clear = clear + (1 - clear) * self.thin_at(hit, ray, eye, smooth=straight)
         if self.media is None or ray_bodies is None:
             return clear * sh.cond(row.y == 1, sh.Color3f(1, 1, 1), 0.0) if straight else clear * sh.Color3f(1, 1, 1)
         kept, ratio = self.media.reach(ray_bodies, hit, ~self.comes_from_inside(hit, ray), row.y)
@@ -352,7 +338,7 @@ class SurfaceTables:
         surface.color[:] = row.rgb if self.colors is None else self.vertex_color(hit)
         if self.tints and self.colors is not None:
             surface.color *= row.rgb
-        return row.a
+        return self.mirrors[number].rgb if self.tinted else row.a
 
     @property
     def accept(self) -> Accept | None:
@@ -376,7 +362,7 @@ class SurfaceTables:
     def describe(self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients by textures and programs; return its reflectivity."""
         number = self.material_at(hit)
-        reflectivity = sh.Attrib1f(self.paint(hit, surface, number))
+        reflectivity = (sh.Color3f if self.tinted else sh.Attrib1f)(self.paint(hit, surface, number))
         diffuse, specular, shininess = (sh.Attrib1f(surface.coefficients[k]) for k in range(3))
         seen = programs.Hit(
             {
@@ -396,8 +382,14 @@ class SurfaceTables:
         variables |= {"reflectivity": reflectivity, "normal": surface.normal, "emission": emission}
         if self.clear:
             variables |= {"transmission": surface.transmission, "ior": surface.ior}
+        if self.lobes is not None:
+            coat, blur, thin = (sh.Attrib1f(surface.coat[k]) for k in range(3))
+            variables |= {"metallic": diffuse, "roughness": shininess, "index": surface.index, "tint": surface.tint}
+            variables |= {"clearcoat": coat, "clearcoat_roughness": blur, "thin": thin}
         self.appearance.describe(number, seen, variables, lambda color: self.tilted(hit, surface.normal, side, color))
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
+        if self.lobes is not None:
+            surface.coat[:] = sh.Attrib3f(coat, blur, thin)
         return self._noted(surface, reflectivity, number)
 
     def tilted(self, hit: RayHit | SeenHit, normal: Any, side: Any, color: Any) -> Any:
@@ -434,12 +426,15 @@ class SurfaceTables:
         """Return the number of lights that show on the surface: 0 on a perfect mirror, which needs no shadow rays."""
         if not self.dark:
             return count
+        if self.lobes is not None:
+            lit = surface.is_layered | (surface.coefficients.x > 0) | (surface.coefficients.y > 0)
+            return sh.cond(lit, count, 0)
         return sh.cond((surface.coefficients.x > 0) | (surface.coefficients.y > 0), count, 0)
 
     def shade(self, surface: Interaction, light: Any) -> Any:
         """Return the colour under white light from direction `light`."""
         if not self.appearance.shades:
-            return self.phong(surface, light)
+            return self.lobes_under(surface, light)
         seen = programs.Surface.of_sources(
             {
                 "color": lambda: surface.color,
@@ -453,7 +448,20 @@ class SurfaceTables:
                 "view": lambda: surface.view,
             }
         )
-        return self.appearance.shade(surface.shade, seen, light, lambda: self.phong(surface, light))
+        return self.appearance.shade(surface.shade, seen, light, lambda: self.lobes_under(surface, light))
+
+    def lobes_under(self, surface: Interaction, light: Any) -> Any:
+        """Return the colour under white light from direction `light` in the model of the surface's material."""
+        if self.lobes is None:
+            return self.phong(surface, light)
+        if not self.mixed:
+            return pi * self.lobes.evaluate(surface, light, BLURRED)[0]
+        shown = sh.Color3f(0, 0, 0)
+        with SH_IF(surface.is_layered):
+            shown[:] = pi * self.lobes.evaluate(surface, light, BLURRED)[0]
+        with SH_ELSE():
+            shown[:] = self.phong(surface, light)
+        return shown
 
     def phong(self, surface: Interaction, light: Any) -> Any:
         """Return the colour under white light from direction `light` in Phong's model."""
@@ -467,27 +475,3 @@ class SurfaceTables:
 
 def _table(layout: Layout, rows: Rows | None, kind: Any, name: str) -> Any:
     return None if rows is None else sh.Table(layout.table_rows(rows), kind, name)
-
-
-def blank(interaction: Any = PlainInteraction) -> Interaction:
-    """Return an interaction before the first hit."""
-    fields = {name: kind for name, kind in get_type_hints(interaction).items() if not name.startswith("_")}
-    return interaction(*(kind(*[0] * kind.size) for kind in fields.values()))
-
-
-def is_black(layout: Layout) -> bool:
-    """Return whether a surface can have a highlight and no other light in some channel."""
-    colors = layout.material_rows[::2, :3] if layout.colors is None else layout.colors[:, :3]
-    return bool((colors == 0).any() or (layout.material_rows[1::2, 0] == 0).any())
-
-
-def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
-    """Return the emission of each material and its mean over the channels, (M, 4): 0 for materials without emission.
-
-    Where a program decides a material's emission and the material gives no number, the mean is taken as 1.
-    """
-    rows = np.zeros((len(layout.materials), 4))
-    for row, material, glowing in zip(rows, layout.materials, appearance.glowing, strict=True):
-        row[:3] = material.glow
-        row[3] = np.mean(material.glow) or float(glowing)
-    return rows

@@ -17,10 +17,11 @@ from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import far
-from raytracer.kernels.bsdf import mirrored
+from raytracer.kernels.directions import mirrored
+from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.pixel import Pixel, background_pixel
-from raytracer.kernels.scene_tables import MIN_CONTRIBUTION, LeastShare, LightList, SceneTables, whitted_features
-from raytracer.kernels.surfaces import Interaction, blank
+from raytracer.kernels.scene_tables import LightList, SceneTables, whitted_features
+from raytracer.kernels.shares import MIN_CONTRIBUTION, ColoredShares, LeastShare, MirrorShares
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet
 from raytracer.scene.layout import Layout
@@ -54,6 +55,13 @@ class Light:
     lightcol: sh.Color3f
 
 
+@sh.struct
+class TintedLight(Light):
+    """The `Light` of a scene whose mirrors have colours."""
+
+    rn: ColoredShares  # type: ignore[assignment]
+
+
 class Tracer(SceneTables):
     """The tables of a scene, and the loop that follows a ray through it.
 
@@ -73,9 +81,11 @@ class Tracer(SceneTables):
         super().__init__(layout, background, backend)
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
-        self.least = LeastShare(min_contribution)
+        self.shares = MirrorShares(self.surfaces)
+        self.least = LeastShare(min_contribution, self.shares)
         self.lights = LightList(layout.lights, self.surfaces)
-        self.reflects = self.surfaces.reflects
+        self.reflects = self.shares.reflects
+        self.light_struct: Any = TintedLight if self.shares.tinted else Light
         self.loops = self.reflects or self.lights.count > 0
         self.features = whitted_features(self, layout)
 
@@ -95,7 +105,7 @@ class Tracer(SceneTables):
         """Return an eye ray, its light and its pixel before its first hit."""
         ray = Ray(eye, direction, far(), sh.Attrib1b(True))
         black = sh.Color3f(0, 0, 0)
-        light = Light(black, sh.Attrib2f(1, 0), sh.Attrib1i(self.bounces), sh.Attrib1i(0), black)
+        light = self.light_struct(black, self.shares.first(), sh.Attrib1i(self.bounces), sh.Attrib1i(0), black)
         return ray, light, background_pixel(sh.Color3f(black), sh.Attrib1i(0))
 
     def aim(self, ray: Any, light: Any, surface: Interaction) -> None:
@@ -125,7 +135,7 @@ class Tracer(SceneTables):
         if self.lights.count:
             with SH_ELSE():
                 lit = (hit.id < 0) & (ray.limit > 0)
-                if self.surfaces.appearance.shades:
+                if self.surfaces.appearance.shades or self.shares.layered:
                     with SH_IF(lit):
                         light.scolor += self.surfaces.shade(surface, ray.direction) * light.lightcol
                 else:
@@ -135,7 +145,9 @@ class Tracer(SceneTables):
 
     def gather(self, light: Any, pixel: Pixel, surface: Interaction, emission: Any) -> None:
         """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
-        light.scolor[:] = self.ambient * surface.color
+        light.scolor[:] = self.ambient * self.shares.ambient(surface)
+        if self.shares.layered:
+            light.rn.y = self.shares.mirror(surface, light.rn.y)
         if emission is not None:  # mirrors emit in full, too
             pixel.color[:] += light.rn.x * emission
         light.shadows[:] = self.surfaces.lights_seen(surface, self.lights.number)
@@ -148,7 +160,7 @@ class Tracer(SceneTables):
             finished[:] = True
             if self.reflects:
                 light.rn.x *= light.rn.y
-                pixel.color[:] -= light.rn.x * light.scolor
+                self.shares.leave(surface, light, pixel)
                 finished[:] = self.least.ends(light)
                 light.r -= 1
                 ray.tracing[:] = True

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
@@ -28,7 +29,7 @@ _GREY = (102, 102, 102)
 """The default colour of trimesh."""
 
 
-def mesh_of(part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
+def mesh_of(part: Any, *, material: AnyMaterial | None = None, name: str | None = None) -> Mesh:
     """Convert a trimesh.Trimesh to a Mesh, of its own material unless another is given.
 
     Normals are those that `part` has computed or was given; without any, corners are smoothed. Colours of vertices and
@@ -66,7 +67,7 @@ def _name(part: Any) -> str:
     return name if isinstance(name, str) and name else "mesh"
 
 
-def _mesh(part: Any, material: Material | None, name: str, pictures: Pictures, notices: Notices) -> Mesh:
+def _mesh(part: Any, material: AnyMaterial | None, name: str, pictures: Pictures, notices: Notices) -> Mesh:
     if not (hasattr(part, "faces") and hasattr(part, "visual")):
         raise SceneError(f"a mesh is made from a trimesh.Trimesh, not from {type(part).__name__}")
     colors, uv = _colors(part.visual, notices), np.asarray(getattr(part.visual, "uv", None))
@@ -102,7 +103,7 @@ def _linear(colors: Any) -> NDArray[np.float64]:
     return decoded(colors.astype(np.float64) / (255 if colors.dtype.kind in "iu" else 1))
 
 
-def _material(material: Any, pictures: Pictures, notices: Notices) -> Material:
+def _material(material: Any, pictures: Pictures, notices: Notices) -> AnyMaterial:
     """Convert a PBRMaterial or SimpleMaterial, whose numbers are linear."""
     if material is None:
         return PLAIN
@@ -148,7 +149,7 @@ def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture 
     return pictures.get(key, "a picture", lambda: image, alpha=alpha)
 
 
-def _simple(material: Any, picture: Any, notices: Notices) -> Material:
+def _simple(material: Any, picture: Any, notices: Notices) -> AnyMaterial:
     """Convert a SimpleMaterial; its grey default is no colour, and no factor of an image."""
     diffuse = np.asarray(getattr(material, "diffuse", _GREY))[:3]
     plain = tuple(diffuse.tolist()) == _GREY

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import lengths_of, normals_of, unit
 from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError, warn
 from raytracer.memory import TRIANGLE, check_triangles
@@ -59,7 +60,7 @@ class Mesh:
     faces: Any
     normals: Any = None
     colors: Any = None
-    material: Material = PLAIN
+    material: AnyMaterial = PLAIN
     name: str = "mesh"
     uv: Any = None
 
@@ -163,7 +164,7 @@ class Mesh:
         parts = (self.faces[start : start + _AT_ONCE] for start in range(0, len(self), _AT_ONCE))
         return any(normals_of(self.vertices[part]).any() for part in parts)
 
-    def with_material(self, material: Material, name: str | None = None) -> Mesh:
+    def with_material(self, material: AnyMaterial, name: str | None = None) -> Mesh:
         """Return the same mesh of another material, and under another name if there is one."""
         mesh = self._with(material=_checked(material))
         return mesh if name is None else mesh._with(name=name)
@@ -224,7 +225,7 @@ class Mesh:
         return smoothed([self], below)[0]
 
     @classmethod
-    def load(cls, path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
+    def load(cls, path: str | PathLike[str], *, material: AnyMaterial | None = None, strict: bool = False) -> Mesh:
         """Read an OBJ, PLY, STL, GLB, glTF or OFF file, all its parts as one mesh; see `loading.load_mesh`.
 
         With `strict` a bad entry of the file is a SceneError; otherwise it is left out, and a warning counts them.
@@ -232,7 +233,7 @@ class Mesh:
         return LOADERS["file"](path, material=material, strict=strict)
 
     @classmethod
-    def from_trimesh(cls, part: Any, *, material: Material | None = None, name: str | None = None) -> Mesh:
+    def from_trimesh(cls, part: Any, *, material: AnyMaterial | None = None, name: str | None = None) -> Mesh:
         """Convert a trimesh.Trimesh with its material, uv coordinates and colours; see `from_trimesh.mesh_of`."""
         return LOADERS["trimesh"](part, material=material, name=name)
 
@@ -273,9 +274,9 @@ def _in_one_table(meshes: Sequence[Mesh]) -> tuple[Floats, Ints]:
     return vertices, np.concatenate([m.faces + start for m, start in zip(meshes, starts[:-1], strict=True)])
 
 
-def _checked(material: Material) -> Material:
+def _checked(material: AnyMaterial) -> AnyMaterial:
     """Return a material; SceneError for anything else."""
-    if not isinstance(material, Material):
+    if not isinstance(material, Material | MetallicRoughness):
         raise SceneError(f"the material of a mesh is a Material, such as Material((1, 0, 0)), not {material!r}")
     return material
 

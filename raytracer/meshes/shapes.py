@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.planes import normals_of
-from raytracer.appearance.materials import PLAIN, Material, Triple
+from raytracer.appearance.materials import PLAIN, Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import finite_number, finite_triple, is_whole
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh
@@ -52,7 +53,7 @@ def shape(make: Callable[_Given, Mesh]) -> Callable[_Given, Mesh]:
 
 
 @shape
-def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = False) -> Mesh:
+def box(size: Triple = (1, 1, 1), material: AnyMaterial = PLAIN, *, inward: bool = False) -> Mesh:
     """Make a box of 12 triangles; `inward` turns its faces so that it is a room."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -69,7 +70,7 @@ def box(size: Triple = (1, 1, 1), material: Material = PLAIN, *, inward: bool = 
 
 
 @shape
-def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
+def floor(size: float = 1.0, material: AnyMaterial = PLAIN) -> Mesh:
     """Make a square of two triangles in the plane y = 0, facing up."""
     s = size / 2
     corners = [[-s, 0, -s], [-s, 0, s], [s, 0, s], [s, 0, -s]]
@@ -78,7 +79,7 @@ def floor(size: float = 1.0, material: Material = PLAIN) -> Mesh:
 
 
 @shape
-def checkerboard(size: float, squares: Count, light: Triple, dark: Triple, material: Material = PLAIN) -> Mesh:
+def checkerboard(size: float, squares: Count, light: Triple, dark: Triple, material: AnyMaterial = PLAIN) -> Mesh:
     """Make a floor of `squares` by `squares` in two colours: 2 * squares**2 triangles."""
     lines = np.linspace(-size / 2, size / 2, squares + 1)
     x, z = (g.reshape(-1) for g in np.meshgrid(lines, lines, indexing="ij"))
@@ -92,7 +93,7 @@ def checkerboard(size: float, squares: Count, light: Triple, dark: Triple, mater
 
 
 @shape
-def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: Count = 32, segments: Count = 64) -> Mesh:
+def sphere(radius: float = 1.0, material: AnyMaterial = PLAIN, *, rings: Count = 32, segments: Count = 64) -> Mesh:
     """Make a sphere of `rings` bands, 2 * segments * (rings - 1) triangles."""
     vertices, faces = lattice(rings, segments, closed=False)
     theta, phi = np.pi * vertices[:, 0], 2 * np.pi * vertices[:, 1]
@@ -106,7 +107,7 @@ def sphere(radius: float = 1.0, material: Material = PLAIN, *, rings: Count = 32
 
 @shape
 def torus(
-    radius: float = 1.0, tube: float = 0.35, material: Material = PLAIN, *, segments: Count = 96, sides: Count = 48
+    radius: float = 1.0, tube: float = 0.35, material: AnyMaterial = PLAIN, *, segments: Count = 96, sides: Count = 48
 ) -> Mesh:
     """Make a ring about the y axis: 2 * segments * sides triangles."""
 
@@ -118,7 +119,7 @@ def torus(
 
 @shape
 def knot(
-    p: int = 2, q: int = 3, radius: float = 1.0, tube: float = 0.3, material: Material = PLAIN,
+    p: int = 2, q: int = 3, radius: float = 1.0, tube: float = 0.3, material: AnyMaterial = PLAIN,
     *, segments: Count = 400, sides: Count = 40,
 ) -> Mesh:  # fmt: skip
     """Make a tube along the (p, q) torus knot: 2 * segments * sides triangles."""
@@ -131,7 +132,7 @@ def knot(
 
 
 @shape
-def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAIN, *, segments: Count = 64) -> Mesh:
+def cylinder(radius: float = 1.0, height: float = 2.0, material: AnyMaterial = PLAIN, *, segments: Count = 64) -> Mesh:
     """Make a closed cylinder about the y axis: 4 * segments triangles; its caps are flat, its side is smooth."""
     angle = 2 * np.pi * np.arange(segments) / segments
     circle = np.stack([np.sin(angle), np.cos(angle)], axis=1)
@@ -152,7 +153,7 @@ def cylinder(radius: float = 1.0, height: float = 2.0, material: Material = PLAI
 
 
 @shape
-def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
+def icosahedron(radius: float = 1.0, material: AnyMaterial = PLAIN) -> Mesh:
     """Make twenty flat triangles."""
     g = (1 + 5**0.5) / 2
     points = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
@@ -165,7 +166,7 @@ def icosahedron(radius: float = 1.0, material: Material = PLAIN) -> Mesh:
 
 
 def _tube(
-    curve: Callable[[Floats], Floats], tube: float, segments: int, sides: int, material: Material, name: str
+    curve: Callable[[Floats], Floats], tube: float, segments: int, sides: int, material: AnyMaterial, name: str
 ) -> Mesh:
     """Make a tube of radius `tube` along a closed curve over [0, 2 pi), whose cross sections turn the least."""
     parameters, faces = lattice(segments, sides, closed=True)

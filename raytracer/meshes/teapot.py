@@ -16,7 +16,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.materials import PLAIN
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import Mesh, joined
 from raytracer.meshes.shapes import Count, Floats, lattice, shape, unwrapped
@@ -39,7 +40,7 @@ _KNOB_ARC = 0.5625
 
 
 @shape
-def teapot(material: Material = PLAIN, *, divisions: Count = 31) -> Mesh:
+def teapot(material: AnyMaterial = PLAIN, *, divisions: Count = 31) -> Mesh:
     """Make Newell's teapot on the plane y = 0, its spout along x: 64 * divisions**2 - 8 * divisions triangles.
 
     The pot is 4 wide and the knob of the lid 3.15 high. Each patch is cut into `divisions` by `divisions` cells; 31
@@ -75,7 +76,7 @@ def _section(profile: Sequence[tuple[float, float, float, float, float]]) -> Flo
     )
 
 
-def _sampled(control: Floats, divisions: int, material: Material) -> Mesh:
+def _sampled(control: Floats, divisions: int, material: AnyMaterial) -> Mesh:
     """Return the mesh of a surface that is closed around its columns; its first row may be a pole."""
     rows, columns = control.shape[0] // 3, control.shape[1] // 3
     along, along_slope = _bernstein(rows, divisions, closed=False)

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raytracer.accel.planes import unit
-from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.materials import PLAIN
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.memory import OutOfMemory, check_triangles
@@ -374,7 +375,7 @@ class GltfScene:
             material = number
         return material
 
-    def _material(self, number: int | None, has_uv: bool, has_colors: bool) -> Material:
+    def _material(self, number: int | None, has_uv: bool, has_colors: bool) -> AnyMaterial:
         """Return the material of this number, or a plain one without one that can be read."""
         material = PLAIN if has_colors else CLAY
         if number is not None and self.reads_materials:

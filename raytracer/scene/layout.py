@@ -24,7 +24,7 @@ from raytracer.accel.grid import Grid, build_part
 from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
 from raytracer.accel.space import WORKING, Rows, placed, rounded, to_kernel, triangle_rows
-from raytracer.appearance.materials import Material
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
@@ -78,7 +78,7 @@ class Layout:
     material_of: NDArray[np.int32]
     object_of: NDArray[np.int32]
     lights: Rows
-    materials: tuple[Material, ...] = ()
+    materials: tuple[AnyMaterial, ...] = ()
     without_uv: tuple[str, ...] = ()
     uvs: Rows | None = None
     secondary: LayeredCube | PlacedCubes | None = None
@@ -241,20 +241,34 @@ class Layout:
     def glass(self) -> Rows:
         """(2M, 4): the transmission and refractive index of each material, then its absorption."""
         rows = [
-            [(material.numbers["transmission"], material.ior, 0, 0), (*material.absorption, 0)]
+            [(material.numbers["transmission"], material.clear_ior, 0, 0), (*material.absorption, 0)]
             for material in self.materials
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
+    @property
+    def layers(self) -> Rows:
+        """(2M, 4): the layers of each `MetallicRoughness`, of which the last number is 1; 0 for other materials."""
+        none = (0.0,) * 4
+        rows = [m.layers if isinstance(m, MetallicRoughness) else (none, none) for m in self.materials]
+        return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
-def check_range(scene: Scene, materials: Sequence[Material]) -> None:
+    @property
+    def mirrors(self) -> Rows:
+        """(M, 4): the reflectivity of each material as a colour, then 0."""
+        return np.array([(*material.mirror, 0.0) for material in self.materials], dtype=np.float64).reshape(-1, 4)
+
+
+def check_range(scene: Scene, materials: Sequence[AnyMaterial]) -> None:
     """Raise SceneError for a number of a material, a light or the background that a pixel, in binary32, cannot hold."""
     entries: list[tuple[str, Any]] = [
         ("the background", scene.background),
         *(("a light's color", light.color) for light in scene.lights),
     ]
     for material in materials:
-        numbers = (*material.numbers.values(), material.ior, *material.absorption)
+        numbers = [*material.numbers.values(), material.clear_ior, *material.absorption]
+        if isinstance(material, MetallicRoughness):
+            numbers += material.layers[0]
         entries += [("a number of a material", numbers), ("a colour of a material", material.tint)]
         entries.append(("the emission of a material", material.emission))
     for what, value in entries:
@@ -298,20 +312,20 @@ def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:
     return int(first), int(past)
 
 
-def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[Material, ...], list[int]]:
+def _materials(meshes: Sequence[Mesh]) -> tuple[tuple[AnyMaterial, ...], list[int]]:
     """Return the distinct materials, and for each mesh the index of its material."""
-    numbers: dict[Material, int] = {}
+    numbers: dict[AnyMaterial, int] = {}
     index = [numbers.setdefault(mesh.material, len(numbers)) for mesh in meshes]
     return tuple(numbers), index
 
 
-def _differ_in_numbers(material: Material, other: Material) -> bool:
-    """Return whether materials have the same textures and programs."""
+def _differ_in_numbers(material: AnyMaterial, other: AnyMaterial) -> bool:
+    """Return whether materials are of the same model and have the same textures and programs."""
     programs = material.surface is other.surface and material.shade is other.shade
-    return programs and material.textures == other.textures
+    return type(material) is type(other) and programs and material.textures == other.textures
 
 
-def _material_rows(materials: Sequence[Material]) -> Rows:
+def _material_rows(materials: Sequence[AnyMaterial]) -> Rows:
     """Return the rows of materials; a coefficient that is a texture is 1 there."""
     rows = []
     for material in materials:
@@ -349,13 +363,13 @@ def _colors(meshes: Sequence[Mesh]) -> Rows | None:
     return _corner_rows([_corner_colors(mesh, materials) for mesh in meshes])
 
 
-def _corner_colors(mesh: Mesh, materials: Sequence[Material]) -> NDArray[np.float64]:
+def _corner_colors(mesh: Mesh, materials: Sequence[AnyMaterial]) -> NDArray[np.float64]:
     """Return the colours at corners, (n, 3, 3), with the material's unless any of the scene's is programmed."""
     own = np.ones((len(mesh), 3, 3)) if mesh.colors is None else mesh.colors
     return np.asarray(own if any(map(is_programmed, materials)) else own * mesh.material.tint)
 
 
-def is_programmed(material: Material) -> bool:
+def is_programmed(material: AnyMaterial) -> bool:
     """Return whether the kernel alone knows the colour of a material."""
     return material.surface is not None or "color" in material.textures
 

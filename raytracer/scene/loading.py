@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.appearance.materials import PLAIN, Material
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, Words, mtl, picture_words, read_mtl
@@ -56,7 +57,7 @@ class Contents:
     """The number of materials in the file that were not read."""
 
 
-def load_mesh(path: str | PathLike[str], *, material: Material | None = None, strict: bool = False) -> Mesh:
+def load_mesh(path: str | PathLike[str], *, material: AnyMaterial | None = None, strict: bool = False) -> Mesh:
     """Read the triangles of a file, all parts in their places, as one mesh.
 
     The file's normals are kept; without any, meshes of glTF are flat, and corners of others are smoothed where faces
@@ -189,9 +190,9 @@ class Library:
                 continue
             self.words |= materials
             self.beside |= dict.fromkeys(materials, path.parent)
-        self._materials: dict[tuple[str, bool], Material | None] = {}
+        self._materials: dict[tuple[str, bool], AnyMaterial | None] = {}
 
-    def material(self, name: str | None, mesh: Mesh) -> Material | None:
+    def material(self, name: str | None, mesh: Mesh) -> AnyMaterial | None:
         """Return the material of this name for a mesh; None if no library has it."""
         if name is None or name not in self.words:
             if name is not None and (self.words or not self.files):
@@ -206,7 +207,7 @@ class Library:
             self._materials[key] = self._read(name, words, key[1])
         return self._materials[key]
 
-    def _read(self, name: str, words: Words, pictured: bool) -> Material | None:
+    def _read(self, name: str, words: Words, pictured: bool) -> AnyMaterial | None:
         color, emission, opacity = (
             self._picture(words.get(statement, []) if pictured else [], self.beside[name], mask=statement == "map_d")
             for statement in _PICTURES

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.materials import Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import finite_triple
 from raytracer.errors import SceneError
@@ -94,7 +95,7 @@ class Scene:
         lights = f"{len(self.lights)} light{'' if len(self.lights) == 1 else 's'}"
         return f"<Scene {self.name}: {named(self.names) or 'no meshes'}; {self.triangles:,} triangles, {lights}>"
 
-    def with_material(self, name: str, material: Material) -> Scene:
+    def with_material(self, name: str, material: AnyMaterial) -> Scene:
         """Return the scene with another material for all meshes of this name; SceneError if there are none."""
         if name not in self.names:
             raise SceneError(f"{self.name} has no mesh {name!r}: its meshes are {named(self.names) or 'no meshes'}")

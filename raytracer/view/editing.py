@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from raytracer.appearance.materials import Material
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
@@ -36,14 +37,33 @@ _RANGES: Final = {
     "ior": (1.0, 2.5),
     "absorption": (0.0, 4.0),
     "emission": (0.0, 4.0),
+    "base_color": (0.0, 1.0),
+    "metallic": (0.0, 1.0),
+    "roughness": (0.0, 1.0),
+    "specular_color": (0.0, 1.0),
+    "clearcoat": (0.0, 1.0),
+    "clearcoat_roughness": (0.0, 1.0),
+    "alpha": (0.0, 1.0),
 }
 """The span of the slider of each number of a material."""
-_BOUNDED: Final = ("reflectivity", "transmission")
+_BOUNDED: Final = (
+    *("reflectivity", "transmission", "base_color", "metallic", "roughness"),
+    *("clearcoat", "clearcoat_roughness", "alpha"),
+)
+_COLORS: Final = ("color", "base_color", "specular_color")
 _SAID: Final = {
     "shininess": "the exponent of the highlight",
     "transmission": "the share that lets light through, as glass does",
     "ior": "the refractive index",
     "absorption": "light that is lost inside, per unit of length",
+}
+_SAID_OF_LAYERS: Final = {
+    "metallic": "0 for what is no metal, 1 for a metal",
+    "roughness": "0 for a mirror, 1 for a surface without highlights",
+    "ior": "the refractive index: how much is mirrored where it is no metal",
+    "specular": "a factor of what is mirrored where it is no metal",
+    "transmission": "the share of what is no metal that is a thin clear wall",
+    "alpha": "the share of the surface that is there",
 }
 
 
@@ -53,7 +73,7 @@ class Edits:
     def __init__(self, scene: Scene) -> None:
         self.labels: list[str] = []
         """The name of each mesh's material."""
-        self._materials: dict[str, Material] = {}
+        self._materials: dict[str, AnyMaterial] = {}
         labels_by_material: dict[int, str] = {}
         for mesh in scene.meshes:
             if id(mesh.material) not in labels_by_material:
@@ -136,7 +156,7 @@ class Edits:
         values = self._values(f"material.{label}.", mesh.material)
         return mesh.with_material(dataclasses.replace(mesh.material, **values)) if values else mesh
 
-    def _material(self, label: str) -> Material:
+    def _material(self, label: str) -> AnyMaterial:
         material = self._materials[label]
         return dataclasses.replace(material, **self._values(f"material.{label}.", material))
 
@@ -160,7 +180,9 @@ class Edits:
         materials = []
         for label, material in self._materials.items():
             objects = [name for name, other in zip(self._objects, self.labels, strict=True) if other == label]
-            own = [_control(f"material.{label}.", name, material, span) for name, span in _RANGES.items()]
+            fields = {field.name for field in dataclasses.fields(material)}
+            spans = {name: span for name, span in _RANGES.items() if name in fields}
+            own = [_control(f"material.{label}.", name, material, span) for name, span in spans.items()]
             pictured = [name for name, value in material.textures.items() if isinstance(value, Texture)]
             programs = [name for name in ("surface", "shade") if getattr(material, name) is not None]
             materials.append(
@@ -189,6 +211,13 @@ class Edits:
         return {"label": f"{number + 1}: {what}", "controls": [one for one in controls if one is not None]}
 
 
+def _descriptions(thing: Any) -> Mapping[str, str]:
+    """Return the descriptions of a material's numbers; those of lights need none."""
+    if isinstance(thing, Material):
+        return _SAID
+    return _SAID_OF_LAYERS if isinstance(thing, MetallicRoughness) else {}
+
+
 def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> dict[str, Any] | None:
     """Return the control of a field; None where a picture gives its values."""
     value = getattr(thing, name)
@@ -199,10 +228,10 @@ def _control(prefix: str, name: str, thing: Any, span: tuple[float, float]) -> d
     return {
         "name": prefix + name,
         "title": name,
-        "description": _SAID.get(name, "") if isinstance(thing, Material) else "",
+        "description": _descriptions(thing).get(name, ""),
         "value": numbers,
         "first": numbers,
-        "form": "color" if name == "color" and max(numbers) <= 1 else "number",
+        "form": "color" if name in _COLORS and max(numbers) <= 1 else "number",
         "linear": True,
         "components": "xyz" if name in ("position", "direction") else "rgb",
         "range": [low, high],

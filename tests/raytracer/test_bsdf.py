@@ -7,7 +7,7 @@ import pytest
 
 import shpy as sh
 from raytracer.kernels.bsdf import Bsdf, highlight
-from raytracer.kernels.surfaces import blank
+from raytracer.kernels.interactions import blank
 
 COUNT = 100_000
 

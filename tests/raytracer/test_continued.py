@@ -22,6 +22,7 @@ from raytracer import (
     LayeredCube,
     Material,
     Mesh,
+    MetallicRoughness,
     Path,
     PointLight,
     Renderer,
@@ -31,7 +32,7 @@ from raytracer import (
     Texture,
     render,
 )
-from raytracer.appearance.programs import GIVEN, fields_of
+from raytracer.appearance.programs import GIVEN, OF_LAYERS, fields_of
 from raytracer.integrators import origin
 from raytracer.integrators.integrator import Options
 from raytracer.meshes.shapes import box, floor, sphere
@@ -55,6 +56,7 @@ def base():
     return {
         "Texture": {"source": PIXELS, "srgb": True, "filter": "linear", "wrap": "repeat", "alpha": False},
         "Material": {"diffuse": 0.7},
+        "MetallicRoughness": {"roughness": 0.4},
         "Mesh": dict(SQUARE),
         "Instance": {"transform": PLACE, "name": "there"},
         "Camera": {"position": (0.2, 1.5, 5), "target": (0, 0.6, 0), "aperture": 0.1, "focus": 4.0},
@@ -76,12 +78,13 @@ def made(pieces):
     square = Mesh(**{"material": painted, **pieces["Mesh"]})
     instance = Instance(**{"mesh": square, **pieces["Instance"]})
     described = Mesh(**SQUARE, material=Material(surface=pieces["surface"])).moved((2, 0, -1))
+    rough = Mesh(**SQUARE, material=MetallicRoughness(**pieces["MetallicRoughness"])).moved((-2, 0, -1))
     glass = sphere(0.4, Material(transmission=0.9), rings=4, segments=5).moved((0, 0.5, 1))
     lights = [
         PointLight(**pieces["PointLight"]), DirectionalLight(**pieces["DirectionalLight"]),
         EnvironmentLight(**pieces["EnvironmentLight"]),
     ]  # fmt: skip
-    meshes = [floor(9), instance, described, glass]
+    meshes = [floor(9), instance, described, rough, glass]
     scene = Scene(**{"meshes": meshes, "lights": lights, "camera": Camera(**pieces["Camera"]), **pieces["Scene"]})
     options = dict(pieces["Path"])
     if pieces["cube"] is not None:
@@ -140,9 +143,14 @@ def reader(name):
 
 def giver(name):
     """Return a surface that decides a field."""
-    return lambda hit: Surface(**{name: (0.3, 0.2, 0.9) if name in ("color", "normal", "emission") else 0.3})
+    colors = ("color", "base_color", "normal", "emission")
+    return lambda hit: Surface(**{name: (0.3, 0.2, 0.9) if name in colors else 0.3})
 
 
+LAYERS = dict.fromkeys(("metallic", "roughness", "ior", "specular", "clearcoat", "clearcoat_roughness"), 0.3)
+LAYERS |= {"transmission": 0.3, "alpha": 0.3} | dict.fromkeys(
+    ("base_color", "specular_color", "emission"), (0.3, 0.2, 1)
+)
 CHANGES = {
     "Scene.meshes": change("Scene", "meshes", [floor(8)]),
     "Scene.lights": change("Scene", "lights", [PointLight((2, 3, 2))]),
@@ -158,6 +166,7 @@ CHANGES = {
     "Material.specular": change("Material", "specular", 0.1),
     "Material.shininess": change("Material", "shininess", 41),
     "Material.reflectivity": change("Material", "reflectivity", 0.1),
+    "Material.reflectivity, a colour": change("Material", "reflectivity", (0.1, 0.2, 0.1)),
     "Material.transmission": change("Material", "transmission", 0.1),
     "Material.ior": change("Material", "ior", 1.4),
     "Material.absorption": change("Material", "absorption", (0, 1, 0)),
@@ -166,6 +175,11 @@ CHANGES = {
     "Material.shade": change("Material", "shade", lambda surface, light: surface.color),
     "Material.cutout": change("Material", "cutout", Texture(PIXELS)),
     "Material.normal_map": change("Material", "normal_map", Texture(PIXELS, srgb=False)),
+    **{f"MetallicRoughness.{name}": change("MetallicRoughness", name, value) for name, value in LAYERS.items()},
+    "MetallicRoughness.roughness, a picture": change("MetallicRoughness", "roughness", Texture(PIXELS)),
+    "MetallicRoughness.normal": change("MetallicRoughness", "normal", Texture(PIXELS, srgb=False)),
+    "MetallicRoughness.cutout": change("MetallicRoughness", "cutout", Texture(PIXELS)),
+    "MetallicRoughness.surface": change("MetallicRoughness", "surface", giver("emission")),
     "Mesh.vertices": change("Mesh", "vertices", [[-1, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2.5, 0]]),
     "Mesh.faces": change("Mesh", "faces", [[0, 1, 3], [1, 2, 3]]),
     "Mesh.normals": change("Mesh", "normals", [[0, 1, 2]] * 4),
@@ -222,7 +236,8 @@ CHANGES = {
     "LayeredCube.of.shading": of_cube(shading="deferred"),
     "LayeredCube.of.depths": of_cube(depths="half"),
     **{f"Hit.{name}": surface(reader(name)) for name in fields_of(Hit)},
-    **{f"Surface.{name}": surface(giver(name)) for name in GIVEN},
+    **{f"Surface.{name}": surface(giver(name)) for name in GIVEN if name not in OF_LAYERS},
+    **{f"Surface.{name}": change("MetallicRoughness", "surface", giver(name)) for name in OF_LAYERS},
     "Surface.color, a Param": surface(lambda hit: Surface(color=sh.Color3f(1, 1, 1) * GAIN)),
 }
 """The changes that give another picture, by the argument."""
@@ -271,7 +286,8 @@ def arguments(function, name):
 
 def test_every_public_argument_has_a_case():
     classes = (
-        Scene, Material, Mesh, Instance, Camera, PointLight, DirectionalLight, EnvironmentLight, Texture, Path, Renderer
+        Scene, Material, MetallicRoughness, Mesh, Instance, Camera, PointLight, DirectionalLight, EnvironmentLight,
+        Texture, Path, Renderer,
     )  # fmt: skip
     wanted = set().union(*(arguments(each, each.__name__) for each in classes))
     wanted |= arguments(Camera.from_intrinsics, "Camera.from_intrinsics")

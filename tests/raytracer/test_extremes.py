@@ -13,7 +13,8 @@ from raytracer import Camera, Intersector, Material, Mesh, PointLight, Renderer,
 from raytracer.accel.bounds import FAR
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.grid_walk import CellBox, CellWalk
-from raytracer.kernels.surfaces import SurfaceTables, blank
+from raytracer.kernels.interactions import blank
+from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.triangle import AheadBound, RayHit, Triangles, TriangleTest
 from raytracer.kernels.walk import walk_with
 from raytracer.meshes.shapes import box, icosahedron, sphere

@@ -18,6 +18,7 @@ from raytracer import (
     ClusterError,
     Material,
     Mesh,
+    MetallicRoughness,
     Path,
     PointLight,
     Scene,
@@ -137,6 +138,8 @@ def test_parts_are_found_for_blocks_of_rays(monkeypatch):
     ("material", "given", "message"),
     [
         (Material(transmission=1.0), {}, "this scene has glass"),
+        (MetallicRoughness(), {}, "this scene has a MetallicRoughness or a mirror with a colour: leave"),
+        (Material(reflectivity=(1, 0, 0)), {}, "a mirror with a colour: leave the partitions out"),
         (Material(), {"partitions": 0}, "a scene is cut into 1 to 1024 partitions, not 0"),
         (Material(), {"integrator": Path()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
         (Material(), {"integrator": Staged()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),

@@ -1,0 +1,252 @@
+"""The lobes of a `MetallicRoughness`: a clear coat, a rough mirror, and matt light below; as functions and densities.
+
+Stage: kernel. Microfacets have the distribution GGX (Walter and others 2007, equation 33) with Smith's masking, which
+is height-correlated (Heitz 2014, equation 99), and Schlick's approximation of Fresnel's equations (1994). Directions
+are mirrored at visible normals, drawn on a spherical cap (Dupuy and Benyoub 2023). The matt lobe is lit by the light
+that its upper layer lets in and out, (1 - E(view)) (1 - E(light)) / (1 - mean E), so that a white one loses nothing
+(Kelemen and Szirmay-Kalos 2001, equations 5 to 8). Light crosses a coat twice, too. All of it is reciprocal, but where
+`lift` has raised the view.
+
+Lobes of a roughness below `SMOOTHEST` are mirrors in path tracing, as binary32 does not resolve them. A thin wall as
+smooth as that lets light go straight on, and is no lobe: a tracer takes it with the probability `straight`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi
+from typing import Any, NamedTuple
+
+import shpy as sh
+from raytracer.appearance.albedo import ACROSS, albedo_table
+from raytracer.kernels.directions import around, frame, largest
+from shpy import SH_ELSE, SH_IF
+
+SMOOTHEST = 1 / (ACROSS - 1)
+"""The roughness below which a surface is a mirror: that of the second row of the table of albedos."""
+COAT = 0.04
+"""The share that a coat mirrors at normal incidence, as its refractive index is 1.5."""
+LOWEST = 2.0**-7
+"""The least cosine of the view to the normal: an interpolated normal may point away from the viewer."""
+
+
+class Scattering(NamedTuple):
+    """A direction, the factor of the path's light that goes there, and its density; the last tells if it goes through.
+
+    The density is 0 where no light could be aimed at in place of the direction.
+    """
+
+    ray: Any
+    weight: Any
+    density: Any
+    through: Any
+
+
+class Microfacets:
+    """The lobes of the layered surfaces of a scene that has `coats`, or `thin` walls."""
+
+    def __init__(self, coats: bool, thin: bool) -> None:
+        self.coats, self.thin = coats, thin
+        self.table = sh.Table(albedo_table(), sh.Attrib2f, "albedos")
+
+    def prepare(self, surface: Any) -> None:
+        """Compute the fields of a `LayeredInteraction` that follow from the view and the surface's numbers."""
+        metallic, specular, roughness = (sh.clamp(part, 0, 1) for part in surface.coefficients)
+        surface.coefficients[:] = sh.Attrib3f(metallic, specular, roughness)
+        surface.color[:] = sh.clamp(surface.color, 0, 1)
+        index = (surface.index - 1) / (surface.index + 1)
+        surface.upper[:] = specular * sh.min(index * index * surface.tint, 1.0)
+        surface.upper_edge[:] = specular
+        surface.f0[:] = sh.mix(surface.upper, surface.color, metallic)
+        surface.f90[:] = sh.mix(specular, sh.Attrib1f(1), metallic)
+        surface.seen[:] = lift(surface.view, surface.normal)
+        away = sh.dot(surface.normal, surface.seen)
+        scale, mean = self.albedo(away, roughness), self.mean_albedo(roughness)
+        glossy = sh.min(surface.f0 * scale.x + surface.f90 * scale.y, 1.0)
+        matt = ((1 - metallic) * surface.color) * (1 - self.upper_albedo(surface, scale))
+        if self.thin:
+            surface.thin[:] = sh.clamp(surface.coat.z, 0, 1) * matt
+            matt = matt - surface.thin
+        surface.matt[:] = matt / sh.max(1 - self.upper_albedo(surface, mean), 2.0**-20)
+        sharp = (1 - roughness) * (1 - roughness)
+        surface.mirror[:] = sharp * glossy
+        surface.spread[:] = matt + glossy - surface.mirror
+        surface.chances.y = share_of(largest(glossy), largest(matt))
+        opaque = largest(glossy) + largest(matt)
+        if self.coats:
+            opaque = self.cover(surface, away, opaque)
+        if self.thin:
+            chance, smooth = share_of(largest(surface.thin), opaque), roughness < SMOOTHEST
+            surface.straight[:] = sh.cond(smooth, chance, 0.0)
+            surface.chances.z = sh.cond(smooth, 0.0, chance)
+
+    def cover(self, surface: Any, away: Any, opaque: Any) -> Any:
+        """Put the coat over a surface whose lobes send out about the share `opaque`; return that of both."""
+        coat, blur = sh.clamp(surface.coat.x, 0, 1), sh.clamp(surface.coat.y, 0, 1)
+        surface.coat[:] = sh.Attrib3f(coat, blur, surface.coat.z)
+        covered = self.coat_albedo(surface, away)
+        through = 1 - covered
+        if self.thin:
+            surface.thin *= through * through
+        surface.through[:] = through
+        surface.matt *= through
+        below = through * through * opaque
+        surface.chances.x = share_of(covered, below)
+        sharp = (1 - blur) * (1 - blur)
+        surface.mirror[:] = through * through * surface.mirror + sharp * covered
+        surface.spread[:] = through * through * surface.spread + (1 - sharp) * covered
+        return covered + below
+
+    def upper_albedo(self, surface: Any, scale: Any) -> Any:
+        """Return the albedo of the clear layer over the matt lobe, for the integrals `scale`."""
+        return sh.min(surface.upper * scale.x + surface.upper_edge * scale.y, 1.0)
+
+    def coat_albedo(self, surface: Any, cosine: Any) -> Any:
+        """Return the share of the light at an angle that the coat mirrors."""
+        scale = self.albedo(cosine, surface.coat.y)
+        return surface.coat.x * (COAT * scale.x + scale.y)
+
+    def albedo(self, cosine: Any, roughness: Any) -> Any:
+        """Interpolate the integrals a - b and b (`appearance.albedo`)."""
+        row, down = self._row(roughness)
+        place = sh.sqrt(sh.clamp(cosine, 0, 1)) * (ACROSS - 1)
+        column = sh.min(sh.Attrib1i(sh.floor(place)), ACROSS - 2)
+        part = place - sh.Attrib1f(column)
+        upper, lower = (sh.mix(self.table[row + k, column], self.table[row + k, column + 1], part) for k in (0, 1))
+        return sh.mix(upper, lower, down)
+
+    def mean_albedo(self, roughness: Any) -> Any:
+        """Interpolate the means of a - b and b over light from everywhere."""
+        row, down = self._row(roughness)
+        return sh.mix(self.table[row, ACROSS], self.table[row + 1, ACROSS], down)
+
+    def _row(self, roughness: Any) -> tuple[Any, Any]:
+        """Return a row of the table and the part of the way to the next; all below row 1 are mirrors, row 0."""
+        place = sh.cond(roughness < SMOOTHEST, 0.0, roughness * (ACROSS - 1))
+        row = sh.min(sh.Attrib1i(sh.floor(place)), ACROSS - 2)
+        return row, place - sh.Attrib1f(row)
+
+    def evaluate(self, surface: Any, light: Any, least: float = 0.0) -> tuple[Any, Any]:
+        """Return the radiance toward the viewer for radiance 1 a steradian about `light`, and the density of `scatter`.
+
+        The radiance is 0 for a light behind the surface or its triangle. With `least` at 0 mirrors are left out; else
+        lobes that are smoother than that roughness are as rough as that.
+        """
+        normal, view, roughness = surface.normal, surface.seen, surface.coefficients.z
+        cosine, away = sh.max(sh.dot(normal, light), 0.0), sh.dot(normal, view)
+        half = light + view
+        half = half / sh.max(sh.length(half), 2.0**-20)
+        grazing = fifth(1 - sh.saturate(sh.dot(view, half)))
+        glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least)
+        glossy = glossy * (surface.f0 + (surface.f90 - surface.f0) * grazing)
+        lambert = cosine * (1 / pi)
+        matt = lambert * (1 - self.upper_albedo(surface, self.albedo(cosine, roughness))) * surface.matt
+        density = lambert + surface.chances.y * (glossy_density - lambert)
+        value = glossy + matt
+        if self.coats:
+            coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least)
+            through = 1 - self.coat_albedo(surface, cosine)
+            value = through * (surface.through * glossy + matt)
+            value = value + surface.coat.x * (COAT + (1 - COAT) * grazing) * coat
+            density = density + surface.chances.x * (coat_density - density)
+        if self.thin:
+            density = density * (1 - surface.chances.z)
+        return sh.cond(sh.dot(surface.face, light) > 0, value, 0.0), density
+
+    def scatter(self, surface: Any, numbers: Sequence[Any], mirrored: Any) -> Scattering:
+        """Sample a direction by three numbers in [0, 1); `mirrored` is that of a perfect mirror."""
+        chances, normal, view = surface.chances, surface.normal, surface.seen
+        which, turn, height = sh.Attrib1f(numbers[0]), *numbers[1:]
+        likely, roughness = sh.Attrib1f(1), sh.Attrib1f(surface.coefficients.z)
+        is_coat, is_thin = sh.Attrib1b(False), sh.Attrib1b(False)
+        if self.thin:
+            is_thin[:] = which < chances.z
+            likely[:] = sh.cond(is_thin, chances.z, 1 - chances.z)
+            which[:] = (which - chances.z) / sh.max(1 - chances.z, 2.0**-24)
+        if self.coats:
+            is_coat[:] = ~is_thin & (which < chances.x)
+            roughness[:] = sh.cond(is_coat, surface.coat.y, roughness)
+            likely *= sh.cond(is_thin, 1.0, sh.cond(is_coat, chances.x, 1 - chances.x))
+            which[:] = (which - chances.x) / sh.max(1 - chances.x, 2.0**-24)
+        is_glossy = sh.Attrib1b(is_coat | is_thin | (which < chances.y))
+        is_mirror = sh.Attrib1b(is_glossy & (roughness < SMOOTHEST))
+        ray = sh.Vector3f(mirrored)
+        weight, density = sh.Color3f(0, 0, 0), sh.Attrib1f(0)
+        with SH_IF(is_mirror):
+            likely *= sh.cond(is_coat, 1.0, chances.y)
+            weight[:] = self.mirror_share(surface, is_coat) / sh.max(likely, 2.0**-24)
+        with SH_ELSE():
+            with SH_IF(is_glossy):
+                half = visible_normal(normal, view, roughness, turn, height)
+                ray[:] = (2 * sh.dot(view, half)) * half - view
+            with SH_ELSE():
+                ray[:] = around(normal, sh.sqrt(1 - height), turn)
+            value, likely_there = self.evaluate(surface, ray)
+            density[:] = likely_there
+            weight[:] = sh.cond(likely_there > 0, value / sh.max(likely_there, 2.0**-100), 0.0)
+        if self.thin:
+            with SH_IF(is_thin):
+                rise = sh.dot(ray, normal)
+                ray[:] = ray - (2 * rise) * normal
+                ray[:] = ray - (2 * sh.max(sh.dot(ray, surface.face), 0.0)) * surface.face
+                weight[:] = sh.cond(rise > 0, surface.thin / sh.max(likely, 2.0**-24), 0.0)
+                density[:] = 0
+        return Scattering(ray, weight, density, is_thin)
+
+    def mirror_share(self, surface: Any, is_coat: Any) -> Any:
+        """Return the share of the light that the coat, or the base below it, mirrors as a perfect mirror."""
+        grazing = fifth(1 - sh.saturate(sh.dot(surface.normal, surface.seen)))
+        share = surface.f0 + (surface.f90 - surface.f0) * grazing
+        if not self.coats:
+            return share
+        coat = surface.coat.x * (COAT + (1 - COAT) * grazing)
+        return sh.cond(is_coat, sh.Color3f(coat), surface.through * surface.through * share)
+
+
+def lobe(normal: Any, half: Any, cosine: Any, away: Any, roughness: Any, least: float) -> tuple[Any, Any]:
+    """Return the light of white microfacets, and the density of directions that are mirrored at visible normals.
+
+    `cosine` is that of the light and `away` that of the view to the normal.
+    """
+    alpha = sh.max(roughness, sh.Attrib1f(least or SMOOTHEST))
+    square = alpha * alpha
+    square = square * square
+    across, along = sh.cross(normal, half), sh.dot(normal, half)
+    spread = sh.dot(across, across) + square * along * along  # as 1 - along * along cancels in binary32
+    facets = sh.cond(along > 0, square / (pi * spread * spread), 0.0)
+    if not least:
+        facets = sh.cond(roughness < SMOOTHEST, 0.0, facets)
+    out, into = (sh.sqrt(square + (1 - square) * c * c) for c in (away, cosine))
+    light = facets * cosine / (2 * sh.max(cosine * out + away * into, 2.0**-40))
+    return light, facets / (2 * (away + out))
+
+
+def lift(view: Any, normal: Any) -> Any:
+    """Return the view, raised to the least cosine where the normal points away from the viewer."""
+    away = sh.dot(view, normal)
+    raised = sh.normalize(view + (LOWEST - away) * normal)
+    return sh.cond(away < LOWEST, raised, view)
+
+
+def visible_normal(normal: Any, view: Any, roughness: Any, turn: Any, height: Any) -> Any:
+    """Draw a microfacet's normal that the view sees, by two numbers in [0, 1) (Dupuy and Benyoub 2023, listing 1)."""
+    alpha = roughness * roughness
+    across, beside = frame(normal)
+    x, y, z = (sh.dot(view, axis) for axis in (across, beside, normal))
+    stretched = sh.normalize(sh.Vector3f(alpha * x, alpha * y, z))
+    level = (1 - height) * (1 + stretched.z) - stretched.z
+    radius = sh.sqrt(sh.saturate(1 - level * level))
+    angle = (2 * pi) * turn
+    x, y = alpha * (radius * sh.cos(angle) + stretched.x), alpha * (radius * sh.sin(angle) + stretched.y)
+    return sh.normalize(x * across + y * beside + sh.max(level + stretched.z, 2.0**-20) * normal)
+
+
+def fifth(x: Any) -> Any:
+    """Return the fifth power."""
+    square = x * x
+    return square * square * x
+
+
+def share_of(part: Any, rest: Any) -> Any:
+    """Return the share of `part` in the sum of both; 0 where both are 0."""
+    return part / sh.max(part + rest, 2.0**-40)
