@@ -387,3 +387,30 @@ def test_large_outputs_keep_what_discarded_elements_held() -> None:
     result = even.compile("opencl").run(a, out=out)
     assert result.count == 20_000
     assert np.array_equal(out, np.where(a % 2, 7, -a))
+
+
+def test_numbers_reach_a_kernel_by_their_bytes() -> None:
+    """pyopencl is told once which arguments are buffers; a NaN keeps its bits, and a buffer may be left out."""
+    text = """
+    __kernel void bits(float x, int2 pair, uint n, __global const uint *more, __global uint *out) {
+        if (get_global_id(0) == 0) {
+            out[0] = as_uint(x);
+            out[1] = pair.x;
+            out[2] = pair.y;
+            out[3] = more ? more[0] : n;
+        }
+    }
+    """
+    space = backend.space(None)
+    more, out = (space.allocate(n, vec("u"), np.dtype(np.uint32)) for n in (1, 4))
+    more.write(np.array([77], np.uint32))
+    for bits, pair, n, there in (
+        (0x7FA00001, (1, -2), 2**32 - 1, False),
+        (0xFF812345, (-(2**31), 5), 3, True),
+        (0x00000001, (0, 0), 9, False),
+    ):
+        x = np.uint32(bits).view(np.float32)
+        args = (x, np.array(pair, np.int32), np.uint32(n), more.buffer if there else None, out.buffer)
+        space.enqueue(text, "bits", 1, args)
+        expected = np.array([bits, *np.array(pair, np.int32).view(np.uint32), 77 if there else n], np.uint32)
+        assert out.read().tolist() == expected.tolist()

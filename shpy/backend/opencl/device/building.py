@@ -133,9 +133,8 @@ def _built(machine: Machine, module: Module, options: Options, lanes: int) -> Op
     with machine.lock:
         try:
             program = machine.build(kernel.text, options.math)
-            compiled = machine.cl.Kernel(program, kernel.name)
             pace = machine.pace(bounded=few_turns(prepared.module))
-            executable = OpenCLExecutable(machine, kernel, prepared, program, compiled, pace, group, remarks)
+            executable = OpenCLExecutable(machine, kernel, prepared, program, pace, group, remarks)
             executable.warm_up()
         except machine.cl.Error as e:
             raise _refusal(str(e), kernel) from e

@@ -224,6 +224,8 @@ class OpenCLTree:
     """Memory for the leaves of the final result; the lock is held until it is read."""
     done: OpenCLMemory
     """The number of finished parts of the current run; 0 between runs."""
+    program: Any
+    """The driver's program of the text, which is there as long as somebody holds it."""
 
     def each(self, count: int) -> int:
         """Return the number of elements of a part, for this number of elements in all."""
@@ -297,7 +299,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
         return None
     try:
         with machine.lock:
-            space.kernel(kernel.text, FOLD)
+            program = machine.build(kernel.text)
     except machine.cl.Error:  # the general program runs instead, and its error explains a refusal
         warn(f"{module.entry.loc}: {module.name} reduces slower on OpenCL: the driver refuses the kernel of its tree")
         return None
@@ -310,7 +312,7 @@ def tree_of(space: OpenCLSpace, module: Module, types: NodeTypes, precision: Pre
     done.write(np.zeros(1, np.uint32))
     loops = any(isinstance(s, Loop) for f in prepared.module.functions for s in walk(f.body))
     brief = _ALONE if loops else max(_ALONE, _BRIEF // (statements + _READING))
-    return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done)
+    return OpenCLTree(space, kernel.text, tree_block(types), cores, brief, parts, results, done, program)
 
 
 def _buffers(memories: Sequence[Any]) -> list[Any]:

@@ -267,15 +267,11 @@ class OpenCLSpace:
         with machine.lock:
             if group > 1 and (name, text) not in self._kernels:
                 items = max(items, ANY_SIZE)
-            kernel = self.kernel(text, name)
+            kernel = self._kernels.get((name, text), lambda: machine.kernel(machine.build(text), name, args))
             kernel.set_args(*args)
             machine.cl.enqueue_nd_range_kernel(machine.queue, kernel, (-(-items // group) * group,), (group,))
             machine.may_take_long |= not brief
             self._count_one()
-
-    def kernel(self, text: str, name: str) -> Any:
-        """Return a kernel of a text, built if it is not among those used last; pyopencl's error if it is refused."""
-        return self._kernels.get((name, text), lambda: self.machine.cl.Kernel(self.machine.build(text), name))
 
     def _count_one(self) -> None:
         """Count a run, and wait once too many have been started."""

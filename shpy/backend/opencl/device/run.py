@@ -55,10 +55,11 @@ class OpenCLExecutable:
     kernel: KernelText
     prepared: PreparedModule
     program: Any
-    compiled: Any
     pace: Pace
     group: int
     remarks: tuple[str, ...] = ()
+    compiled: Any = None
+    """The kernel object that runs over arrays share: `warm_up` makes it."""
     stages: Recent[tuple[Any, ...], Staging] = field(default_factory=lambda: Recent(_SHAPES))
     """Arrays for small runs, by the shape of the run and the lengths of its inputs."""
     spare: list[Any] = field(default_factory=list)
@@ -97,6 +98,7 @@ class OpenCLExecutable:
         tables = [(empty, _argument(np.ones(t.rank, np.int32))) for t in self.kernel.tables]
         params = {p.name: np.zeros(p.type.size, _argument_dtype(p.type)) for p in module.params}
         args = self._arguments((1,) * self.kernel.grid, inputs, tables, params, [empty for _ in entry.outputs])
+        self.compiled = machine.kernel(self.program, self.kernel.name, args)
         self.compiled.set_args(np.uint64(0), *args[1:])
         enqueue = machine.cl.enqueue_nd_range_kernel
         machine.waiter.wait(enqueue(machine.queue, self.compiled, (ANY_SIZE, 1), (self.group, 1)))  # Ctrl-C is heard
@@ -155,13 +157,12 @@ class OpenCLExecutable:
         buffers = [buffer for _, buffer in outputs]
         args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
         first = len(args) - len(buffers) - len(kernel.params)
-        compiled = machine.cl.Kernel(self.program, kernel.name)
+        compiled = machine.kernel(self.program, kernel.name, args if kernel.params else ())
         start = self._starter(compiled, args, call.shape, reads=True)
 
         def set_params(values: list[Any]) -> None:
             args[first : first + len(values)] = values
-            for at, value in enumerate(values, first):
-                compiled.set_arg(at, value)
+            compiled.set_args(*args)
 
         arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
         return Staging(arrays, [array for array, _ in outputs], buffers, set_params, start)
