@@ -139,15 +139,16 @@ def test_another_bound_takes_the_same_programs(cls, backend, monkeypatch):
 
 def test_below_takes_fewer_passes(monkeypatch):
     passes = []
-    digits = opencl._OpenCLCollectives._digits
-    monkeypatch.setattr(opencl._OpenCLCollectives, "_digits", lambda self, *a: (passes.append(1), digits(self, *a))[1])
+    run = opencl._OpenCLCollectives._run
+    count = lambda self, text, name, *a: (passes.append(name), run(self, text, name, *a))  # noqa: E731
+    monkeypatch.setattr(opencl._OpenCLCollectives, "_run", count)
     x = stream(np.arange(3000, dtype=np.int32) % 64, sh.Attrib1i, "opencl")
     counts = []
-    for options in ({}, {"below": 64}):
+    for options in ({}, {"below": 1 << 13}, {"below": (1 << 13) + 1}, {"below": 64}):
         passes.clear()
         sh.argsort(x, **options)
-        counts.append(len(passes))
-    assert counts[0] > counts[1] == 1
+        counts.append(passes.count("count_digits"))
+    assert counts == [3, 1, 2, 1]
 
 
 @pytest.mark.parametrize("below", [0, -1, 2**31 + 1, True, 2.0, "64"])

@@ -1,23 +1,24 @@
-// `last` is the greatest key, where keys have a bound: the others are clamped.
+// `last` is the greatest key, where keys have a bound: the others are clamped. A digit is one of `radix`, at most MOST.
 inline WORD key(WORD x, uint last) {
     return KEY;
 }
 
-__kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, uint last, __global uint *counts) {
+__kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
+                           __global uint *counts) {
     uint first = get_global_id(0) * chunk, end = min(n, first + chunk), i = first;
-    uint found[4][RADIX];
-    for (uint d = 0; d < RADIX; ++d)
+    uint found[4][MOST];
+    for (uint d = 0; d < radix; ++d)
         found[0][d] = found[1][d] = found[2][d] = found[3][d] = 0;
     // Equal digits often follow each other: four tables let four be counted at a time.
     for (; i + 4 <= end; i += 4) {
-        ++found[0][(key(given[i], last) >> shift) & (RADIX - 1)];
-        ++found[1][(key(given[i + 1], last) >> shift) & (RADIX - 1)];
-        ++found[2][(key(given[i + 2], last) >> shift) & (RADIX - 1)];
-        ++found[3][(key(given[i + 3], last) >> shift) & (RADIX - 1)];
+        ++found[0][(key(given[i], last) >> shift) & (radix - 1)];
+        ++found[1][(key(given[i + 1], last) >> shift) & (radix - 1)];
+        ++found[2][(key(given[i + 2], last) >> shift) & (radix - 1)];
+        ++found[3][(key(given[i + 3], last) >> shift) & (radix - 1)];
     }
     for (; i < end; ++i)
-        ++found[0][(key(given[i], last) >> shift) & (RADIX - 1)];
-    for (uint d = 0; d < RADIX; ++d)
+        ++found[0][(key(given[i], last) >> shift) & (radix - 1)];
+    for (uint d = 0; d < radix; ++d)
         counts[d * get_global_size(0) + get_global_id(0)] = found[0][d] + found[1][d] + found[2][d] + found[3][d];
 }
 
@@ -31,28 +32,29 @@ __kernel void sum_before(__global uint *counts, uint n) {
     }
 }
 
-__kernel void move_words(__global const WORD *given, uint n, uint chunk, uint shift, uint last, __global const uint *counts,
-                         __global WORD *moved) {
+__kernel void move_words(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
+                         __global const uint *counts, __global WORD *moved) {
     uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[RADIX];
-    for (uint d = 0; d < RADIX; ++d)
+    uint at[MOST];
+    for (uint d = 0; d < radix; ++d)
         at[d] = counts[d * get_global_size(0) + get_global_id(0)];
     for (uint i = first; i < end; ++i) {
         WORD x = given[i];
-        moved[at[(key(x, last) >> shift) & (RADIX - 1)]++] = x;
+        moved[at[(key(x, last) >> shift) & (radix - 1)]++] = x;
     }
 }
 
 // The same with the index that each word had at first: without `indices`, that is where it stands.
-__kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, uint last, __global const uint *counts,
-                         __global WORD *moved, __global const uint *indices, __global uint *moved_indices) {
+__kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
+                         __global const uint *counts, __global WORD *moved, __global const uint *indices,
+                         __global uint *moved_indices) {
     uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[RADIX];
-    for (uint d = 0; d < RADIX; ++d)
+    uint at[MOST];
+    for (uint d = 0; d < radix; ++d)
         at[d] = counts[d * get_global_size(0) + get_global_id(0)];
     for (uint i = first; i < end; ++i) {
         WORD x = given[i];
-        uint to = at[(key(x, last) >> shift) & (RADIX - 1)]++;
+        uint to = at[(key(x, last) >> shift) & (radix - 1)]++;
         moved[to] = x;
         moved_indices[to] = indices ? indices[i] : i;
     }
