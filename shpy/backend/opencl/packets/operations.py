@@ -31,6 +31,10 @@ class _PacketUnit(ClUnit):
     """The packet of the work item."""
     place: dict[Name, Type]
     """The parameters from which the entry makes its packet; none in a tree, whose entry is called for no packet."""
+    around: dict[str, list[tuple[int, int]]]
+    """The offsets at which the entry reads neighbours, if it takes whether all are in range as an argument."""
+    inside: Name
+    """The name of that argument."""
 
 
 class PacketOperations(ClOperations):
@@ -155,9 +159,10 @@ class PacketOperations(ClOperations):
         table, rank = unit.tables[name], unit.tables[name].rank
         args, wraps = self.args(let), len(let.args) > rank
         modulo = unit.edge("floormod", (lanes_of(Base.I, unit.prologue.lanes),) * 2) if wraps else ""
-        near = unit.prologue.near(rank, table.type.base, table.type.size, modulo)
+        near = unit.prologue.near(rank, table.type.base, table.type.size, modulo, tells=bool(unit.around))
         pairs = [args[:rank], *([args[rank:]] if wraps else [])]
         by = [pair[0] if rank == 1 else Construct(INT.sized(rank), tuple(pair)) for pair in pairs]
+        by += [unit.inside] if unit.around else []
         return tree.call(near, let.value.type, unit.table_names[name], unit.size_names[name], unit.packet, *by)
 
     def op_grid_index(self, let: Let) -> Expr:

@@ -21,10 +21,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from shpy.backend.emit.spell_c import row_major
-from shpy.backend.opencl.packets.prologue_memory import INLINE, QUAD, PacketMemory, lane_of, spelled_wide, struct_text
+from shpy.backend.opencl.packets.prologue_memory import (
+    INLINE,
+    QUAD,
+    PacketMemory,
+    element_name,
+    lane_of,
+    spelled_wide,
+    struct_text,
+)
 from shpy.backend.opencl.packets.widen import Lanes, rows_of
 from shpy.backend.opencl.text.prologue import SCALARS, Prologue, filled, name_of
 from shpy.ir.types import Base, Type
@@ -185,19 +194,29 @@ class PacketPrologue(Prologue):
         if size > 1:
             self.struct(rows_of(base, size, self.lanes))
         name = f"sh_{way}_{base.value}{size if size > 1 else ''}"
+        if way != "gather":
+            self._packed(base)
         text = {"read": self._memory.read, "write": self._memory.write, "gather": self._memory.gather}[way]
         return self.ask(name, lambda: text(name, base, size))
 
-    def near(self, rank: int, base: Base, size: int, modulo: str) -> str:
+    def _packed(self, base: Base) -> None:
+        """Add the types through which vectors are loaded and stored, where the compiler has them."""
+        for count in (QUAD, self.lanes) if self.abilities.shuffle else ():
+            name = f"{element_name(base)}{count}_packed"
+            self.ask(name, partial(self._memory.packed, base, count))
+
+    def near(self, rank: int, base: Base, size: int, modulo: str, *, tells: bool) -> str:
         """Add the function that reads a table at an offset from the packet's own place; return its name.
 
-        It takes the indices modulo an argument by the function `modulo`, unless that is "".
+        It takes the indices modulo an argument by the function `modulo`, unless that is "". If the kernel `tells`
+        whether all lanes are in range, that is an argument.
         """
         self.packet()
+        self._packed(base)
         gather, flat = self.memory("gather", base, size), self.flat_lanes(rank) if rank > 1 else ""
         wrap = self.ask("sh_wrap_lanes", lambda: _wrap("sh_wrap_lanes", modulo, self.lanes)) if modulo else ""
         name = f"sh_{'around' if modulo else 'near'}{rank}_{base.value}{size if size > 1 else ''}"
-        return self.ask(name, lambda: self._memory.near(name, rank, base, size, gather, flat, wrap))
+        return self.ask(name, lambda: self._memory.near(name, rank, base, size, gather, flat, wrap, tells))
 
     def flat_lanes(self, rank: int) -> str:
         """Add the function that computes flat indices in a table of two or three axes; return its name."""

@@ -108,9 +108,9 @@ class KernelMaker(ClUnit):
         """Return the lines that declare the types that the text uses and OpenCL C lacks."""
         return ()
 
-    def must_not_inline(self, function: Function) -> bool:
-        """Return whether the compiler must not inline the function."""
-        return function.name in self.not_inlined
+    def qualifiers(self, function: Function) -> tuple[str, ...]:
+        """Return what stands before a function: whether the compiler must inline it, or must not."""
+        return (NOINLINE,) if function.name in self.not_inlined else ()
 
     # The text
 
@@ -172,9 +172,10 @@ class KernelMaker(ClUnit):
         body.out += self.prelude(function.name)
         body.statements()
         result = function.outputs[0].type if single else None
-        qualifiers = (NOINLINE,) if self.must_not_inline(function) else ()
         block = tuple(body.out)
-        self.speller.function(tree.Function(name, result, tuple(parameters), block, function.loc, qualifiers))
+        self.speller.function(
+            tree.Function(name, result, tuple(parameters), block, function.loc, self.qualifiers(function))
+        )
 
     def printed(self, function: Function, name: str) -> str:
         """Return the text of a function that the prologue is to have."""
