@@ -146,15 +146,16 @@ class OpenCLExecutable:
         if self.kernel.params:
             staged.set_params(self._params(call.params))
         staged.start()
-        self.machine.finish(staged.buffers)
+        for array, buffer in zip(staged.outputs, staged.buffers, strict=True):
+            self.machine.download(array, buffer)  # 12 µs less than to map the memory of an array, of 46 for a call
         return self._hand_over(call, staged.outputs)
 
     def _stage(self, call: Call) -> Staging:
         """Make arrays for runs of this shape, and a kernel object with them as arguments."""
         machine, entry, kernel = self.machine, self.prepared.module.entry, self.kernel
         inputs = [_staged_array(machine, entry.inputs[i].type, len(call.inputs[i])) for i in kernel.inputs]
-        outputs = [_staged_array(machine, slot.type, call.count) for slot in entry.outputs]
-        buffers = [buffer for _, buffer in outputs]
+        outputs = [np.empty(_shape_of(slot.type, call.count), MEMORY[slot.type.base]) for slot in entry.outputs]
+        buffers = [machine.take(array.nbytes) for array in outputs]
         args = self._arguments(call.shape, [(buffer, len(a)) for a, buffer in inputs], (), call.params, buffers)
         first = len(args) - len(buffers) - len(kernel.params)
         compiled = machine.kernel(self.program, kernel.name, args if kernel.params else ())
@@ -165,7 +166,7 @@ class OpenCLExecutable:
             compiled.set_args(*args)
 
         arrays = [(i, array) for i, (array, _) in zip(kernel.inputs, inputs, strict=True)]
-        return Staging(arrays, [array for array, _ in outputs], buffers, set_params, start)
+        return Staging(arrays, outputs, buffers, set_params, start)
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
         """Prepare a run over buffers of the device: see `base.Executable`."""
@@ -291,8 +292,7 @@ class OpenCLExecutable:
         """Copy outputs to the host that are not in its memory."""
         arrays: list[Array | None] = []
         for slot, (buffer, is_lent, out) in zip(self.prepared.module.entry.outputs, outputs, strict=True):
-            shape = (call.count, slot.type.size) if slot.type.size > 1 else (call.count,)
-            array = np.empty(shape, MEMORY[slot.type.base]) if out is None else out
+            array = np.empty(_shape_of(slot.type, call.count), MEMORY[slot.type.base]) if out is None else out
             if not is_lent:
                 self.machine.download(array, buffer)
             arrays.append(array if out is None else None)
@@ -346,11 +346,14 @@ class Staging:
     start: Callable[[], None]
 
 
+def _shape_of(type: Type, count: int) -> tuple[int, ...]:
+    return (count, type.size) if type.size > 1 else (count,)
+
+
 def _staged_array(machine: Machine, type: Type, count: int) -> tuple[Array, Any]:
     """Return an array for `count` elements of a type, and the buffer whose memory it is."""
-    dtype = np.dtype(MEMORY[type.base])
-    shape = (count, type.size) if type.size > 1 else (count,)
-    size = count * type.size * dtype.itemsize
+    dtype, shape = np.dtype(MEMORY[type.base]), _shape_of(type, count)
+    size = math.prod(shape) * dtype.itemsize
     room = np.empty(size + 2 * _ALIGNMENT, np.uint8)
     first = -room.__array_interface__["data"][0] % _ALIGNMENT
     array = room[first : first + size].view(dtype).reshape(shape)
