@@ -220,8 +220,11 @@ class Tree(Protocol):
     def fold(self, elements: Sequence[Any], totals: Sequence[Any]) -> None:
         """Reduce each part of a stream to an element of `totals`."""
 
-    def reduce(self, elements: Sequence[Any]) -> list[Array]:
-        """Reduce a stream to one element; return its leaves, of shape (1,) or (1, size), once the device has ended."""
+    def reducing(self, elements: Sequence[Any]) -> Callable[[], list[Array]]:
+        """Prepare the reduction of a stream to one element, as its memory is at each call.
+
+        A call returns the leaves, of shape (1,) or (1, size), once the device has ended.
+        """
 
     def scan(
         self, elements: Sequence[Any], above: Sequence[Any] | None, prefixes: Sequence[Any], exclusive: bool

@@ -33,7 +33,7 @@ from shpy.collectives.programs import (
     sums,
     wide_sums,
 )
-from shpy.collectives.trees import combination, fold, fold_to_host, retyped
+from shpy.collectives.trees import combination, fold, fold_to_host, memories_of, own_tree, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import dtypes_at, is_int
@@ -72,7 +72,7 @@ def reduce(program: Program, stream: Any, axis: int | None = None) -> Any:
     return _result(_folded(rows, axis, program), stream, axis, stream.type)
 
 
-def _sum(stream: Stream, method: str, axis: int | None) -> Any:
+def _sum(stream: Stream, axis: int | None, method: str, *, key: str) -> Any:
     if method not in _METHODS:
         cure = " or ".join(f'method="{m}"' for m in _METHODS)
         raise ShpyTypeError(f"method={method!r} of a sum", loc=here(), cure=cure)
@@ -81,8 +81,9 @@ def _sum(stream: Stream, method: str, axis: int | None) -> Any:
         return _exact(stream, axis, size)
     kind = method if base in FLOATS else "pairwise"
     if stream.leaf_entries()[0].memory.dtype == np.float16:
-        return _narrowed(_reduced(_widened(stream, size), axis, wide_sums(size, kind), _float(size), 0), stream, axis)
-    return _reduced(stream, axis, sums(size, base, kind), _same_kind(stream, base), 0)
+        wide = _widened(stream, size)
+        return _narrowed(_reduced(wide, axis, wide_sums(size, kind), _float(size), 0, key), stream, axis)
+    return _reduced(stream, axis, sums(size, base, kind), _same_kind(stream, base), 0, key)
 
 
 def _widened(stream: Stream, size: int) -> Stream:
@@ -112,7 +113,7 @@ def _narrowed(results: Any, stream: Stream, axis: int | None) -> Any:
     return halves if base is Base.H else _finished(conversion(size, Base.H, Base.F), halves)
 
 
-def _mean(stream: Stream, axis: int | None) -> Any:
+def _mean(stream: Stream, axis: int | None, *, key: str) -> Any:
     size, base = _element(stream, "mean")
     if base not in FLOATS:
         raise ShpyTypeError(
@@ -180,28 +181,28 @@ def _sums_on_device(rows: Stream) -> NDArray[Any]:
     return np.concatenate([leaf.memory.read() for leaf in words.leaf_entries()], axis=-1)
 
 
-def _extreme(stream: Stream, axis: int | None, name: str) -> Any:
-    size, base = _element(stream, name)
-    least = name == "min"
+def _extreme(stream: Stream, axis: int | None, *, key: str) -> Any:
+    size, base = _element(stream, key)
+    least = key == "min"
     kind = logic(size, least) if base is Base.B else extremes(size, base, least, _by_bits(stream, base))
-    return _reduced(stream, axis, kind, stream.type, None, name)
+    return _reduced(stream, axis, kind, stream.type, None, key)
 
 
-def _place(stream: Stream, axis: int | None, name: str) -> Any:
-    size, base = _element(stream, name)
-    kind = places(size, base, name == "argmin", _by_bits(stream, base))
-    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.I], None, name)
+def _place(stream: Stream, axis: int | None, *, key: str) -> Any:
+    size, base = _element(stream, key)
+    kind = places(size, base, key == "argmin", _by_bits(stream, base))
+    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.I], None, key)
 
 
-def _logic(stream: Stream, axis: int | None, name: str) -> Any:
-    size, base = _element(stream, name)
-    kind = logic(size, name == "all", _by_bits(stream, base))
-    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.B], name == "all")
+def _logic(stream: Stream, axis: int | None, *, key: str) -> Any:
+    size, base = _element(stream, key)
+    kind = logic(size, key == "all", _by_bits(stream, base))
+    return _reduced(stream, axis, kind, CLASSES["Attrib", size, Base.B], key == "all", key)
 
 
-def _count(stream: Stream, axis: int | None) -> Any:
+def _count(stream: Stream, axis: int | None, *, key: str) -> Any:
     size, base = _element(stream, "count")
-    return _reduced(stream, axis, counts(size, _by_bits(stream, base)), CLASSES["Attrib", size, Base.I], 0)
+    return _reduced(stream, axis, counts(size, _by_bits(stream, base)), CLASSES["Attrib", size, Base.I], 0, key)
 
 
 def _by_bits(stream: Stream, base: Base) -> bool:
@@ -212,12 +213,12 @@ def _by_bits(stream: Stream, base: Base) -> bool:
 METHODS: Final[dict[str, Callable[..., Any]]] = {
     "sum": _sum,
     "mean": _mean,
-    "min": lambda stream, axis: _extreme(stream, axis, "min"),
-    "max": lambda stream, axis: _extreme(stream, axis, "max"),
-    "argmin": lambda stream, axis: _place(stream, axis, "argmin"),
-    "argmax": lambda stream, axis: _place(stream, axis, "argmax"),
-    "any": lambda stream, axis: _logic(stream, axis, "any"),
-    "all": lambda stream, axis: _logic(stream, axis, "all"),
+    "min": _extreme,
+    "max": _extreme,
+    "argmin": _place,
+    "argmax": _place,
+    "any": _logic,
+    "all": _logic,
     "count": _count,
 }
 """The reductions that streams have as methods (`streams/methods`)."""
@@ -267,12 +268,24 @@ def _empty(name: str, cure: str) -> ShpyTypeError:
     return ShpyTypeError(f"{name} of no elements has no result", loc=here(), cure=cure)
 
 
-def _reduced(stream: Stream, axis: int | None, kind: Reduction, value_type: Any, empty: Any, name: str = "") -> Any:
-    """Run a reduction; without elements return `empty`, or raise ShpyTypeError if that is None."""
+def _reduced(stream: Stream, axis: int | None, kind: Reduction, value_type: Any, empty: Any, key: str) -> Any:
+    """Run a reduction; without elements return `empty`, or raise ShpyTypeError if that is None.
+
+    What a device has prepared for all elements is kept with the stream under its `key`, the name of the method.
+    """
+    if axis is None and kind.finish is None and stream.size and not stream.place.space.on_host:
+        own = own_tree(stream.place, kind.combine, stream.type, kind.value_type, kind.lift)
+        if own is not None:
+            elements, leaf = memories_of(stream), kind.leaf or 0
+            reduced = own.reducing(elements)
+            stream._reductions[key] = elements, lambda: reduced()[leaf][0]
+            if memories_of(stream) != elements:  # another thread has replaced them
+                stream._reductions.clear()
+            return reduced()[leaf][0]
     rows = _rows(stream, axis)
     if not rows.shape[len(rows.shape) // 2]:
         if empty is None:
-            raise _empty(name, "a stream with elements")
+            raise _empty(key, "a stream with elements")
         return _filled(stream, axis, value_type, empty)
     if not rows.size:  # another axis has no elements
         return _filled(stream, axis, value_type, 0)

@@ -60,16 +60,15 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
     if is_lazy(stream):
         return scan_chunks(reduce, _scan_block, program, stream, exclusive)
     program, element = combination(program, stream, "scan")
-    flat = retyped(stream, element, (stream.size,))
     if stream.size < 2:
         if not exclusive or not stream.size:
             return stream.copy()
         return Stream.empty(stream.shape, stream.type, *stream.place)
     own = own_tree(stream.place, program, element, element, None)
     if own is not None:
-        prefixes = _by(own, flat, exclusive)
-    else:
-        prefixes = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
+        return _by(own, stream, exclusive)
+    flat = retyped(stream, element, (stream.size,))
+    prefixes = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
     return retyped(prefixes, stream.type, stream.shape)
 
 

@@ -65,13 +65,12 @@ def check_combination(program: Any, stream: Any, name: str) -> None:
             loc=here(),
             cure="@sh.program before the function",
         )
-    element = spoken_type(stream.type)
-    signature = f"{program.name}(a: {element}, b: {element}) -> {element}"
     if not _fits(program, stream.type):
+        element = spoken_type(stream.type)
         raise ShpyTypeError(
             f"sh.{name} combines two elements of {stream!r} into one, and {program!r} does not",
             loc=here(),
-            cure=signature,
+            cure=f"{program.name}(a: {element}, b: {element}) -> {element}",
         )
     _check_body(program, name)
 
@@ -85,6 +84,7 @@ def _fits(program: Program, type_: Any) -> bool:
     return types == [element, element] and [cls.type for cls in program.outputs.values()] == element
 
 
+@lru_cache(maxsize=256)
 def _check_body(program: Program, name: str) -> None:
     for function in program.ir.functions:
         for statement in walk(function.body):
@@ -164,7 +164,7 @@ def fold_to_host(stream: Stream, combine: Program, value_type: Any = None, lift:
         return fold(stream, combine, value_type, lift).to("numpy")
     host = Place("numpy", 0, place.precision)
     types = leaf_types(value_type)
-    arrays = own.reduce(memories_of(stream))
+    arrays = own.reducing(memories_of(stream))()
     memories = [host.space.wrap(a, t, a.dtype) for a, t in zip(arrays, types, strict=True)]
     return Stream.over(value_type, (1,), host, memories)
 

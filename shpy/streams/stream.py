@@ -87,6 +87,7 @@ class Stream(StreamReductions, StreamFields):
         self._type, self._layout, self._shape = type, layout, shape
         self.place = place
         self._memories = list(memories)
+        self._reductions: dict[str, tuple[Any, Callable[[], Any]]] = {}
         self._owned = True
 
     @classmethod
@@ -362,6 +363,7 @@ class StreamLeaf:
         stream = self.stream
         if stream._owned:
             stream._memories[self.index] = memory
+            stream._reductions.clear()  # afterwards: a thread that prepares one looks at the memory once it is there
         else:
             stream.place.space.copy(memory, self.memory)
 

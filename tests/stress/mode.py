@@ -46,6 +46,7 @@ from shpy.lang.data.sources import HostArrays
 from shpy.run import tiers
 from shpy.run.kernel import Kernel
 from shpy.run.tiers import TieredExecutable
+from shpy.streams.methods import StreamReductions
 
 TAKEN = np.uint32(0x7FA0DEAD)
 """A signalling NaN: what memory holds that a pool hands out."""
@@ -181,7 +182,7 @@ class Stress:
     # Repetition: a second call of a signature takes a shorter way than the first.
 
     def call_again(self, stack: ExitStack) -> None:
-        """Patch the calls of kernels over arrays that get their outputs from shpy."""
+        """Patch the calls of kernels over arrays that get their outputs from shpy, and reductions of streams."""
         run = Kernel._run
 
         def run_again(kernel: Kernel, inputs: Any, out: Any, shape: Any, named: Any) -> Any:
@@ -190,7 +191,14 @@ class Stress:
             ran = run(kernel, inputs, out, shape, named)
             return run(kernel, inputs, out, shape, named) if out is None and ran[3] is None else ran
 
+        reduced = StreamReductions._reduced
+
+        def reduce_again(stream: Any, *args: Any) -> Any:
+            reduced(stream, *args)
+            return reduced(stream, *args)
+
         stack.enter_context(patch.object(Kernel, "_run", run_again))
+        stack.enter_context(patch.object(StreamReductions, "_reduced", reduce_again))
 
     # Memory: every pool hands out garbage, and overwrites what it gets back.
 

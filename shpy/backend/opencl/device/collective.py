@@ -11,7 +11,7 @@ for the text).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import resources
@@ -237,31 +237,38 @@ class OpenCLTree:
 
     def fold(self, elements: Sequence[Any], totals: Sequence[Any]) -> None:
         """Reduce each part to one element."""
-        self._fold(elements, totals, None, totals)
+        self._run(*self._folding(elements, totals, None, totals))
 
-    def reduce(self, elements: Sequence[Any]) -> list[Array]:
-        """Reduce all elements and read the result. One dispatch does it: another costs a tenth of a sum of 10**7.
+    def reducing(self, elements: Sequence[Any]) -> Callable[[], list[Array]]:
+        """Prepare the reduction of all elements. One dispatch does it: another costs a tenth of a sum of 10**7.
 
         Where a work group may not see what another has stored, there are two.
         """
         count = elements[0].count
-        with self.space.machine.lock:
-            if count <= self.each(count):
-                self.fold(elements, self.results)
-            elif self.space.machine.orders_stores:
-                self._fold(elements, self.parts, self.done.buffer, self.results)
-            else:
-                self.fold(elements, self.parts)
-                parts = np.uint32(-(-count // self.each(count)))
-                self._run(JOIN, 1, int(parts), [*_buffers(self.parts), parts, *_buffers(self.results)])
-            return [memory.read() for memory in self.results]
+        parts = -(-count // self.each(count))
+        if parts == 1:
+            runs = [self._folding(elements, self.results, None, self.results)]
+        elif self.space.machine.orders_stores:
+            runs = [self._folding(elements, self.parts, self.done.buffer, self.results)]
+        else:
+            args = [*_buffers(self.parts), np.uint32(parts), *_buffers(self.results)]
+            runs = [self._folding(elements, self.parts, None, self.parts), (JOIN, 1, parts, args)]
 
-    def _fold(self, elements: Sequence[Any], parts: Sequence[Any], done: Any, totals: Sequence[Any]) -> None:
+        def reduce() -> list[Array]:
+            with self.space.machine.lock:
+                for run in runs:
+                    self._run(*run)
+                return [memory.read() for memory in self.results]
+
+        return reduce
+
+    def _folding(self, elements: Sequence[Any], parts: Sequence[Any], done: Any, totals: Sequence[Any]) -> Any:
+        """Return the arguments of `_run` for the fold of each part."""
         count = elements[0].count
         each = self.each(count)
         sizes = [np.uint64(count), np.uint64(each)]
         args = [*_buffers(elements), *sizes, *_buffers(parts), done, *_buffers(totals)]
-        self._run(FOLD, -(-count // each), count, args)
+        return FOLD, -(-count // each), count, args
 
     def scan(
         self, elements: Sequence[Any], above: Sequence[Any] | None, prefixes: Sequence[Any], exclusive: bool
