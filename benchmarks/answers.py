@@ -87,8 +87,9 @@ class Results:
 
     def means(self) -> Rows:
         """Return the geometric means over the six kernels on several machines, of contenders that all of them ran."""
-        runs = [self.runs[self.stem(KERNELS[0])], *self.machines.values()]
+        runs = [None, *self.machines.values()]
         means = [{row[0]: row[-1] for row in self.times(KERNELS, run=run)[2:]} for run in runs]
+        runs[0] = self.runs[self.stem(KERNELS[0])]
         labels = [label for label in means[0] if all(mean.get(label) for mean in means)]
         head = ["geometric means", *(run["machine"].split(";")[0].removeprefix("2 cores, ") for run in runs)]
         return [head, *([label, *(mean[label] for mean in means)] for label in labels)]

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -241,6 +243,19 @@ def test_the_newest_run_of_a_table_is_on_the_page_and_older_files_go(tmp_path):
     assert sorted(p.stem for p in tmp_path.iterdir()) == ["new", "partial"]
     with pytest.raises(KeyError, match="--only sort --write"):
         results.table("sort")
+
+
+def test_a_part_of_a_run_replaces_its_rows_of_the_page(tmp_path, capsys):
+    folder = tmp_path / "results"
+    shutil.copytree(answers.FOLDER, folder)
+    words = ["--quick", "--only", "mandelbrot", "--size", "8", "--targets", "opencl,plain", "--peers", "none"]
+    assert command.main([*words, "--write", str(folder)]) == 0
+    (run,) = (json.loads(path.read_text()) for path in folder.glob("mandelbrot.json"))
+    assert list(run["works"][0]["seconds"]) == ["opencl", "plain"]
+    assert [len(seconds) for seconds in run["works"][0]["seconds"].values()] == [2, 2]
+    page = (folder / "benchmarks.md").read_text()
+    assert re.search(r"shpy, plain call +\| +[\d.]+ +\| +\|", page)
+    assert "| JAX                   |            |" in page
 
 
 def test_quick_results_are_not_for_the_page(capsys):
