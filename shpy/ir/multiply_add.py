@@ -45,7 +45,17 @@ def _through_double(a: Array, b: Array, c: Array) -> Array:
 def _of_doubles(a: Array, b: Array, c: Array) -> Array:
     if max(np.size(a), np.size(b), np.size(c)) <= _FEW:
         return np.asarray(np.vectorize(_exactly, otypes=[np.float64])(a, b, c))
-    a, b, c = np.broadcast_arrays(a, b, c)
+    product = a * b
+    size = np.abs(product)
+    largest = max(float(np.max(np.abs(v))) for v in (a, b, c))  # NaN if one is
+    if 2.0**-900 < np.min(size) and np.max(size) < 2.0**900 and largest < 2.0**900:
+        sums = _rounded_once(a, b, c)
+        return np.where(sums == 0, product + c, sums)  # a sum of 0 is exact, and has its own sign
+    return _with_edges(*np.broadcast_arrays(a, b, c))
+
+
+def _with_edges(a: Array, b: Array, c: Array) -> Array:
+    """Return a * b + c of binary64, some of which are zeros, very large, very small or no numbers."""
     product, result = a * b, a * b + c
     finite = np.isfinite(a) & np.isfinite(b)
     result = np.where(finite & ~np.isfinite(c), c, result)
@@ -53,7 +63,7 @@ def _of_doubles(a: Array, b: Array, c: Array) -> Array:
     moderate = (size > 2.0**-900) & (size < 2.0**900) & (np.maximum(np.abs(a), np.abs(b)) < 2.0**900)
     moderate &= np.abs(c) < 2.0**900
     sums = _rounded_once(a[moderate], b[moderate], c[moderate])
-    result[moderate] = np.where(sums == 0, result[moderate], sums)  # a sum of 0 is exact, and has its own sign
+    result[moderate] = np.where(sums == 0, result[moderate], sums)
     rest = finite & np.isfinite(c) & ~moderate & (a != 0) & (b != 0)
     if rest.any():
         result[rest] = np.vectorize(_exactly, otypes=[np.float64])(a[rest], b[rest], c[rest])

@@ -4,6 +4,7 @@ import pickle
 import threading
 from fractions import Fraction
 
+import dask.array as da
 import numpy as np
 import pytest
 from backends.running import LANES, WIDE, kernel
@@ -196,6 +197,12 @@ def test_textures_and_tables(backend):
 
     uv, n = RNG.random((100, 2)).astype(np.float32), RNG.integers(0, 6, 100).astype(np.int32)
     sh.testing.assert_equivalent(sampled, uv, n, backends=["interpreter", backend], fuse=True)
+
+
+def test_blocks_of_dask_arrays():
+    x = finite(64)
+    blocks = sh.map_blocks(horner.compile("numpy", fuse=True), da.from_array(x, chunks=20))
+    assert np.array_equal(blocks.compute(scheduler="synchronous"), horner.compile("numpy", fuse=True)(x))
 
 
 def test_elements_that_are_left_out():
