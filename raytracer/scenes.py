@@ -194,7 +194,7 @@ def teapot() -> Scene:
 
     glaze = Material((0.015, 0.14, 0.17), diffuse=1.0, specular=0.0, surface=glazed)
     table = box((17, 0.6, 9.5), Material(surface=_planks, specular=0.0)).moved((0, -0.3, 1.0))
-    # Behind the camera, so that there is something to be seen in the glaze.
+    # Behind the camera, so that the glaze mirrors something.
     pane, sky = (
         Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=color) for color in ((10, 9.5, 8.7), (1.6, 1.9, 2.3))
     )

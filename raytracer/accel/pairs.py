@@ -45,10 +45,10 @@ def partners(sides: Sides, backend: str) -> NDArray[np.int32]:
 def joined(
     sides: Sides, partner: NDArray[np.int32], places: NDArray[np.integer], backend: str
 ) -> tuple[Sides, NDArray[np.int32]]:
-    """Return the boxes around those at `places` and their partners, and the axis along which these lie apart.
+    """Return the boxes around those at `places` and their partners, and the axis on which each two are farthest apart.
 
-    A box that is its own partner stays as it is. The axis is that along which the middles are farthest apart; `TURNED`
-    is added where the partner is the lower one.
+    A box that is its own partner stays unchanged. Distances are between middles; `TURNED` is added to the axis if the
+    partner is the lower box.
     """
     indices = np.asarray(places, np.int32)
     *boxes, axis = join.on(backend)(indices, sh.Table(partner, sh.Attrib1i), *_tables(sides))

@@ -32,7 +32,7 @@ NEARER = 1 - 2.0**-13
 FINEST = 256
 """Rows of the table of an environment's brightness, at most; it has twice as many columns."""
 EVERYWHERE = 1 / 64
-"""The part of that table's weight that is spread evenly: between texels there is light beside dark ones."""
+"""The share of that table's weight that is spread evenly, since light is blended between bright and dark texels."""
 Floats = NDArray[np.float64]
 ONE = 1 << 24
 """A threshold that every number is below."""

@@ -56,7 +56,7 @@ class RayBodies:
         return first
 
     def put(self, body: Any, inside: Any) -> None:
-        """Let the ray be inside a body, or outside; 0 is none. Of too many bodies the last slot forgets one."""
+        """Mark the ray as inside or outside a body (0: no body). With too many bodies, the last slot is overwritten."""
         missing = inside & (body > 0)
         for slot in self.slots:
             slot[:] = sh.cond(slot == body, 0, slot)

@@ -11,6 +11,6 @@ from shpy.accuracy.pareto import frontier
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.report import Report
 from shpy.accuracy.tradeoffs import Tradeoff, tradeoff
-from shpy.units import Budget, relative, steps, ulp  # first: what tests compare with
+from shpy.units import Budget, relative, steps, ulp  # first: tests compare with these
 
 __all__ = ["Budget", "Report", "Tradeoff", "evaluate", "frontier", "measure", "relative", "steps", "tradeoff", "ulp"]

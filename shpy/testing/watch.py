@@ -247,7 +247,7 @@ class _Watcher:
         after = b.let("add", count, self.one)
         b.store(self.slots["count"], after)
         if self.plan.finiteness and args is not None and value.type.is_float:
-            operands = [v for a in args if (v := self.values.get(a)) and v.type.is_float]  # others are references
+            operands = [v for a in args if (v := self.values.get(a)) and v.type.is_float]  # no references
             for slot, op in (("nan", "isnan"), ("infinite", "isinf")):
                 self.store_where(self.begins(op, slot, value, operands), slot, after)
         b.loc = None

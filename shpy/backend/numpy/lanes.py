@@ -135,7 +135,7 @@ def clamp(x: Any, low: Any, high: Any) -> Array:
 
 
 def _is_literal(b: Any) -> bool:
-    return type(b) is float and b == b  # a uniform of binary64 is a float too, of a class of its own
+    return type(b) is float and b == b  # numpy's binary64 is a subclass of float
 
 
 def _bounded(extremum: np.ufunc, x: Array, bound: float, within: np.ufunc) -> Array:

@@ -1,4 +1,4 @@
-"""The command `shpy certify`: whether the devices of this machine give the bits that the package ships.
+"""The command `shpy certify`: compare the devices of this machine with the bits that the package ships.
 
 Stage: above all others. Takes the words of the command line, prints the report, gives the exit status.
 

@@ -38,7 +38,7 @@ from shpy.ir.nodes import Status
 from shpy.ir.types import Base, Type, vec
 
 PROGRAMS: Final = 256
-"""Programs of the space's own that are kept: those used last."""
+"""The most programs that the space keeps; the one used longest ago is dropped."""
 DEPTHS: Final = 16
 """Sizes of which a depth buffer is kept. A run holds its own as an attachment of its framebuffer."""
 _AHEAD: Final = 64

@@ -307,5 +307,5 @@ def extremum(op: str, args: list[Expr], type: Type) -> Expr:
     """Return the min or max of floats: numpy's own but for NaN, and where both may be zeros of two signs."""
     literals = [a.value for a in args if isinstance(a, Literal)]
     if len(literals) == 1 and isinstance(args[0], Literal) and literals[0] == literals[0] != 0:
-        args = args[::-1]  # these are the same in either order
+        args = args[::-1]  # these operations are commutative
     return tree.call(f"{op}imum", type, *(args if len(literals) < 2 else [own(args[0]), args[1]]))
