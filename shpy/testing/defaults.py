@@ -12,4 +12,4 @@ ulp: float = 0.0
 """The least distance in ULP that every comparison allows."""
 
 update: bool = False
-"""Whether `assert_golden` writes its files anew."""
+"""True if `assert_golden` writes its files anew."""

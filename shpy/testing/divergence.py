@@ -227,8 +227,7 @@ def search(
     bound: Bound = EXACT,
     other: Setting | None = None,
 ) -> Divergence | None:
-    """Return the first event of an element at which two backends diverge, by bisection; None if they agree while
-    watched.
+    """Return the first event of an element at which two backends diverge, by bisection; None if they agree.
 
     `other` is the setting of the second backend, where it is not that of the first.
     """

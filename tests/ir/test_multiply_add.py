@@ -35,7 +35,7 @@ def test_numbers_at_the_edges(dtype):
 @each_type
 @pytest.mark.parametrize("share", [1, 8])
 def test_sums_that_nearly_cancel_and_middles(dtype, share):
-    """Of products that nearly overflow or vanish, and of moderate ones."""
+    """Draw products that nearly overflow or vanish, and moderate ones."""
     rng, numbers = np.random.default_rng(share), np.finfo(dtype)
     span = max(1, (int(numbers.maxexp) // 2 - 2) // share)
     a, b = ((1 + rng.random(600)) * 2.0 ** rng.integers(-span, span, 600) for _ in range(2))
