@@ -61,10 +61,10 @@ def assert_golden(
     output of numbers over two axes, also `name.png`. `backends`, `inputs` and other names are those of
     `assert_equivalent`.
 
-    Raises AssertionError where the file is missing or a bit differs: it names the element, its inputs, both values,
-    and the first statement of the program that is not that of the file. Raises ShpyTypeError for a name that is none
-    of a file, for relaxed and fast mode, whose bits differ between backends, and for results beyond 64 MiB; ShpyError
-    for a file that is not of this function.
+    Raises AssertionError where the file is missing or a bit differs: it names the element, its inputs, both values, and
+    the first statement of the program that is not that of the file. Raises ShpyTypeError for a name that no file can
+    have, for relaxed and fast mode, whose bits differ between backends, and for results beyond 64 MiB; ShpyError for a
+    file that is not of this function.
     """
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise ShpyTypeError(f"name={name!r} is no name of a file", loc=here(), cure='name="planet"')
