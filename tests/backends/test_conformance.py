@@ -53,9 +53,10 @@ def test_every_operation_is_in_the_list() -> None:
 def test_targets_agree_with_the_interpreter(case: Case) -> None:
     """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
 
-    A case is one test, not one for each target: pytest takes milliseconds for each of thousands.
+    A case is one test, not one for each target: pytest takes milliseconds for each of thousands. The interpreter is
+    its own reference but for cases with a meaning.
     """
-    for target in (name for name in BACKENDS if name != "opencl"):
+    for target in (name for name in BACKENDS if name != "opencl" and (case.meaning or name != "interpreter")):
         agree(case, target)
     for width in TILES if case in STRUCTURED else ():
         case.check(case.run(width), width)
@@ -92,8 +93,11 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
 
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
-    """Each case takes one of the widths: the elements in a packet are independent."""
-    widths = ("opencl", *PACKETS)
+    """Each case takes one of the widths: the elements in a packet are independent.
+
+    One case of 13 takes the width that a form of program gets by itself; at 64 lanes that compiles for seconds.
+    """
+    widths = ("opencl", *4 * PACKETS)
     agree(case, widths[drawn(case) % len(widths)])
 
 

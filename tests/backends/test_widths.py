@@ -50,6 +50,16 @@ def smooth(image: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return image[row, column - 1] + image[row, column + 1]
 
 
+def gathering(count: int) -> sh.Program:
+    """Read so many numbers at places of each element's own."""
+
+    @sh.program
+    def reading(numbers: sh.Table[sh.Attrib1f], i: sh.Attrib1i) -> sh.Attrib1f:
+        return sum((numbers[i * k] for k in range(count)), sh.Attrib1f(0))
+
+    return reading
+
+
 @sh.program
 def stacked(x: sh.Attrib1f, n: sh.Attrib1i) -> sh.Attrib1f:
     kept = sh.Array(sh.Attrib1f, 256)
@@ -69,6 +79,12 @@ def test_values_take_as_many_registers_as_there_are_for_what_a_loop_carries(nati
     assert widths(straight, native) == (4 * native, 2 * native)
     assert widths(long, native) == (2 * native, 2 * native)
     assert widths(straight, native, "f64") == (2 * native, native)
+
+
+def test_values_of_programs_that_gather_take_one_register() -> None:
+    assert widths(gathering(15), 16) == (64, 32)
+    assert widths(gathering(16), 16) == (16, 32)
+    assert widths(gathering(16), 4, "f64") == (4, 4)
 
 
 def test_packets_whose_local_arrays_do_not_fit_are_narrower() -> None:
