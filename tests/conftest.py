@@ -40,7 +40,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
-LONGEST = {"test_conformance", "test_deferred", "test_generated", "test_queries", "test_trade", "test_view_page"}
+LONGEST = {
+    *("test_bvh_walk", "test_checkers", "test_conformance", "test_deferred", "test_generated", "test_layered"),
+    *("test_media", "test_packet_operations", "test_queries", "test_reduce", "test_view_page"),
+}
 """The files of tests that take a minute or so."""
 
 

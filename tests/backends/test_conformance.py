@@ -101,12 +101,16 @@ def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     agree(case, widths[drawn(case) % len(widths)])
 
 
+RARELY_WIDE = ("opencl-1", "opencl-16", "opencl-1", "opencl")
+"""One lane, as on a GPU, at every other case; a fourth at the width that a program gets by itself, which may be 64."""
+
+
 @pytest.mark.sampled(24)  # its driver compiles each for half a second; `test_packet_operations.py` has all in few
 @pytest.mark.parametrize("part", range(24))
 def test_operations_by_themselves_agree_on_opencl(part: int) -> None:
     """One lane is what a GPU runs. Its compiler derives numbers too; `python -m tests.drivers` runs the whole list."""
     for case in operations.ROWS[part::24]:
-        agree(case, ("opencl", "opencl-1")[drawn(case) % 2])
+        agree(case, RARELY_WIDE[drawn(case) % 4])
 
 
 def agree(case: Case, target: str) -> None:
@@ -171,7 +175,7 @@ def agree_at(precision: str, case: Case) -> None:
     """GLSL has no f64, and f16 no constants above 65504: both are refused."""
     other = replace(case, options={**case.options, "precision": precision})
     refused = {"glsl": r"no 64-bit floats|has no f64"} if precision == "f64" else case.refused
-    for target in ("numpy", ("opencl-1", "opencl")[drawn(case) % 2], "glsl"):
+    for target in ("numpy", RARELY_WIDE[drawn(case) % 4], "glsl"):
         try:
             found = other.run(target)
         except sh.CompileError as error:
