@@ -142,7 +142,9 @@ def session(largest: int) -> None:
 def sessions(mesh: Mesh, quick: bool) -> Table:
     """Measure processes of five programs by plain calls, cold and then warm, beside those with each backend pinned.
 
-    The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend.
+    The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
+    Each backend fills its own here: after a process in which no program paid for its compilation, "auto" has nothing
+    in its cache. Up to 2,000,000 elements, cold: 5.1 s of CPU, numpy 4.1 and OpenCL 3.3; warm: 3.3, 4.3 and 0.6.
     """
     rows, rounds = [], {}
     for largest in (1_000,) if quick else (10_000, 200_000, 2_000_000):
