@@ -18,7 +18,6 @@ slower, as where a graphics card spends its time on copies.
 from __future__ import annotations
 
 import importlib.util
-import multiprocessing
 import sys
 import threading
 import time
@@ -73,7 +72,7 @@ class AutoBackend:
     def compile(self, module: Module, options: Options) -> Executable:
         """Compile for numpy; where the bits are the same, OpenCL may follow."""
         quick = backend_named(QUICK).compile(module, replace(options, lanes="auto"))
-        may_follow = options.math in REPRODUCIBLE and multiprocessing.parent_process() is None
+        may_follow = options.math in REPRODUCIBLE and not _is_worker()
         return TieredExecutable(quick, module, options) if may_follow else quick
 
     def space(self, device: int | None) -> Space:
@@ -257,6 +256,12 @@ class TieredExecutable:
     def _refuse(self, reason: str) -> None:
         """Go on with numpy for good."""
         self._better, self._refusal = None, reason
+
+
+def _is_worker() -> bool:
+    """Return whether this is a process of `multiprocessing`, which then has the module; to import it takes 11 ms of CPU."""
+    process: Any = sys.modules.get("multiprocessing.process")
+    return process is not None and process.parent_process() is not None
 
 
 def _said(error: Exception) -> str:
