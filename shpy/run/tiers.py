@@ -259,7 +259,7 @@ class TieredExecutable:
 
 
 def _is_worker() -> bool:
-    """Return whether this is a process of `multiprocessing`, which then has the module; to import it takes 11 ms of CPU."""
+    """Return whether this is a process of `multiprocessing`, which then has the module: its import takes 11 ms."""
     process: Any = sys.modules.get("multiprocessing.process")
     return process is not None and process.parent_process() is not None
 
