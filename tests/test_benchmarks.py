@@ -199,11 +199,17 @@ def test_peers_have_processes_of_their_own(monkeypatch):
     assert [len(measured.seconds[name]) for name in names[:3]] == [2, 2, 2]
 
 
-def test_each_study_keeps_the_seconds_of_its_rounds(mesh):
-    for name in ("lights", "importing", "small-calls", "calls", "equal-error"):
-        table = command.STUDIES[name](mesh, True)
-        assert table.rounds
-        assert all(len(seconds) > 1 and min(seconds) > 0 for seconds in table.rounds.values()), name
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["lights", "small-calls", *(pytest.param(name, marks=SLOW) for name in ("importing", "calls", "equal-error"))],
+)
+def test_each_study_keeps_the_seconds_of_its_rounds(name, mesh):
+    table = command.STUDIES[name](mesh, True)
+    assert table.rounds
+    assert all(len(seconds) > 1 and min(seconds) > 0 for seconds in table.rounds.values())
 
 
 def test_the_page_of_answers_is_what_its_command_writes():
