@@ -123,8 +123,9 @@ def test_the_table_of_albedos_bounds_the_integrals():
 
 @pytest.mark.slow
 def test_the_table_is_the_file():
-    steps = np.rint(albedo_table().astype(np.float64) * 65535).astype(np.uint16)
-    np.testing.assert_array_equal(compute_table(), steps)
+    steps = np.rint(albedo_table().astype(np.float64) * 65535)
+    apart = np.abs(compute_table().astype(np.float64) - steps)
+    assert apart.max() <= 1  # one step of the file: another libm may round an integral to the other side
 
 
 BALL = sphere(1, rings=24, segments=48)
