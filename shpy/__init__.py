@@ -68,8 +68,9 @@ globals().update(TYPES | FUNCTIONS)
 
 # The modules and the names that `__getattr__` loads on first use, each name with its module: most programs use few.
 _MODULES = {
-    **{name: name for name in ("accuracy", "command", "files", "library", "packages", "screen", "testing", "view")},
+    **{name: name for name in ("accuracy", "command", "files", "library", "packages", "testing", "view")},
     "outputs": "pictures.outputs",
+    "screen": "display.screen",
     "videos": "pictures.videos",
 }
 _LATER = {

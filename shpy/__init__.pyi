@@ -20,7 +20,7 @@ from shpy import library as library
 from shpy import testing as testing
 from shpy import view as view
 from shpy.pictures import outputs as outputs
-from shpy import screen as screen
+from shpy.display import screen as screen
 from shpy.pictures import videos as videos
 from shpy.pictures.animation import animate as animate
 from shpy.notebook.live import widget as widget

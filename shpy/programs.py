@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, overload
 from shpy import algebra
 from shpy.backend.base import Options
 from shpy.backend.registry import CHOICES, default_backend
+from shpy.display.png import picture
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import is_int
 from shpy.ir.nodes import Module
@@ -38,7 +39,6 @@ from shpy.lang.recording.recorder import current_frame
 from shpy.lang.values.dependent import evaluate_with
 from shpy.lang.values.structure import Layout, leaves, type_of
 from shpy.passes.modes import MODES, PRECISIONS, REPRODUCIBLE, Math, Precision
-from shpy.png import picture
 from shpy.run.host import bind
 from shpy.run.kernel import Kernel
 from shpy.run.uniforms import evaluate

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image as pillow
 
 import shpy as sh
+from shpy.display.screen import pixels
 from shpy.pictures.videos import VideoError
-from shpy.screen import pixels
 
 gain = sh.Param(sh.Attrib1f, 1.0, name="gain", range=(0, 4))
 

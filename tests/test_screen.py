@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy.screen import Moment, filled, is_filled, pixels
+from shpy.display.screen import Moment, filled, is_filled, pixels
 
 MOMENT = Moment((5, 3), time=1.5, frame=7, mouse=(4, 2, -1, 2))
 

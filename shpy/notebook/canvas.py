@@ -20,9 +20,9 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
+from shpy.display.png import png
+from shpy.display.screen import Moment, pixels
 from shpy.notebook.drawn import Pixels, Running
-from shpy.png import png
-from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 
 

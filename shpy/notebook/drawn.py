@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from shpy.chains.chain import Chain
+from shpy.display.screen import Moment, moves, run_at
 from shpy.pictures.evolution import Evolution
 from shpy.programs import Program
-from shpy.screen import Moment, moves, run_at
 from shpy.view.kernels import Form, Kernels
 
 

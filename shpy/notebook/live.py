@@ -12,13 +12,13 @@ from typing import Any
 
 from shpy.backend.registry import NAMES, default_backend
 from shpy.chains.chain import Chain
+from shpy.display.screen import check_pictures
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.lang.recording.location import here
 from shpy.notebook.drawn import Pixels, Running
 from shpy.packages import install
 from shpy.passes.modes import Math
 from shpy.programs import Program
-from shpy.screen import check_pictures
 from shpy.view.kernels import Form
 
 

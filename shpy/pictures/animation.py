@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from shpy.chains.chain import Chain
 from shpy.command import progress_lines
+from shpy.display.screen import Moment, check_pictures, pixels, run_at
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.params import Param
 from shpy.lang.recording.location import here
@@ -26,7 +27,6 @@ from shpy.passes.modes import Math
 from shpy.pictures.evolution import Evolution
 from shpy.pictures.videos import FPS, writing
 from shpy.programs import Program
-from shpy.screen import Moment, check_pictures, pixels, run_at
 from shpy.streams.stream import Stream
 
 Frame = NDArray[np.uint8]

@@ -17,13 +17,13 @@ import numpy as np
 
 from shpy.chains.chain import Chain
 from shpy.chains.member import element_layout, is_gathered, stream_names
+from shpy.display.screen import Moment, check_pictures, filled, first_output, values_of
 from shpy.errors import ShpyTypeError
 from shpy.lang.data.tables import Table
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import here
 from shpy.programs import Program
 from shpy.run.host import common_shape, inputs as host_inputs
-from shpy.screen import Moment, check_pictures, filled, first_output, values_of
 from shpy.streams.elements import Shape
 from shpy.streams.stream import Stream
 

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from shpy.backend.base import Memory, Space
 from shpy.backend.registry import NAMES, backend as backend_named, default_place
+from shpy.display.png import png
+from shpy.display.screen import pixels
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import dtypes_at, is_int
@@ -29,8 +31,6 @@ from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
 from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
 from shpy.passes.modes import Precision
-from shpy.png import png
-from shpy.screen import pixels
 from shpy.streams.elements import InputLeaf, Shape, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
 from shpy.streams.methods import StreamReductions

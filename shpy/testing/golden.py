@@ -21,6 +21,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from shpy.display.png import png
+from shpy.display.screen import pixels
 from shpy.errors import ShpyError, ShpyTypeError
 from shpy.files import check_writable, replacing
 from shpy.ir.nodes import Loc, Module
@@ -29,9 +31,7 @@ from shpy.ir.traverse import walk
 from shpy.lang.recording.location import here
 from shpy.lang.recording.text import written
 from shpy.passes.modes import REPRODUCIBLE
-from shpy.png import png
 from shpy.programs import Program
-from shpy.screen import pixels
 from shpy.testing import defaults
 from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shpy.command import whole
+from shpy.display.screen import Moment, pixels
 from shpy.errors import ShpyError
 from shpy.files import check_writable, import_from, replacing
 from shpy.passes.modes import Math
-from shpy.screen import Moment, pixels
 from shpy.view.controls import Controls
 from shpy.view.kernels import Form, preferred
 from shpy.view.ongoing import Ongoing

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from shpy.screen import Moment
+from shpy.display.screen import Moment
 from shpy.view.kernels import Form
 
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from shpy.chains.chain import Chain, Repeat, Sequence
 from shpy.chains.member import Member
+from shpy.display.screen import Moment, first_output, is_filled, values_of
 from shpy.errors import ShpyError
 from shpy.pictures.evolution import extent, given_to, last_stream, stepped
 from shpy.programs import Program
 from shpy.run.background import Background
-from shpy.screen import Moment, first_output, is_filled, values_of
 from shpy.streams.stream import Stream
 from shpy.view.kernels import Form, Kernels
 from shpy.view.rounds import read_before

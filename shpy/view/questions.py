@@ -16,11 +16,11 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.display.png import png
+from shpy.display.screen import pixels
 from shpy.errors import ShpyError
 from shpy.lang.recording.text import written
 from shpy.packages import install
-from shpy.png import png
-from shpy.screen import pixels
 from shpy.tracing import Step
 from shpy.units import steps
 from shpy.view import oddities

@@ -16,9 +16,9 @@ import numpy as np
 from shpy.chains.chain import Chain, Sequence
 from shpy.chains.member import Member
 from shpy.chains.running import Run
+from shpy.display.screen import Moment
 from shpy.ieee import in_ieee_arithmetic
 from shpy.pictures.evolution import arguments_of
-from shpy.screen import Moment
 
 
 class _Watch(Chain):

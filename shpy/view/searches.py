@@ -14,8 +14,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from shpy.display.screen import Moment, filled
 from shpy.programs import Program
-from shpy.screen import Moment, filled
 from shpy.view.kernels import Form
 
 

@@ -17,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.display.screen import Moment, pixels
 from shpy.passes.modes import CONTRACTIONS
-from shpy.screen import Moment, pixels
 from shpy.view import oddities, questions
 from shpy.view.controls import Controls
 from shpy.view.frames import Frame, History

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from shpy.chains.chain import Chain, sequence
+from shpy.display.screen import check_pictures, unfilled
 from shpy.errors import CompileError, Loc, ShpyError
 from shpy.files import import_from
 from shpy.lang.recording.text import latest, text_of
 from shpy.programs import Program
-from shpy.screen import check_pictures, unfilled
 from shpy.view.reading import files_read, noted
 
 START, SHOW = "start", "show"

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from shpy.chains.chain import Chain
+from shpy.display.screen import Moment, filled, moves, run_at
 from shpy.programs import Program
-from shpy.screen import Moment, filled, moves, run_at
 from shpy.view.kernels import Form, Kernels
 from shpy.view.ongoing import Ongoing
 from shpy.view.source import OpenedFile

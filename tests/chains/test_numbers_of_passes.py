@@ -6,8 +6,8 @@ import pytest
 
 import shpy as sh
 from shpy.chains.running import Run
+from shpy.display.screen import Moment
 from shpy.pictures.evolution import Evolution
-from shpy.screen import Moment
 
 on_every_backend = pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 

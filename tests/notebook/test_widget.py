@@ -14,7 +14,7 @@ from PIL import Image as pillow
 from views import chromium, new_page
 
 import shpy as sh
-from shpy.screen import Moment, drawn, pixels
+from shpy.display.screen import Moment, drawn, pixels
 from shpy.view.kernels import Form
 
 WANTED = Form("opencl", "strict")

@@ -7,10 +7,10 @@ import pytest
 from pictured_chains import CHAINS, HEAD
 
 from shpy.chains.chain import sequence
+from shpy.display.screen import Moment
 from shpy.ir.interpreter import Interpreter
 from shpy.pictures.evolution import Evolution, last_stream
 from shpy.run.background import Background
-from shpy.screen import Moment
 from shpy.view.kernels import Form
 from shpy.view.ongoing import Ongoing
 from shpy.view.source import open_file

@@ -9,7 +9,7 @@ from pages import wait_until
 from patience import HANGING
 
 import shpy as sh
-from shpy.screen import Moment, run_at
+from shpy.display.screen import Moment, run_at
 from shpy.testing import observers
 from shpy.view import hub
 from shpy.view.kernels import Form

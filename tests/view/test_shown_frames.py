@@ -11,7 +11,7 @@ from PIL import Image as pillow
 
 import shpy as sh
 from shpy.cli import main
-from shpy.screen import pixels
+from shpy.display.screen import pixels
 from shpy.view import hub, oddities, wire
 from shpy.view.questions import _kept
 from shpy.view.session import Session

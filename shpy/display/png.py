@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from shpy.display.screen import Moment, PixelProgram, drawn, is_filled, pixels, unfilled
 from shpy.ir.traverse import grid_rank
 from shpy.lang.values.structure import Group, Leaf
-from shpy.screen import Moment, PixelProgram, drawn, is_filled, pixels, unfilled
 
 _SIZE: Final = (384, 384)
 """The width and height of a program's picture in pixels."""
