@@ -6741,6 +6741,28 @@ def any_lane(c: _Condition) -> Attrib1b:
 def all_lanes(c: _Condition) -> Attrib1b:
     """Return whether c holds for all active elements that execute this together with this one."""
 @overload
+def min_lane(x: Attrib1f) -> Attrib1f:
+    """Return the least x of all active elements that execute this together with this one; of NaNs, any number."""
+@overload
+def min_lane(x: Attrib1h) -> Attrib1h: ...
+@overload
+def min_lane(x: Attrib1d) -> Attrib1d: ...
+@overload
+def min_lane(x: Attrib1i) -> Attrib1i: ...
+@overload
+def min_lane(x: Attrib1u) -> Attrib1u: ...
+@overload
+def max_lane(x: Attrib1f) -> Attrib1f:
+    """Return the greatest x of all active elements that execute this together with this one; of NaNs, any number."""
+@overload
+def max_lane(x: Attrib1h) -> Attrib1h: ...
+@overload
+def max_lane(x: Attrib1d) -> Attrib1d: ...
+@overload
+def max_lane(x: Attrib1i) -> Attrib1i: ...
+@overload
+def max_lane(x: Attrib1u) -> Attrib1u: ...
+@overload
 def dFdx(x: Point1h) -> Vector1h:
     """Return the difference of x along the columns: at the odd column of a pair minus at the even one."""
 @overload
@@ -6962,6 +6984,12 @@ __all__ = [
     "Attrib4h",
     "Attrib4i",
     "Attrib4u",
+    "Attrib8b",
+    "Attrib8d",
+    "Attrib8f",
+    "Attrib8h",
+    "Attrib8i",
+    "Attrib8u",
     "BackendInfo",
     "BackendUnavailable",
     "Chain",
@@ -7121,6 +7149,8 @@ __all__ = [
     "mad",
     "map_blocks",
     "map_overlap",
+    "max_lane",
+    "min_lane",
     "mix",
     "mod",
     "mulhi",
