@@ -4681,6 +4681,30 @@ bvec2 = Attrib2b
 bvec3 = Attrib3b
 bvec4 = Attrib4b
 
+class Attrib8h(Value, Any):
+    """Eight binary16."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8f(Value, Any):
+    """Eight floats."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8d(Value, Any):
+    """Eight binary64."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8i(Value, Any):
+    """Eight ints."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8u(Value, Any):
+    """Eight unsigned ints."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8b(Value, Any):
+    """Eight bools."""
+    def __init__(self, *components: Any) -> None: ...
+
 class Matrix2f:
     """Two rows of two floats; `Matrix2f()` is the identity."""
 

@@ -53,7 +53,7 @@ TOGETHER = frozenset({"opencl"})
 SEVERAL = ("count", "list_hits", "list_more")
 """The queries for more than the nearest hit."""
 Way = Literal["any", "alone", "packets"]
-"""How rays of a query walk through a hierarchy: any rays in any range, or from 0 on scattered or alike ones."""
+"""The walk of a query through a hierarchy: for any rays and ranges, or from 0 on for scattered or for alike rays."""
 MANY = 6000
 """Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
 

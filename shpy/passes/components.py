@@ -69,7 +69,9 @@ def take_apart(module: Module, *, throughout: bool = False, sizes: Collection[in
 
 def has_long(module: Module) -> bool:
     """Return whether a function computes with vectors of eight."""
-    return any(t.type.size in LONG for f in module.functions for t in (*defined(f), *variables_of(f)))
+    functions = module.functions
+    types = [*(v.type for f in functions for v in defined(f)), *(v.type for f in functions for v in variables_of(f))]
+    return any(type.size in LONG for type in types)
 
 
 def _expressions(functions: Sequence[Function], throughout: bool, whole: Collection[int]) -> set[str]:

@@ -81,7 +81,7 @@ def test_packets_of_every_width(lanes):
 
 
 def test_boxes_that_are_not_there_are_not_met():
-    """Where all three signs differ nothing is known of any axis, and a node of two children has room for six more."""
+    """A node of two children has room for six more, and of rays with all signs nothing is known along any axis."""
     mesh = SCENES["one"]
     directions = np.float32([[1, 1, 1], [-1, -1, -1]] * 8)
     origins = np.float32([0.2, 0.2, 0]) - directions

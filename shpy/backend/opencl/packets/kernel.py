@@ -127,13 +127,12 @@ def _vectorised(
 
 def _has_varying_long(vector: VectorModule) -> bool:
     """Return whether a vector of eight differs from lane to lane: then all of them have to be split."""
-    functions = [f for f in vector.module.functions if f.name in vector.facts]
-    return any(
-        t.type.size in LONG and t.id in ids
-        for f in functions
-        for things, ids in ((defined(f), vector.facts[f.name].varying), (variables_of(f), vector.facts[f.name].slots))
-        for t in things
-    )
+    types: list[Type] = []
+    for f in vector.module.functions:
+        if (facts := vector.facts.get(f.name)) is not None:
+            types += [v.type for v in defined(f) if v.id in facts.varying]
+            types += [v.type for v in variables_of(f) if v.id in facts.slots]
+    return any(type.size in LONG for type in types)
 
 
 def _stay_together(module: Module) -> bool:
