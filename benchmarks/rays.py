@@ -96,7 +96,7 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 
 
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
-    """Trace rays that the kernel makes, with the walk of eye rays."""
+    """Trace rays that the kernel makes, with the walk that queries of alike rays take."""
     walk: Any = walk_with(*_structure(mesh), compiled.keywords.get("backend", "opencl"))
     if compiled.keywords == TARGETS["opencl"]:
         walk = PacketIntersector(*_structure(mesh))

@@ -8,8 +8,7 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 | grid beside objects | all                                         | GridBeside: the hierarchy, then the grid |
 | grid                | queries for several hits, closest points    | those of a hierarchy built for them      |
 | bvh                 | all that are named in no other row          | BvhIntersector, on OpenCL in packets     |
-| bvh                 | the eye's before scattered ones, and of     | PacketIntersector                        |
-|                     | queries alike ones; on OpenCL in f32        |                                          |
+| bvh                 | queries for alike rays, on OpenCL in f32    | PacketIntersector                        |
 | bvh                 | scattered, on OpenCL in f32; closest points | WideIntersector, each ray alone          |
 | cube, cubes         | all but the eye's                           | LayeredIntersector, each ray alone       |
 | cube, cubes         | the eye's                                   | that of the exact accelerator            |
@@ -126,21 +125,19 @@ def scene_walk(layout: Layout, backend: str, *, scattered: bool = False) -> Walk
     """
     bound = AheadBound(layout.roundoff)
     structure, forest = layout.structure, layout.forest
-    if (
-        scattered
-        and layout.secondary is None
-        and isinstance(structure, Bvh)
-        and len(structure.items) >= MANY
-        and has_wide(structure, backend, forest)
-    ):
-        packets = PacketIntersector(structure, layout.triangles, bound, backend)
-        return SplitWalk(packets, AloneWalk(WideIntersector(structure, packets.triangles, bound, backend)))
     exact = walk_with(structure, layout.triangles, backend, bound, forest)
     if layout.secondary is not None:
         notes = layout.secondary.options["shading"] == "deferred"
         secondary = LayeredIntersector(layout.secondary, layout.triangles, bound, notes=notes)
         secondary.triangles = exact.triangles  # one table for both
         return SplitWalk(exact, secondary)
+    if (
+        scattered
+        and isinstance(structure, Bvh)
+        and len(structure.items) >= MANY
+        and has_wide(structure, backend, forest)
+    ):
+        return SplitWalk(exact, AloneWalk(WideIntersector(structure, exact.triangles, bound, backend)))
     return exact
 
 

@@ -5,15 +5,14 @@ import pytest
 from scene_pictures import same_arrays
 from test_bvh_walk import MESHES, rays
 
-from raytracer import Camera, Intersector, Mesh, Path, PointLight, Scene, render
+from raytracer import Intersector, Mesh
 from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
-from raytracer.kernels import queries, walk as walks
+from raytracer.kernels import queries
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.packet_walk import PacketIntersector
 from raytracer.kernels.triangle import AheadBound
 from raytracer.kernels.wide_walk import WideIntersector
-from raytracer.meshes.shapes import knot
 
 RNG = np.random.default_rng(41)
 
@@ -106,17 +105,3 @@ def test_queries_of_alike_rays_walk_so():
     assert {key[1] for key in shoot._kernels} == {"packets"}
     same_arrays(shoot.intersect(origins, fan, -9.0), brute.intersect(origins, fan, -9.0))
     assert {key[1] for key in shoot._kernels} == {"packets", "any"}
-
-
-def test_paths_begin_with_such_walks(monkeypatch):
-    scene = Scene([knot(segments=170, sides=18)], (PointLight((4, 5, 6), (30, 30, 30)),), Camera((0, 0, 9)))
-    made = []
-    monkeypatch.setattr(walks, "PacketIntersector", lambda *args: made.append(args) or PacketIntersector(*args))
-    options = {"size": (24, 20), "backend": "opencl", "integrator": Path(samples=2, bounces=2)}
-    picture = render(scene, **options)
-    assert len(made) == 1
-    monkeypatch.setattr(walks, "MANY", 10**9)
-    other = render(scene, **options)
-    assert len(made) == 1
-    np.testing.assert_array_equal(picture.pixels, other.pixels)
-    assert picture.pixels.any()
