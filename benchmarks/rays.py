@@ -20,6 +20,7 @@ from benchmarks.work import TARGETS, Work
 from raytracer import Camera, Intersector, Mesh, PointLight, Scene
 from raytracer.accel.choice import build
 from raytracer.accel.space import triangle_rows
+from raytracer.kernels.packet_walk import PacketIntersector
 from raytracer.kernels.walk import walk_with
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.rays import alike
@@ -95,8 +96,10 @@ def _answer(hit: Any, any_hit: bool) -> Any:
 
 
 def ours_primary(compiled: Any, size: int, mesh: Mesh, any_hit: bool) -> Any:
-    """Trace rays that the kernel makes."""
-    walk = walk_with(*_structure(mesh), compiled.keywords.get("backend", "opencl"))
+    """Trace rays that the kernel makes, with the walk that queries of alike rays take."""
+    walk: Any = walk_with(*_structure(mesh), compiled.keywords.get("backend", "opencl"))
+    if compiled.keywords == TARGETS["opencl"]:
+        walk = PacketIntersector(*_structure(mesh))
     eye, corner, across, down = (tuple(v) for v in view(mesh, size))
 
     @sh.program

@@ -29,7 +29,7 @@ from raytracer.errors import SceneError, users_line
 from raytracer.kernels import component, nearby, queries
 from raytracer.kernels.component import Component, Surfaces, TracedHit, ray_values
 from raytracer.kernels.triangle import AheadBound
-from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, lanes_of
+from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, Way, lanes_of
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
@@ -417,23 +417,23 @@ class Intersector:
 
     def _kernel(self, name: str, rays: Rays, leaving: bool, exact: bool) -> Any:
         """Return the kernel for these rays, with one lane where they diverge; rays through a cube always diverge."""
-        key = name, self._walks_alone(rays), leaving, exact
+        key = name, self._way(rays), leaving, exact
         if key not in self._kernels:
             structure = self._geometry.structure
             if name in SEVERAL and isinstance(structure, LayeredCube | PlacedCubes):
                 raise SceneError('a layered depth cube finds the nearest hit alone: count hits with accel="bvh"')
-            walk = self._walks.walk_for(name, self._ahead(leaving, START), alone=key[1])
-            lanes = lanes_of(self._target, structure, alone=key[1])
+            walk = self._walks.walk_for(name, self._ahead(leaving, START), key[1])
+            lanes = lanes_of(self._target, structure, alone=key[1] == "alone")
             self._kernels[key] = getattr(queries, name)(walk, exact).compile(**self._options, **lanes)
         return self._kernels[key]
 
-    def _walks_alone(self, rays: Rays) -> bool:
-        """Return True if rays diverge, so that each walks through the BVH in a packet of one lane."""
+    def _way(self, rays: Rays) -> Way:
+        """Return how rays walk: where they diverge, each goes through the BVH in a packet of one lane."""
         structure, frame = self._geometry.structure, self._geometry.frame
         if not self._walks.has_wide or not isinstance(structure, Bvh) or np.any(rays.near < 0):
-            return False
+            return "any"
         low, high = (side[0] / frame.scale + frame.origin for side in (structure.low, structure.high))
-        return not alike(rays.eye, rays.ray, low, high)
+        return "packets" if alike(rays.eye, rays.ray, low, high) else "alone"
 
     @cached_property
     def _walks(self) -> QueryWalks:

@@ -4681,6 +4681,30 @@ bvec2 = Attrib2b
 bvec3 = Attrib3b
 bvec4 = Attrib4b
 
+class Attrib8h(Value, Any):
+    """Eight binary16."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8f(Value, Any):
+    """Eight floats."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8d(Value, Any):
+    """Eight binary64."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8i(Value, Any):
+    """Eight ints."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8u(Value, Any):
+    """Eight unsigned ints."""
+    def __init__(self, *components: Any) -> None: ...
+
+class Attrib8b(Value, Any):
+    """Eight bools."""
+    def __init__(self, *components: Any) -> None: ...
+
 class Matrix2f:
     """Two rows of two floats; `Matrix2f()` is the identity."""
 
@@ -6741,6 +6765,28 @@ def any_lane(c: _Condition) -> Attrib1b:
 def all_lanes(c: _Condition) -> Attrib1b:
     """Return whether c holds for all active elements that execute this together with this one."""
 @overload
+def min_lane(x: Attrib1f) -> Attrib1f:
+    """Return the least x of all active elements that execute this together with this one; of NaNs, any number."""
+@overload
+def min_lane(x: Attrib1h) -> Attrib1h: ...
+@overload
+def min_lane(x: Attrib1d) -> Attrib1d: ...
+@overload
+def min_lane(x: Attrib1i) -> Attrib1i: ...
+@overload
+def min_lane(x: Attrib1u) -> Attrib1u: ...
+@overload
+def max_lane(x: Attrib1f) -> Attrib1f:
+    """Return the greatest x of all active elements that execute this together with this one; of NaNs, any number."""
+@overload
+def max_lane(x: Attrib1h) -> Attrib1h: ...
+@overload
+def max_lane(x: Attrib1d) -> Attrib1d: ...
+@overload
+def max_lane(x: Attrib1i) -> Attrib1i: ...
+@overload
+def max_lane(x: Attrib1u) -> Attrib1u: ...
+@overload
 def dFdx(x: Point1h) -> Vector1h:
     """Return the difference of x along the columns: at the odd column of a pair minus at the even one."""
 @overload
@@ -6962,6 +7008,12 @@ __all__ = [
     "Attrib4h",
     "Attrib4i",
     "Attrib4u",
+    "Attrib8b",
+    "Attrib8d",
+    "Attrib8f",
+    "Attrib8h",
+    "Attrib8i",
+    "Attrib8u",
     "BackendInfo",
     "BackendUnavailable",
     "Chain",
@@ -7121,6 +7173,8 @@ __all__ = [
     "mad",
     "map_blocks",
     "map_overlap",
+    "max_lane",
+    "min_lane",
     "mix",
     "mod",
     "mulhi",

@@ -6,7 +6,7 @@ All backends give the same numbers.
 
 >>> low, high = np.zeros((3, 3)), np.ones((3, 3))
 >>> start, count, left, right = np.array([[0, 0, 3], [6, 3, 3], [1, -1, -1], [2, -1, -1]])
->>> [found] = families(Binary(low, high, start, count, left, right), "numpy")
+>>> [found] = families(Binary(low, high, start, count, left, right), 4, "numpy")
 >>> found.tolist()
 [[1, 2, -1, -1, -1, -1, -1, -1]]
 """
@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 WIDTH = 8
 """Children of a wide node."""
 HALF = 4
-"""Numbers in a row of a table; also the most triangles in a leaf."""
+"""Numbers in a row of a table."""
 _BITS = 3
 """Bits for a number of boxes below `WIDTH`."""
 
@@ -47,21 +47,24 @@ class Binary:
     right: Ints
 
 
-def families(tree: Binary, backend: str) -> list[Ints]:
-    """Return for each level the children (n, WIDTH) of each wide node, as nodes of `tree`; -1 fills the rest."""
+def families(tree: Binary, leaf: int, backend: str) -> list[Ints]:
+    """Return for each level the children (n, WIDTH) of each wide node, as nodes of `tree`; -1 fills the rest.
+
+    A node of at most `leaf` items is a leaf.
+    """
     rows = np.zeros((len(tree.count), 4), np.int32)
-    rows[:, 0], rows[:, 1], rows[:, 2] = tree.left, tree.right, _shares(tree, backend)
+    rows[:, 0], rows[:, 1], rows[:, 2] = tree.left, tree.right, _shares(tree, leaf, backend)
     table, kernel = sh.Table(constant(rows), sh.Attrib4i, copy=False), family.on(backend)
     levels = []
     nodes = np.zeros(1, np.int32)
     while len(nodes):
         children = np.concatenate(kernel(nodes, table), axis=1)
         levels.append(children.astype(np.int64))
-        nodes = children[(children >= 0) & (tree.count[children] > HALF)]
+        nodes = children[(children >= 0) & (tree.count[children] > leaf)]
     return levels
 
 
-def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
+def _shares(tree: Binary, leaf: int, backend: str) -> NDArray[np.int32]:
     """Return for each node how many of 2 to `WIDTH` boxes its left child gets, in `_BITS` bits per number.
 
     A number is 0 where one box for the whole node costs less. The costs are computed from the bottom up. In k > 1 boxes
@@ -73,12 +76,12 @@ def _shares(tree: Binary, backend: str) -> NDArray[np.int32]:
     area[area < np.finfo(np.float32).tiny] = 0  # a GPU may flush denormals to 0
     levels = [np.zeros(1, np.int64)]
     while len(levels[-1]):
-        nodes = levels[-1][tree.count[levels[-1]] > HALF]
+        nodes = levels[-1][tree.count[levels[-1]] > leaf]
         levels.append(np.stack([tree.left[nodes], tree.right[nodes]], axis=1).reshape(-1))
     shares = np.zeros(len(area), np.int32)
     below = [np.zeros((1, HALF), np.float32)] * 2
     for nodes in levels[-2::-1]:
-        inner = tree.count[nodes] > HALF
+        inner = tree.count[nodes] > leaf
         first = np.where(inner, 2 * np.cumsum(inner) - 2, -1).astype(np.int32)
         tables = [sh.Table(constant(cost), sh.Attrib4f, copy=False) for cost in below]
         *below, shares[nodes] = share.on(backend)(area[nodes], first, *tables)

@@ -1,22 +1,25 @@
-"""The hierarchy with eight boxes a node and four triangles a leaf: one ray tests them on vectors of four.
+"""The hierarchy with eight boxes a node and eight triangles a leaf: one ray tests them on vectors of eight.
 
-Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. A node with four triangles
+Stage: accelerate. Takes a `Bvh` and the corners of its triangles, gives a `WideBvh`. A node with eight triangles
 or fewer is a leaf. A wide node replaces up to seven binary nodes, which `families` chooses.
 
 >>> from raytracer.accel.ploc import build_bvh
 >>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3, 4), np.ones(1))
->>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[1, NUMBERS].tolist()
-((2, 16, 4), 1, [0, 4294967295, 4294967295, 4294967295])
+>>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[1, 2 * NUMBERS].tolist()
+((3, 16, 4), 1, [0, 4294967295, 4294967295, 4294967295])
+
+`wide_nodes` gives the nodes alone, for packets, whose leaves are those of the `Bvh`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.bvh import COUNT_BITS, Bvh, target_for
+from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF, Bvh, target_for
 from raytracer.accel.families import HALF, WIDTH, Binary, families
 from raytracer.accel.planes import constant, copy_columns, parts
 
@@ -24,15 +27,19 @@ Ints = NDArray[np.int64]
 Words = NDArray[np.uint32]
 
 ROWS = 16
-"""Rows of a record, whether it is a node or a block."""
+"""Rows of a record of four words each; a node has one record, a block two."""
+BLOCK = 8
+"""The most triangles of a block."""
 TAGS, FIRST = 12, 14
 """Rows of a node: after two rows for each lower and each upper side."""
 NUMBERS = 9
-"""Row of a block: after three rows for each corner."""
+"""Row pair of a block: after three pairs for each corner."""
 NORMALS, LEVEL = 10, 13
-"""Rows of a block: three for the unit normal, and one for the plane's level."""
-LEAF = 8
-"""Bit of a tag: the box is that of a block. The bits below it are a number among its siblings."""
+"""Row pairs of a block: three for the unit normal, and one for the plane's level."""
+LEAF = 16
+"""Bit of a tag: the box is that of a block. The bits below it are a number among its siblings' records."""
+SIBLINGS = 2 * WIDTH
+"""Records of a node's children, at most."""
 RECORDS = 1024
 """Records of a table, at least.
 
@@ -47,11 +54,11 @@ class WideBvh:
 
     `table` begins with the records; others follow, so that it has the children of every record up to `last`.
 
-    The first record is a node, the others nodes and blocks, siblings side by side. A node: the lower sides of its eight
-    boxes along x, y and z as floats, the upper sides, the boxes' tags, and the number of its first child's record. A
-    box that is not there is inside out. A block: x, y and z of four triangles' first corners, of the second, of the
-    third, their numbers, unit normals and levels (see `planes.levels_of`); one that is not there has no area and the
-    number -1.
+    The first record is a node, the others nodes and blocks, siblings side by side; a block takes two. A node: the lower
+    sides of its eight boxes along x, y and z as floats, the upper sides, the boxes' tags, and the number of its first
+    child's record. A box that is not there is inside out. A block: x, y and z of eight triangles' first corners, of the
+    second, of the third, their numbers, unit normals and levels (see `planes.levels_of`), two rows each; one that is
+    not there has no area and the number -1.
     """
 
     table: Words
@@ -80,18 +87,62 @@ def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], ba
     same for every backend on which nodes are chosen.
     """
     tree = _binary(bvh)
-    generations = families(tree, target_for(len(bvh.items), backend))
+    generations = families(tree, BLOCK, target_for(len(bvh.items), backend))
     children = np.concatenate(generations)
     there = children >= 0
     kids = children[there]
-    is_block = np.concatenate([[False], tree.count[kids] <= HALF])
-    count = len(is_block)
-    table = np.zeros((_last(count) + WIDTH, ROWS, HALF), np.uint32)
-    table[np.flatnonzero(~is_block)] = _nodes(tree, children)
-    blocks = kids[is_block[1:]]
-    items = _block_items(bvh, tree.start[blocks], tree.count[blocks])
-    _put_blocks(table, np.flatnonzero(is_block), items, _words(rows, levels))
+    is_block = tree.count[kids] <= BLOCK
+    size = 1 + is_block
+    place = 1 + np.cumsum(size) - size
+    count = 1 + int(size.sum())
+    table = np.zeros((_last(count) + SIBLINGS + 1, ROWS, HALF), np.uint32)
+    nodes = np.zeros((len(children), ROWS, HALF), np.uint32)
+    _put_sides(nodes, tree, children)
+    blocks = tree.count[children] <= BLOCK
+    sizes = np.where(there, 1 + blocks, 0)
+    tags = np.cumsum(sizes, axis=1) - sizes | np.where(blocks, LEAF, 0)
+    family = sizes.sum(axis=1)
+    nodes[:, TAGS:FIRST] = np.where(there, tags, 0).reshape(-1, 2, HALF)
+    nodes[:, FIRST, 0] = np.cumsum(family) - family + 1
+    table[np.concatenate([[0], place[~is_block]])] = nodes
+    leaves = kids[is_block]
+    items = _block_items(bvh, tree.start[leaves], tree.count[leaves])
+    _put_blocks(table, place[is_block], items, _words(rows, levels))
     return WideBvh(constant(table), count, len(generations))
+
+
+class WideNodes(NamedTuple):
+    """Nodes of eight boxes over the leaves of a `Bvh`.
+
+    `table` (n, 16, 4) has the rows of a node's record: a tag counts the nodes or the leaves before it among its
+    siblings, and row FIRST has the numbers of the first node and of the first leaf. `leaves` (L,) are the leaves as
+    nodes of the `Bvh`. `last` is the number to which kernels clamp those of nodes, `depth` the number of levels.
+    """
+
+    table: Words
+    leaves: Ints
+    last: int
+    depth: int
+
+
+def wide_nodes(bvh: Bvh, backend: str = "numpy") -> WideNodes:
+    """Return the nodes of eight boxes for a hierarchy; the same for every backend on which they are chosen."""
+    tree = _binary(bvh)
+    generations = families(tree, MAX_LEAF, target_for(len(bvh.items), backend))
+    children = np.concatenate(generations)
+    there = children >= 0
+    is_leaf = there & (tree.count[children] <= MAX_LEAF)
+    is_node = there & ~is_leaf
+    last = _last(len(children))
+    table = np.zeros((last + WIDTH, ROWS, HALF), np.uint32)
+    _put_sides(table[: len(children)], tree, children)
+    tags = np.where(is_leaf, LEAF, 0)
+    for first, (kind, before) in enumerate(((is_node, 1), (is_leaf, 0))):
+        tags[kind] |= (np.cumsum(kind, axis=1) - 1)[kind]
+        family = kind.sum(axis=1)
+        table[: len(children), FIRST, first] = np.cumsum(family) - family + before
+    table[: len(children), TAGS:FIRST] = tags.reshape(-1, 2, HALF)
+    return WideNodes(constant(table), children[is_leaf], last, len(generations))
 
 
 def _binary(bvh: Bvh) -> Binary:
@@ -106,25 +157,19 @@ def _binary(bvh: Bvh) -> Binary:
     return Binary(bvh.low, bvh.high, before[:-1], before[end] - before[:-1], left, right)
 
 
-def _nodes(tree: Binary, children: Ints) -> Words:
-    """Return the records of nodes with these children (n, WIDTH), whose own records follow in this order."""
-    there = children >= 0
+def _put_sides(nodes: Words, tree: Binary, children: Ints) -> None:
+    """Write the sides of the boxes of children (n, WIDTH) into the records (n, ROWS, HALF) of their nodes."""
+    there = (children >= 0)[:, None]
     sides = np.empty((len(children), 2, 3, WIDTH), np.float32)
-    sides[:, 0] = np.where(there[:, None], tree.low[children].transpose(0, 2, 1), _FAR)
-    sides[:, 1] = np.where(there[:, None], tree.high[children].transpose(0, 2, 1), -_FAR)
-    tags = np.cumsum(there, axis=1) - 1 | np.where(tree.count[children] <= HALF, LEAF, 0)
-    family = there.sum(axis=1)
-    nodes = np.zeros((len(children), ROWS, HALF), np.uint32)
+    sides[:, 0] = np.where(there, tree.low[children].transpose(0, 2, 1), _FAR)
+    sides[:, 1] = np.where(there, tree.high[children].transpose(0, 2, 1), -_FAR)
     nodes[:, :TAGS].view(np.float32)[:] = sides.reshape(-1, TAGS, HALF)
-    nodes[:, TAGS:FIRST] = np.where(there, tags, 0).reshape(-1, 2, HALF)
-    nodes[:, FIRST, 0] = np.cumsum(family) - family + 1
-    return nodes
 
 
 def _block_items(bvh: Bvh, start: Ints, count: Ints) -> Ints:
-    """Return the numbers (n, 4) of the triangles of leaves, -1 where there is none."""
-    place = start[:, None] + np.arange(HALF)
-    there = np.arange(HALF) < count[:, None]
+    """Return the numbers (n, 8) of the triangles of leaves, -1 where there is none."""
+    place = start[:, None] + np.arange(BLOCK)
+    there = np.arange(BLOCK) < count[:, None]
     return np.where(there, bvh.items[np.minimum(place, len(bvh.items) - 1)], -1)
 
 
@@ -142,6 +187,9 @@ def _words(rows: NDArray[np.floating], levels: NDArray[np.floating]) -> Words:
 
 
 def _put_blocks(table: Words, places: Ints, items: Ints, words: Words) -> None:
-    """Write the records at `places` of blocks of the triangles `items` (n, 4), a cache's content at a time."""
+    """Write the record pairs at `places` of blocks of the triangles `items` (n, 8), a cache's content at a time."""
     for part in parts(len(places)):
-        table[places[part], : LEVEL + 1] = words.take(items[part], axis=0, mode="wrap").transpose(0, 2, 1)
+        pairs = np.zeros((len(items[part]), ROWS, BLOCK), np.uint32)
+        pairs[:, : LEVEL + 1] = words.take(items[part], axis=0, mode="wrap").transpose(0, 2, 1)
+        records = pairs.reshape(-1, 2, ROWS, HALF)
+        table[places[part]], table[places[part] + 1] = records[:, 0], records[:, 1]

@@ -39,10 +39,7 @@ class BvhIntersector(Walk):
     def __init__(self, bvh: Bvh, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
         self.bound = bound
         self.triangles = Triangles.of(triangles, bvh.low.dtype)
-        rows, levels = self.triangles.sources
-        leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
-        self.items = sh.Table(bvh.items, sh.Attrib1i, "items", unique=False)
-        self.leaves = Triangles(leaves, "leaves", self.items, levels[bvh.items], copy=False)
+        self.items, self.leaves = leaf_tables(bvh, self.triangles)
         self.boxes = sh.Table(box_rows(bvh.low, bvh.high), sh.Attrib4f, "boxes", copy=False, unique=False)
         first, past = bvh.links.reshape(-1, 2).T
         self.first = sh.Table(first, sh.Attrib1i, "first", unique=False)
@@ -115,7 +112,7 @@ class BvhIntersector(Walk):
                     node[:] = link
             # The box is tested once more: a mask that is kept from the loop would cost more in each iteration.
             with SH_IF((leaf > 0) & self.meets(box, there, reach)):
-                self.try_leaf(leaf, near, test, hit)
+                try_leaf(self.leaves, leaf, near, test, hit)
                 reach[:] = farther(hit.l)
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))
 
@@ -123,14 +120,23 @@ class BvhIntersector(Walk):
         """Return True if the ray meets a node's box before `reach`."""
         return box(self.boxes[2 * node].xyz, self.boxes[2 * node + 1].xyz, reach)
 
-    def try_leaf(self, leaf: Any, near: Any, test: TriangleTest, hit: RayHit) -> None:
-        """Try the triangles of a leaf."""
-        item = leaf >> COUNT_BITS
-        end = item + (leaf & ((1 << COUNT_BITS) - 1))
-        with SH_DO():
-            test(self.leaves, item, near, hit)
-            item += 1
-            SH_UNTIL(item >= end)
+
+def leaf_tables(bvh: Bvh, triangles: Triangles) -> tuple[Any, Triangles]:
+    """Return the table of the triangles' numbers leaf by leaf, and tables of the triangles in this order."""
+    rows, levels = triangles.sources
+    leaves = constant(rows.reshape(-1, 12).take(bvh.items, axis=0)).reshape(-1, 4)
+    items = sh.Table(bvh.items, sh.Attrib1i, "items", unique=False)
+    return items, Triangles(leaves, "leaves", items, levels[bvh.items], copy=False)
+
+
+def try_leaf(leaves: Triangles, leaf: Any, near: Any, test: TriangleTest, hit: RayHit) -> None:
+    """Try the triangles of a leaf."""
+    item = leaf >> COUNT_BITS
+    end = item + (leaf & ((1 << COUNT_BITS) - 1))
+    with SH_DO():
+        test(leaves, item, near, hit)
+        item += 1
+        SH_UNTIL(item >= end)
 
 
 def box_rows(low: Any, high: Any) -> Any:

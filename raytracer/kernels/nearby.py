@@ -1,4 +1,4 @@
-"""The point of a mesh that is closest to a given one: eight boxes at a time, and four triangles at a time.
+"""The point of a mesh that is closest to a given one: eight boxes at a time, and eight triangles at a time.
 
 Stage: kernel. The walk is `wide_walk`'s for the nearest hit; in place of distances along a ray it compares squares of
 distances from the point.
@@ -14,14 +14,13 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import FAR, highest
-from raytracer.accel.families import HALF
-from raytracer.accel.wide import NORMALS, NUMBERS, TAGS
+from raytracer.accel.wide import BLOCK, NORMALS, NUMBERS, TAGS
 from raytracer.kernels.triangle import product
-from raytracer.kernels.wide_walk import WideIntersector, keys_of
+from raytracer.kernels.wide_walk import WideIntersector, both_rows, floats, keys_of
 from shpy import SH_IF
 
 Axes = list[Any]
-"""Coordinates along x, y and z, each of four triangles or boxes."""
+"""Coordinates along x, y and z, each of eight triangles or boxes."""
 
 
 class ClosestWay(NamedTuple):
@@ -47,29 +46,26 @@ class BoxDistances:
     def __init__(self, point: Any) -> None:
         self.point = point
 
-    def keys(self, records: Any, row: Any, reach: Any) -> list[Any]:
-        """Return the keys of a node's boxes, in two halves; see `keys_of`."""
-        boxes = []
-        for half in range(2):
-            sides = []
-            for axis in range(3):
-                low, high = (sh.float_from_bits(records[row + (side + half)]) for side in (2 * axis, 2 * axis + 6))
-                sides.append(highest(low - self.point[axis], self.point[axis] - high, sh.Attrib4f(0)))
-            begin = product(sides, sides)
-            boxes.append((begin, begin <= reach, records[row + (TAGS + half)]))
-        return keys_of(boxes)
+    def keys(self, records: Any, row: Any, reach: Any) -> Any:
+        """Return the keys of a node's boxes; see `keys_of`."""
+        sides = []
+        for axis in range(3):
+            low, high = (floats(records, row + side) for side in (2 * axis, 2 * axis + 6))
+            sides.append(highest(low - self.point[axis], self.point[axis] - high, sh.Attrib8f(0)))
+        begin = product(sides, sides)
+        return keys_of(begin, begin <= reach, both_rows(records, row + TAGS))
 
 
 class TriangleDistances:
-    """The points of four triangles at a time that are closest to a point."""
+    """The points of eight triangles at a time that are closest to a point."""
 
     def __init__(self, point: Any) -> None:
         self.point = point
 
     def __call__(self, records: Any, row: Any, best: ClosestPoint) -> None:
         """Store the closest of a block's triangles in `best` if it is closer, or as close and of a lower number."""
-        corners = [[sh.float_from_bits(records[row + (3 * k + axis)]) for axis in range(3)] for k in range(3)]
-        normal = [sh.float_from_bits(records[row + (NORMALS + k)]) for k in range(3)]
+        corners = [[floats(records, row + 2 * (3 * k + axis)) for axis in range(3)] for k in range(3)]
+        normal = [floats(records, row + 2 * (NORMALS + k)) for k in range(3)]
         starts = [[corner[axis] - self.point[axis] for axis in range(3)] for corner in corners]
         sides = [[corners[k - 2][axis] - corners[k][axis] for axis in range(3)] for k in range(3)]
         first, *others = (on_segment(start, side) for start, side in zip(starts, sides, strict=True))
@@ -79,8 +75,8 @@ class TriangleDistances:
             closer = there & (square < least)
             least = sh.cond(closer, square, least)
             way = [sh.cond(closer, new, old) for new, old in zip(other, way, strict=True)]
-        numbers = sh.Attrib4i(records[row + NUMBERS])
-        for k in range(HALF):
+        numbers = sh.Attrib8i(both_rows(records, row + 2 * NUMBERS))
+        for k in range(BLOCK):
             nearer = (least[k] < best.l) | ((least[k] == best.l) & (numbers[k] < best.id))
             with SH_IF((numbers[k] >= 0) & nearer):
                 best.l[:] = least[k]

@@ -7,14 +7,16 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 | grid, brute         | all                                         | GridIntersector                          |
 | grid beside objects | all                                         | GridBeside: the hierarchy, then the grid |
 | grid                | queries for several hits, closest points    | those of a hierarchy built for them      |
-| bvh                 | much in common with their neighbours        | BvhIntersector, on OpenCL in packets     |
+| bvh                 | all that are named in no other row          | BvhIntersector, on OpenCL in packets     |
+| bvh                 | queries for alike rays, on OpenCL in f32    | PacketIntersector                        |
 | bvh                 | scattered, on OpenCL in f32; closest points | WideIntersector, each ray alone          |
 | cube, cubes         | all but the eye's                           | LayeredIntersector, each ray alone       |
 | cube, cubes         | the eye's                                   | that of the exact accelerator            |
 
-A hierarchy in which objects move has no wide form: its nodes gather boxes of several levels and lie in the order of the
-whole hierarchy, so that no part of them belongs to one object and could be replaced by itself. Rays of pictures are
-scattered after matt surfaces and in glass; the rays of a query are judged by `rays.alike`.
+The walks of eight boxes at a time begin at 0 or beyond. A hierarchy in which objects move has no wide form: its nodes
+gather boxes of several levels and lie in the order of the whole hierarchy, so that no part of them belongs to one
+object and could be replaced by itself. Rays of pictures are scattered after matt surfaces and in glass; the rays of a
+query are judged by `rays.alike`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -35,6 +37,7 @@ from raytracer.accel.space import WORKING, Rows
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridBeside, GridIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
+from raytracer.kernels.packet_walk import PacketIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, TouchingHit, Triangles, Walk
 from raytracer.kernels.wide_walk import WideIntersector
 from raytracer.layered.cube import LayeredCube
@@ -48,6 +51,8 @@ TOGETHER = frozenset({"opencl"})
 """Backends on which rays that run side by side share their traversal: packets of up to 16, not numpy's tiles."""
 SEVERAL = ("count", "list_hits", "list_more")
 """The queries for more than the nearest hit."""
+Way = Literal["any", "alone", "packets"]
+"""The walk of a query through a hierarchy: for any rays and ranges, or from 0 on for scattered or for alike rays."""
 MANY = 6000
 """Triangles from which on scattered rays walk faster alone; measured: it is between 2,400 and 10,000."""
 
@@ -153,7 +158,7 @@ def walk_with(
 
 
 def has_wide(structure: Any, backend: str, forest: Forest | None) -> bool:
-    """Return whether rays may walk through the wide form of a hierarchy alone."""
+    """Return whether rays may walk through the wide form of a hierarchy, in packets or alone."""
     is_single = isinstance(structure, Bvh) and structure.low.dtype == np.float32
     return is_single and backend in TOGETHER and forest is None
 
@@ -177,10 +182,10 @@ class QueryWalks:
         self.structure, self.corners, self.rows, self.backend, self.moved = structure, corners, rows, backend, moved
         self.floats = WORKING[precision]
 
-    def walk_for(self, query: str, bound: AheadBound | None, *, alone: bool) -> Walk:
-        """Return the walk for a query of this name, of rays that walk alone or in packets."""
-        if alone:
-            return self.wide.bounded(bound)
+    def walk_for(self, query: str, bound: AheadBound | None, way: Way = "any") -> Walk:
+        """Return the walk for a query of this name, of rays that go this way."""
+        if way != "any":
+            return (self.wide if way == "alone" else self.packets).bounded(bound)
         # A grid of several cells may visit a triangle twice.
         if query in SEVERAL and isinstance(self.structure, Grid) and self.structure.shape != (1, 1, 1):
             return walk_with(self.tree, self.tree_triangles, self.backend, bound)
@@ -188,13 +193,18 @@ class QueryWalks:
 
     @property
     def has_wide(self) -> bool:
-        """Return whether scattered rays walk alone."""
+        """Return whether scattered rays walk alone, and alike ones as packets."""
         return self.moved is None and has_wide(self.structure, self.backend, None)
 
     @cached_property
     def walk(self) -> Walk:
-        """The walk of packets of coherent rays: rays that walk alone do not need it."""
+        """The walk of any rays: those that walk otherwise do not need it."""
         return walk_with(self.structure, self.triangles, self.backend) if self.moved is None else self.moved
+
+    @cached_property
+    def packets(self) -> PacketIntersector:
+        """The walk of alike rays."""
+        return PacketIntersector(self.tree, self.tree_triangles, backend=self.backend)
 
     @cached_property
     def wide(self) -> WideIntersector:

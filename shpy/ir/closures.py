@@ -350,7 +350,7 @@ class Compiler:
                 return _lanes(args[0], op == "any_lane")
             case "lane_mask", _:
                 return lambda frame: np.True_
-            case "lane_any", _:
+            case (("lane_any" | "min_lane" | "max_lane" | "lane_min" | "lane_max"), _):
                 return lambda frame: frame[args[0]]
             case "half", _:
                 return lambda frame: frame[args[0]].astype(np.float16).astype(dtype)

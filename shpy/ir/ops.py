@@ -327,16 +327,20 @@ STRUCTURAL: Final[Mapping[str, str]] = {
     "grid_shape": "the number of elements along numpy's axes: i to i4",
     "any_lane": "whether c holds for any active element that runs together with this one",
     "all_lanes": "whether c holds for all active elements that run together with this one",
+    "min_lane": "the least x of all active elements that run together with this one; a NaN may count or not",
+    "max_lane": "the greatest x of all active elements that run together with this one; a NaN may count or not",
     "lane_mask": "the lanes that hold an element; `vectorize` makes it, and a b that has one answer for every lane",
     "lane_any": "whether c holds for one lane at least; `vectorize` makes it, and only of masks",
+    "lane_min": "the least x of all lanes; `vectorize` makes it",
+    "lane_max": "the greatest x of all lanes; `vectorize` makes it",
     "call": "a pure function applied to values; attr: its name",
     "half": "f rounded to the nearest binary16 and kept as f: how h is done where the target has none",
 }
 
-MADE_BY_PASSES: Final = frozenset({"lane_mask", "lane_any", "neighbour"})
+MADE_BY_PASSES: Final = frozenset({"lane_mask", "lane_any", "lane_min", "lane_max", "neighbour"})
 """Operations that no program is recorded with."""
 
-LANE_OPS: Final = frozenset({"any_lane", "all_lanes"})
+LANE_OPS: Final = frozenset({"any_lane", "all_lanes", "min_lane", "max_lane"})
 """Operations that depend on which elements run together: never moved across control flow, never merged."""
 
 

@@ -197,7 +197,7 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return int(token)
 
     def COMPONENTS(self, token: Token) -> tuple[int, ...]:
-        return tuple(map(LETTERS.index, token))
+        return tuple(map(int, token[1:]) if token[0] == "s" else map(LETTERS.index, token))
 
     def text(self, token: Token) -> str:
         try:

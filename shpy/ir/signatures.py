@@ -18,7 +18,7 @@ from typing import Final
 from shpy.ir.constants import bits_to_float, float_to_bits
 from shpy.ir.nodes import Function, Let, Param, Table, Variable
 from shpy.ir.text import quote
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import SIZES, Base, Type, vec
 
 Types = tuple[Type, ...]
 
@@ -118,8 +118,8 @@ def _splat(let: Let, args: Types, scope: Declarations) -> Type:
 def _swizzle(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, len(args) == 1 and args[0].size > 1, "one vector (splat repeats a scalar)")
     picked = let.attr
-    if not isinstance(picked, tuple) or not 1 <= len(picked) <= 4:
-        raise TypeError(f"swizzle picks one to four components, not {picked!r}")
+    if not isinstance(picked, tuple) or len(picked) not in SIZES:
+        raise TypeError(f"swizzle picks one to four components, or eight, not {picked!r}")
     for component in picked:
         if not 0 <= component < args[0].size:
             raise TypeError(f"{args[0]!r} has components 0 to {args[0].size - 1}, not {component}")
@@ -183,6 +183,11 @@ def _lanes(let: Let, args: Types, scope: Declarations) -> Type:
     return vec(Base.B)
 
 
+def _lane_number(let: Let, args: Types, scope: Declarations) -> Type:
+    _need(let, args, len(args) == 1 and args[0].size == 1 and not args[0].is_bool, "one number")
+    return args[0]
+
+
 def _mask(let: Let, args: Types, scope: Declarations) -> Type:
     _need(let, args, not args, "no operands")
     return vec(Base.B)
@@ -228,6 +233,10 @@ _RULES: Final[Mapping[str, Callable[[Let, Types, Declarations], Type]]] = {
     "all_lanes": _lanes,
     "lane_mask": _mask,
     "lane_any": _lanes,
+    "min_lane": _lane_number,
+    "max_lane": _lane_number,
+    "lane_min": _lane_number,
+    "lane_max": _lane_number,
     "call": _call,
     "half": _half,
 }

@@ -46,7 +46,7 @@ from shpy.ir.nodes import (
     bind_printer,
 )
 from shpy.ir.traverse import defined, variables_of
-from shpy.ir.types import Type
+from shpy.ir.types import SIZES, Type
 
 LETTERS: Final = "xyzw"
 """The names of components in swizzles and stores."""
@@ -187,7 +187,7 @@ class _Printer:
                 return f"{self.declared(value, located=False)} = {self.operation(statement)}{self.at(value.loc)}"
             case Store(variable, value, components, index, loc):
                 element = "" if index is None else f"[{self.value(index)}]"
-                picked = "" if components is None else _components(components)
+                picked = "" if components is None else f".{components_text(components)}"
                 return f"store{picked} {self.variable(variable)}{element} = {self.value(value)}{self.at(loc)}"
             case Call(name, args, results, loc):
                 arrow = f" -> {', '.join(map(self.declared, results))}" if results else ""
@@ -215,7 +215,7 @@ class _Printer:
             case "load", int(variable):
                 return f"load {self.variable(variable)}" + (f"[{args}]" if args else "")
             case "swizzle", tuple(components):
-                return f"swizzle{_components(components)} {args}"
+                return f"swizzle.{components_text(components)} {args}"
             case "param" | "table_size", str(name) if not args:
                 return f"{let.op} {quote(name)}"
             case "table", str(name) if args:
@@ -263,10 +263,13 @@ def _named(sign: str, things: Iterable[Value | Variable]) -> dict[int, str]:
     return {thing.id: f"{sign}{quote(thing.name)}.{thing.id}" for thing in things if thing.name is not None}
 
 
-def _components(components: tuple[int, ...]) -> str:
+def components_text(components: tuple[int, ...]) -> str:
+    """Return the text of components: `xz`, or `s06` where one lies beyond the fourth."""
     if components and all(0 <= c < len(LETTERS) for c in components):
-        return "." + "".join(LETTERS[c] for c in components)
-    return f".<{components}>"
+        return "".join(LETTERS[c] for c in components)
+    if components and all(0 <= c < SIZES[-1] for c in components):
+        return f"s{''.join(map(str, components))}"
+    return f"<{components}>"
 
 
 def _constant(type: Type, attr: object) -> str:

@@ -1,7 +1,8 @@
 """Types of the IR: a base and a size, nothing else.
 
 Stage: represent. `lang` splits matrices, structs and kinds (Point, Normal, ...) into the types that every target has:
-scalars, and vectors of two to four scalars. `Type` objects are unique, so `is` compares them.
+scalars, and vectors of two to four scalars; inside functions, vectors of eight too. `Type` objects are unique, so `is`
+compares them.
 
 >>> vec(Base.F, 3)
 f3
@@ -31,7 +32,7 @@ INTS: Final = frozenset({Base.I, Base.U})
 
 
 class Type:
-    """A scalar (size 1) or vector (size 2 to 4) of one base. `vec` returns the only object of each type."""
+    """A scalar (size 1) or vector (size 2 to 4, or 8) of one base. `vec` returns the only object of each type."""
 
     __slots__ = ("_text", "base", "size")
     base: Base
@@ -83,12 +84,16 @@ class Type:
         return vec(base, self.size)
 
 
-_TYPES: Final = {(base, size): Type(base, size) for base in Base for size in (1, 2, 3, 4)}
+WIDEST_PORT: Final = 4
+"""The most components of an input, output, param or element of a table."""
+SIZES: Final = (1, 2, 3, 4, 8)
+"""The numbers of components of types."""
+_TYPES: Final = {(base, size): Type(base, size) for base in Base for size in SIZES}
 _NAMES: Final = {repr(t): t for t in _TYPES.values()}
 
 
 def vec(base: Base | str, size: int = 1) -> Type:
-    """Return the type of `size` components (1 to 4) of `base`; KeyError for any other size."""
+    """Return the type of `size` components (1 to 4, or 8) of `base`; KeyError for any other size."""
     return _TYPES[Base(base), size]
 
 

@@ -41,11 +41,11 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.ops import OPS, STRUCTURAL, result_type
+from shpy.ir.ops import LANE_OPS, OPS, STRUCTURAL, result_type
 from shpy.ir.signatures import Declarations, check_constant, check_index, counted, spoken_types, structural_type
-from shpy.ir.text import LETTERS, Anchor, Line, lines, quote
+from shpy.ir.text import Anchor, Line, components_text, lines, quote
 from shpy.ir.traverse import continues
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import SIZES, WIDEST_PORT, Base, Type, vec
 
 _BEFORE, _AFTER = 8, 3
 _BOOL = vec(Base.B)
@@ -180,10 +180,24 @@ class _ModuleCheck:
         if len(entry.inputs) != len(self.module.inputs):
             told = f"the module has {counted(len(self.module.inputs), 'input')}, its entry {len(entry.inputs)}"
             raise _Finding(told, anchor, entry.loc)
+        self.check_ports(entry)
         extra = entry.outputs[len(self.module.outputs) :]
         if len(entry.outputs) < len(self.module.outputs) or [o.type for o in extra] not in ([], [vec(Base.I)]):
             told = f"the module has {counted(len(self.module.outputs), 'output')}, its entry {len(entry.outputs)}"
             raise _Finding(told, anchor, entry.loc)
+
+    def check_ports(self, entry: Function) -> None:
+        """Check that vectors of eight stay inside of functions."""
+        for word, things in (
+            ("input", entry.inputs),
+            ("output", entry.outputs),
+            ("param", self.module.params),
+            ("table", self.module.tables),
+        ):
+            for i, thing in enumerate(things):
+                if thing.type.size > WIDEST_PORT:
+                    told = f"the components of this {word} are more than {WIDEST_PORT}"
+                    raise _Finding(told, (word, i), cure="two vectors of four")
 
 
 class _FunctionCheck:
@@ -320,8 +334,9 @@ class _FunctionCheck:
 
     def check_in_pure(self, statement: Stmt) -> None:
         """Check that a statement is straight-line code, or an If of an `any_lane` without `orelse`."""
-        if isinstance(statement, Let) and statement.op == "all_lanes":
-            self.fail("a pure function asks for any_lane only", cure="any_lane of the opposite")
+        if isinstance(statement, Let) and statement.op in LANE_OPS - {"any_lane"}:
+            cure = "any_lane of the opposite" if statement.op == "all_lanes" else None
+            self.fail("a pure function asks for any_lane only", cure=cure)
         if isinstance(statement, Let) and statement.op in ("any_lane", "lane_any"):
             self.asking.add(statement.value.id)
         elif isinstance(statement, If) and statement.condition in self.asking and not statement.orelse:
@@ -421,8 +436,10 @@ class _FunctionCheck:
             self.fail(f"a scalar {type!r} is stored as a whole")
         if not components or any(not 0 <= c < type.size for c in components):
             self.fail(f"{type!r} has components 0 to {type.size - 1}, not {components}")
+        if len(components) not in SIZES:
+            self.fail(f"a store takes one to four components, or eight, not {len(components)}")
         if len(set(components)) != len(components):
-            self.fail(f"{''.join(LETTERS[c] for c in components)} stores a component twice")
+            self.fail(f"{components_text(components)} stores a component twice")
 
     def check_call(self, call: Call) -> None:
         name = quote(call.function)

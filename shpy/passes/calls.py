@@ -138,7 +138,9 @@ def _with_mask(function: Function) -> Function:
     """Return a function that lanes run alone, with the active mask as one more input and without lane operations."""
 
     def change(s: Stmt) -> Stmt:
-        return replace(s, op="and", args=s.args * 2) if isinstance(s, Let) and s.op in LANE_OPS else s
+        if not isinstance(s, Let) or s.op not in LANE_OPS:
+            return s
+        return replace(s, op="and" if s.value.type is BOOL else "min", args=s.args * 2)
 
     mask = Value(max((v.id for v in defined(function)), default=-1) + 1, BOOL, "active")
     return replace(function, inputs=(*function.inputs, mask), body=rewrite(function.body, change))

@@ -14,53 +14,77 @@ A vector from outside (an input, a param, an element of a table, the result of a
 for each component follows it. An operand that has to be a vector (an index, an argument) is constructed again. Each
 output of the module and each port of a function becomes one port per component. A pure function keeps its ports, since
 expressions call it. With `throughout` its ports are split too, and a statement calls a function that returns a vector.
+
+`sizes` are the vectors to be split: a packet of elements keeps vectors of eight whole where all elements share them,
+and GLSL lacks these alone. No target has them as ports.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Port, Region, Return, Stmt, Store, Value, Variable
-from shpy.ir.ops import COMPOSITES, OPS
-from shpy.ir.traverse import Copy, rewrite, walk
+from shpy.ir.ops import COMPOSITES, LANE_OPS, OPS
+from shpy.ir.traverse import Copy, defined, rewrite, variables_of, walk
+from shpy.ir.types import SIZES, WIDEST_PORT
 
-COMPONENTS = "xyzw"
+COMPONENTS = "x", "y", "z", "w", "s4", "s5", "s6", "s7"
+ALL = SIZES[1:]
+"""The sizes of all vectors."""
+SHORT = tuple(size for size in ALL if size <= WIDEST_PORT)
+LONG = tuple(size for size in ALL if size > WIDEST_PORT)
 SCALED = frozenset({"length", "distance", "normalize"})
 """Operations on whole vectors that some targets have."""
 _KEPT = frozenset({"param", "table", "table_size", "grid_index", "grid_shape", "call"})
-_SCALAR = frozenset({"convert", "half", "any_lane", "all_lanes"})
+_SCALAR = frozenset({"convert", "half"}) | LANE_OPS
 GEOMETRY = frozenset(name for name in COMPOSITES if not OPS[name].componentwise) - SCALED
 """Operations that are not component-wise; an earlier pass lowers them."""
 
 
-def take_apart(module: Module, *, throughout: bool = False) -> Module:
-    """Return the module with every function on scalars; TypeError for an operation that `lower` should have removed."""
+def take_apart(module: Module, *, throughout: bool = False, sizes: Collection[int] = ALL) -> Module:
+    """Return the module with every function on scalars; TypeError for an operation that `lower` should have removed.
+
+    Vectors of other sizes than `sizes` stay whole.
+    """
     *others, entry = module.functions
-    expressions = _expressions(others) if throughout else {f.name for f in others if f.pure}
+    whole = frozenset(ALL).difference(sizes)
+    expressions, callees = _expressions(others, throughout, whole), {f.name: f for f in others}
     functions = [
         _with_scalar_ports(f)
-        if f.alone and not throughout
-        else _Apart(replace(f, pure=f.name in expressions), expressions, throughout).run()
+        if f.alone and not throughout and not whole.issuperset(SHORT)
+        else _Apart(replace(f, pure=f.name in expressions), expressions, throughout, whole, callees).run()
         for f in others
     ]
     ports = [
         Port(_named(port.name, slot.type.size, k) or port.name, port.kind)
         for port, slot in zip(module.outputs, entry.outputs, strict=False)
-        for k in range(slot.type.size)
+        for k in range(1 if slot.type.size in whole else slot.type.size)
     ]
-    functions.append(_Apart(entry, expressions, throughout, is_entry=True).run())
+    functions.append(_Apart(entry, expressions, throughout, whole, callees, is_entry=True).run())
     return replace(module, outputs=tuple(ports), functions=tuple(functions))
 
 
-def _expressions(functions: Sequence[Function]) -> set[str]:
-    """Return the names of the functions that can stay pure: neither they nor their callees return a vector."""
+def has_long(module: Module) -> bool:
+    """Return whether a function computes with vectors of eight."""
+    functions = module.functions
+    types = [*(v.type for f in functions for v in defined(f)), *(v.type for f in functions for v in variables_of(f))]
+    return any(type.size in LONG for type in types)
+
+
+def _expressions(functions: Sequence[Function], throughout: bool, whole: Collection[int]) -> set[str]:
+    """Return the names of the functions that can stay pure: neither they nor their callees return a split vector.
+
+    Unless vectors are split `throughout`, only those of eight are ports that have to be split.
+    """
+    split = frozenset(ALL if throughout else LONG).difference(whole)
     names: set[str] = set()
     for f in functions:
         called = {s.attr for s in walk(f.body) if isinstance(s, Let) and s.op == "call"}
-        if f.pure and f.outputs[0].type.size == 1 and called <= names:
+        ports = f.outputs if throughout else (*f.inputs, *f.outputs)
+        if f.pure and called <= names and split.isdisjoint(port.type.size for port in ports):
             names.add(f.name)
     return names
 
@@ -108,12 +132,23 @@ class _Apart:
     """Copies one function. `parts` are the components of each value, `slots` the scalar slots of each variable.
 
     `expressions` are the functions called in expressions; these take vectors unless vectors are split `throughout`.
+    Vectors whose size is in `whole` are not split; their components are picked where an operation needs them.
     """
 
-    def __init__(self, function: Function, expressions: set[str], throughout: bool, *, is_entry: bool = False) -> None:
-        self.function = function
+    def __init__(
+        self,
+        function: Function,
+        expressions: set[str],
+        throughout: bool,
+        whole: Collection[int],
+        callees: Mapping[str, Function],
+        *,
+        is_entry: bool = False,
+    ) -> None:
+        self.function, self.callees = function, callees
         self.expressions = expressions
         self.throughout = throughout
+        self.unsplit = frozenset({1, *whole})
         self.is_entry = is_entry
         self.b = Builder(function=function)
         self.parts: dict[int, tuple[int, ...]] = {}
@@ -129,7 +164,7 @@ class _Apart:
             b.variables += self.slots[variable.id]
         for output in function.outputs:
             self.slots[output.id] = self.split(output)
-            if function.pure and output.type.size > 1:
+            if function.pure and output.type.size not in self.unsplit:
                 b.variables += self.slots[output.id]
         if not function.pure:
             b.outputs = [part for output in function.outputs for part in self.slots[output.id]]
@@ -141,16 +176,26 @@ class _Apart:
 
     def inputs(self) -> None:
         """Keep the inputs of the entry, and of pure functions unless `throughout`, as vectors; split all others."""
-        ports = [port for port in self.function.inputs if isinstance(port, Value)]
+        ports = self.function.inputs
         if self.is_entry or (self.function.pure and not self.throughout):
             for port in ports:
+                assert isinstance(port, Value)
                 self.keep(port)
-        else:
-            self.b.inputs = [part for port in ports for part in self.values(port)]
+            return
+        self.b.inputs = []
+        for port in ports:
+            if isinstance(port, Value):
+                self.b.inputs += self.values(port)
+            else:  # by reference
+                self.slots[port.id] = self.split(port)
+                self.b.inputs += self.slots[port.id]
+        for port in ports:
+            if isinstance(port, Value) and port.type.size in self.unsplit:
+                self.keep(port)
 
     def split(self, variable: Variable) -> tuple[Variable, ...]:
         size = variable.type.size
-        if size == 1:
+        if size in self.unsplit:
             return (variable,)
         parts = []
         for k in range(size):
@@ -163,7 +208,7 @@ class _Apart:
     def gather_outputs(self) -> None:
         """Construct the vector outputs of a pure function from their scalar slots, at its end."""
         for output in self.function.outputs:
-            if output.type.size > 1:
+            if output.type.size not in self.unsplit:
                 loads = [self.b.load(part) for part in self.slots[output.id]]
                 self.b.store(output, self.b.let("construct", *loads, type=output.type))
 
@@ -192,6 +237,12 @@ class _Apart:
         """Rewrite the operation on scalars."""
         value, op, args, attr = let.value, let.op, let.args, let.attr
         match op:
+            case _ if self.stays(let):
+                if op == "load":
+                    assert isinstance(attr, int)
+                    attr = self.slots[attr][0].id
+                self.b.append(Let(value, op, tuple(self.whole(a) for a in args), attr))
+                self.keep(value)
             case "const":
                 self.constant(let)
             case "load":
@@ -209,8 +260,7 @@ class _Apart:
                 fold = "or" if op == "any" else "and"
                 self.parts[value.id] = (reduce(lambda x, y: self.b.let(fold, x, y).id, self.parts[args[0]]),)
             case "call" if attr not in self.expressions:
-                parts = tuple(part for a in args for part in self.parts[a])
-                self.b.append(Call(str(attr), parts, tuple(self.values(value)), value.loc))
+                self.call(Call(str(attr), args, (value,), value.loc))
             case "call" if self.throughout:
                 self.b.append(Let(value, op, tuple(part for a in args for part in self.parts[a]), attr))
                 self.keep(value)
@@ -219,11 +269,19 @@ class _Apart:
                 self.keep(value)
             case _:
                 self.componentwise(let)
+        if value.id not in self.wholes and value.type.size > 1 and value.type.size in self.unsplit:
+            self.wholes[value.id] = self.whole(value.id)
+
+    def stays(self, let: Let) -> bool:
+        """Return whether an operation works on vectors that are not split, and on no other vectors."""
+        types = [let.value.type, *(self.b.type_of(a) for a in let.args)]
+        vectors = {t.size for t in types if t.size > 1}
+        return bool(vectors) and vectors <= self.unsplit and (let.op != "call" or let.attr in self.expressions)
 
     def values(self, value: Value) -> list[Value]:
-        """Return a new scalar value for each component of a value; the value itself if it is a scalar."""
+        """Return a new scalar value for each component of a value; the value itself if it is not split."""
         size = value.type.size
-        if size == 1:
+        if size in self.unsplit:
             parts = [value]
         else:
             parts = [self.b.value(value.type.scalar, _named(value.name, size, k), value.loc) for k in range(size)]
@@ -283,16 +341,30 @@ class _Apart:
                 body, continuing = self.region(body), self.region(continuing)
                 until = None if until is None else self.parts[until][0]
                 self.b.append(Loop(body, continuing, until, turns, loc))
-            case Call(name, args, results, loc):
-                parts = tuple(part for a in args for part in self.parts[a])
-                targets = tuple(part for result in results for part in self.values(result))
-                self.b.append(Call(name, parts, targets, loc))
+            case Call():
+                self.call(s)
             case _:
                 self.b.append(s)
 
+    def call(self, s: Call) -> None:
+        args: list[int] = []
+        for port, a in zip(self.callees[s.function].inputs, s.args, strict=True):
+            if isinstance(port, Variable):
+                args += [part.id for part in self.slots[a]]
+            else:
+                args += [self.whole(a)] if port.type.size in self.unsplit else self.parts[a]
+        targets = tuple(part for result in s.results for part in self.values(result))
+        self.b.append(Call(s.function, tuple(args), targets, s.loc))
+        for result in s.results:
+            if result.type.size in self.unsplit:
+                self.keep(result)
+
     def store(self, s: Store) -> None:
         slots = self.slots[s.variable]
-        chosen = range(len(slots)) if s.components is None else s.components
         index = None if s.index is None else self.parts[s.index][0]
+        if len(slots) == 1:
+            self.b.append(Store(slots[0].id, self.whole(s.value), s.components, index, s.loc))
+            return
+        chosen = range(len(slots)) if s.components is None else s.components
         for k, part in zip(chosen, self.parts[s.value], strict=True):
             self.b.append(Store(slots[k].id, part, None, index, s.loc))

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from shpy.ir.nodes import Function, Let, Module, Value
-from shpy.ir.ops import OPS, TRANSCENDENTALS
+from shpy.ir.ops import LANE_OPS, OPS, TRANSCENDENTALS
 from shpy.ir.traverse import bases_of
 from shpy.ir.types import Base, Type
 from shpy.passes.library import Library
@@ -32,7 +32,8 @@ from shpy.passes.precision import Rebase, retype_ports, rounded
 from shpy.passes.rewriter import each_function
 
 _EXACT = frozenset("const load swizzle construct splat component param table call half".split()) | {
-    name for name, op in OPS.items() if op.exact
+    *(name for name, op in OPS.items() if op.exact),
+    *LANE_OPS,
 }
 """Operations whose result needs no rounding if their operands are binary16."""
 

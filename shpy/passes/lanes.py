@@ -13,12 +13,13 @@ real exit follows if no lane is left:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.constants import Base, vec
-from shpy.ir.nodes import Attr, Break, Continue, Discard, Function, If, Let, Return, Stmt, Variable
+from shpy.ir.nodes import Attr, Break, Continue, Discard, Function, If, Let, Return, Stmt, Value, Variable
 from shpy.ir.traverse import rewrite
 from shpy.ir.types import Type
 from shpy.passes.liveness import Note
@@ -26,6 +27,8 @@ from shpy.passes.slots import Slots
 from shpy.passes.uniformity import LoopFacts, varies
 
 BOOL = vec(Base.B)
+_BOUNDS = {Base.I: (-(2**31), 2**31 - 1), Base.U: (0, 2**32 - 1)}
+"""The least and the greatest int of a base."""
 
 
 @dataclass(slots=True)
@@ -123,6 +126,20 @@ class LaneBuilder:
     def none(self, mask: int) -> int:
         """Return whether no lane of `mask` is set."""
         return self.let("not", self.let("lane_any", mask, type=BOOL))
+
+    def over_lanes(self, value: Value, op: str, operand: int, mask: int | None) -> Let:
+        """Return the operation `op` of LANE_OPS on the active lanes."""
+        match op:
+            case "any_lane":
+                return Let(value, "lane_any", (self.both(mask, operand),))
+            case "all_lanes":
+                failing = self.both(mask, self.let("not", operand))
+                return Let(value, "not", (self.let("lane_any", failing, type=BOOL),))
+        if mask is not None:  # in other lanes stands a number that is no less, or no greater, than any
+            bounds = _BOUNDS.get(value.type.base, (-math.inf, math.inf))
+            neutral = self.b.const(value.type, [bounds[op == "min_lane"]])
+            operand = self.select(mask, operand, neutral.id)
+        return Let(value, "lane_min" if op == "min_lane" else "lane_max", (operand,))
 
     def lanes(self, variable: int, scope: MaskScope | None = None) -> Variable:
         """Return the lanes slot of a variable in the current scope, or in the given one."""

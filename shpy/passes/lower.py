@@ -22,7 +22,8 @@ from collections.abc import Mapping
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Module, Store, Value
 from shpy.ir.ops import COMPOSITES, OPS, TRANSCENDENTALS
-from shpy.ir.types import Base
+from shpy.ir.types import WIDEST_PORT, Base
+from shpy.passes.components import GEOMETRY
 from shpy.passes.fuse import FUSED
 from shpy.passes.library import BOUNDED, PARTS, Library, definition, is_exact
 from shpy.passes.modes import Formulas
@@ -87,7 +88,7 @@ class _Lower(Rewriter):
             callee = self.library.use(BOUNDED[op], tuple(self.types[a] for a in let.args), self._unbounded)
             self.emit(Let(let.value, "call", let.args, callee.name))
             return
-        if op in self.native:
+        if op in self.native and (op not in GEOMETRY or self.types[let.args[0]].size <= WIDEST_PORT):
             self.emit(let)
             return
         if is_exact(op, let.value.type, self.library.formulas):

@@ -20,6 +20,7 @@ from shpy.ir.nodes import Function, If, Let, Loc, Loop, Module
 from shpy.ir.ops import OPS, TRANSCENDENTALS
 from shpy.ir.traverse import walk
 from shpy.passes.by_value import pass_by_value, takes_array
+from shpy.passes.components import LONG, has_long, take_apart
 from shpy.passes.cse import merge_common
 from shpy.passes.dead import remove_dead, remove_unused_functions
 from shpy.passes.exits import make_exits_explicit
@@ -48,7 +49,7 @@ class Target:
     small angles only. `loop_flags`: the device may stop long loops on its own. `nesting`: the depth of blocks that its
     driver takes. `vector`: the prepared module goes to `vectorize`, whose functions take values only.
     `doubles`: it has binary64. `fuses`: it has fma of binary64 in hardware.
-    `exact`: the transcendentals of binary32 that it rounds correctly itself.
+    `exact`: the transcendentals of binary32 that it rounds correctly itself. `long`: it has vectors of eight.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Target:
     doubles: bool = True
     fuses: bool = False
     exact: frozenset[str] = frozenset()
+    long: bool = True
 
     def does(self, math: Math) -> frozenset[str]:
         """Return the operations that the target computes itself in this mode."""
@@ -117,6 +119,8 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     lowered = lower(plain, does, corrected, bounded, formulas, target.exact, fuse=options.fuse)
     if target.vector:
         lowered = pass_by_value(inline_calls(lowered, takes_array))
+    if not target.long and has_long(lowered):
+        lowered = take_apart(lowered, sizes=LONG)
     if target.nesting is not None:
         lowered = shelter_loops(lowered, target.nesting)
     ending = make_exits_explicit(lowered, options.loop_limit, loop_flags=target.loop_flags, by_value=target.vector)

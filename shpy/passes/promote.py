@@ -26,6 +26,7 @@ from dataclasses import replace
 from shpy.ir.constants import encode
 from shpy.ir.nodes import Call, Function, If, Let, Loop, Module, Region, Store, Value
 from shpy.ir.traverse import changed_variables, continues, regions_of, variables_of
+from shpy.ir.types import SIZES, WIDEST_PORT
 from shpy.passes.dead import remove_dead
 from shpy.passes.dead_stores import remove_dead_stores
 from shpy.passes.rewriter import Functions, Rewriter, each_function, falls_through
@@ -156,7 +157,7 @@ class _Forward(Rewriter):
         if len(runs) == 1 and runs[0][0][0] == _ZERO:
             self._emit(Let(let.value, "const", (), encode(type, [0] * type.size)))
             return
-        parts = [self._run(run, let.value) for run in runs]
+        parts = [self._run(part, let.value) for run in runs for part in _divided(run)]
         if len(parts) == 1:
             self.replace(let.value, parts[0])
         else:
@@ -228,6 +229,13 @@ class _Forward(Rewriter):
 
 def _pieces(state: State, size: int) -> list[Piece]:
     return [(state, k) for k in range(size)] if isinstance(state, int) else list(state)
+
+
+def _divided(run: list[Piece]) -> list[list[Piece]]:
+    """Return the run in parts for which there are vectors."""
+    if len(run) in SIZES:
+        return [run]
+    return [run[k : k + WIDEST_PORT] for k in range(0, len(run), WIDEST_PORT)]
 
 
 def _find_stored(region: Region, functions: Functions, stored_by_loop: dict[int, set[int]]) -> set[int]:

@@ -15,7 +15,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-_UNIFORM = frozenset({"any_lane", "all_lanes", "lane_any", "table_size", "grid_shape"})
+from shpy.ir.ops import LANE_OPS
+
+_UNIFORM = LANE_OPS | {"lane_any", "lane_min", "lane_max", "table_size", "grid_shape"}
 _VARYING = frozenset({"grid_index", "lane_mask", "neighbour"})
 
 

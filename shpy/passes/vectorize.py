@@ -52,6 +52,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
+from shpy.ir.ops import LANE_OPS
 from shpy.ir.traverse import continues, uses, walk
 from shpy.passes.calls import CallBuilder, Callees, LaneFacts
 from shpy.passes.lanes import BOOL, Here, MaskScope, of_all_lanes
@@ -214,14 +215,11 @@ class _Vectorizer(CallBuilder):
         varying = varies(s.op, (a in self.varying for a in args))
         self.same.pop(s.value.id, None)  # an entry from an earlier attempt, in which the argument was still uniform
         match s:
-            case Let(value, "any_lane" | "all_lanes") if args[0] not in self.varying:
+            case Let(value, op) if op in LANE_OPS and args[0] not in self.varying:
                 self.same[value.id] = args[0]
                 return
-            case Let(value, "any_lane"):
-                s = Let(value, "lane_any", (self.both(here.mask, args[0]),))
-            case Let(value, "all_lanes"):
-                failing = self.both(here.mask, self.let("not", args[0]))
-                s = Let(value, "not", (self.let("lane_any", failing, type=BOOL),))
+            case Let(value, op) if op in LANE_OPS:
+                s = self.over_lanes(value, op, args[0], here.mask)
             case Let(_, "load", _, int(variable)):
                 slot = self.array(variable) if variable in self.arrays else self.current(variable)
                 varying = varying or slot.id in self.slots.varying

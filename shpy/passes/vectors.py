@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from shpy.ir.nodes import Let
+from shpy.ir.types import SIZES, WIDEST_PORT
 from shpy.passes.identities import Facts, Found
 
 
@@ -76,12 +77,17 @@ def _of_construct(context: Facts, let: Let, construct: Let, picked: tuple[int, .
 
 
 def _one_by_one(context: Facts, runs: list[tuple[int, list[int]]]) -> Iterator[tuple[int, list[int]]]:
-    """Yield the runs; a run of a scalar, which has no swizzle, is yielded once for each component picked."""
+    """Yield the runs; a run of a scalar, which has no swizzle, is yielded once for each component picked.
+
+    A run that no vector has room for is divided.
+    """
     for arg, picked in runs:
         if context.types[arg].size == 1:
             yield from ((arg, [0]) for _ in picked)
-        else:
+        elif len(picked) in SIZES:
             yield arg, picked
+        else:
+            yield from ((arg, picked[k : k + WIDEST_PORT]) for k in range(0, len(picked), WIDEST_PORT))
 
 
 def _construct(context: Facts, let: Let) -> Found:
@@ -106,7 +112,8 @@ def _construct(context: Facts, let: Let) -> Found:
             runs.append((source, list(picked)))
     if len(runs) == 1:
         return Let(let.value, "swizzle", (runs[0][0],), tuple(runs[0][1]))
-    if len(runs) == len(let.args):
+    runs = list(_one_by_one(context, runs))
+    if len(runs) >= len(let.args):
         return None
     return Let(let.value, "construct", tuple(_part(context, let, source, picked) for source, picked in runs))
 

@@ -29,7 +29,7 @@ from shpy.lang.data.sources import Source
 from shpy.lang.data.tables import Table, fits_type
 from shpy.lang.data.textures import Texture2D
 from shpy.lang.recording.location import caller, here, located
-from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, spoken_type, type_of
+from shpy.lang.values.structure import Layout, build_arrays, flatten, layout_of, leaves, outside, spoken_type, type_of
 from shpy.passes.modes import Precision
 from shpy.streams.elements import InputLeaf, Shape, given_shape
 from shpy.streams.fields import StreamFields, field_of, rows_of
@@ -434,7 +434,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
 
 
 def _layout(type: Any) -> Layout:
-    return layout_of(type, "a stream")
+    return outside(layout_of(type, "a stream"), "a stream")
 
 
 def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:

@@ -22,8 +22,9 @@ from dataclasses import dataclass, field, replace
 
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, If, Let, Loc, Loop, Module, Port, Region, Stmt, Store, Value, Variable
+from shpy.ir.text import components_text
 from shpy.ir.traverse import defined, walk
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import WIDEST_PORT, Base, Type, vec
 from shpy.passes.exits import make_exits_explicit
 
 OPERANDS = 4
@@ -199,7 +200,7 @@ class _Watcher:
         elif isinstance(s.attr, str):
             operation = f"{s.op} {s.attr}"
         elif s.op == "swizzle" and isinstance(s.attr, tuple):
-            operation = "." + "".join("xyzw"[c] for c in s.attr)
+            operation = f".{components_text(s.attr)}"
         listed = f"({', '.join(o[0] for o in operands)})" if operands else ""
         return self.site(s.value.loc, name, operation + listed, s.value.type, operands)
 
@@ -220,7 +221,7 @@ class _Watcher:
         slot = self.b.slot(s.variable)
         place = slot.name or f"${slot.id}"
         if s.components is not None:
-            place += "." + "".join("xyzw"[c] for c in s.components)
+            place += f".{components_text(s.components)}"
         elif s.index is not None:
             place += f"[{self.called(s.index)}]"
         value = self.b.load(slot, s.index, loc=s.loc)
@@ -310,7 +311,7 @@ class _Watcher:
 
     def keep_padded(self, hit: Value, place: str, value: Value) -> None:
         base = _FAMILY[value.type.base]
-        exact = value
+        exact = value = value if value.type.size <= WIDEST_PORT else self.b.swizzle(value, range(WIDEST_PORT))
         if value.type.base is not base:
             exact = self.b.let("convert", value, type=value.type.based(base))
         self.store_where(hit, f"{place}_{base.value}", self.padded([exact], vec(base)))

@@ -328,7 +328,7 @@ BUILT = [
     (whole(f(Let(Value(0, F), "param", (), None))), "there is no param None"),
     (
         whole(f(Let(Value(1, F), "swizzle", (0,), ()), inputs=(Value(0, vec("f", 2)),)), inputs=(X,)),
-        "swizzle picks one to four components, not ()",
+        "swizzle picks one to four components, or eight, not ()",
     ),
     (
         whole(f(Store(0, 0, ()), inputs=(Value(0, F),), variables=(Variable(0, vec("f", 2)),)), inputs=(X,)),

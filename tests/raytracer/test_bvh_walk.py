@@ -118,9 +118,9 @@ def test_rays_that_have_nothing_in_common_walk_alone():
         bvh.intersect(origins, directions),
         Intersector(mesh, accel="brute", backend="numpy").intersect(origins, directions),
     )
-    assert [key[:2] for key in bvh._kernels] == [("intersect", True)]
+    assert [key[:2] for key in bvh._kernels] == [("intersect", "alone")]
     behind = bvh.intersect(origins, directions, -3.0)
-    assert [key[:2] for key in bvh._kernels] == [("intersect", True), ("intersect", False)]
+    assert [key[:2] for key in bvh._kernels] == [("intersect", "alone"), ("intersect", "any")]
     assert (behind.t < 0).any()
 
 

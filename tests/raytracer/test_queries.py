@@ -242,13 +242,19 @@ def test_nothing_to_meet_and_nobody_who_asks():
 
 
 @pytest.mark.parametrize(
-    ("alone", "backend"),
-    [(False, "numpy"), (True, "opencl"), (False, "glsl"), pytest.param(False, "opencl", marks=pytest.mark.slow)],
+    ("way", "backend"),
+    [
+        ("any", "numpy"),
+        ("alone", "opencl"),
+        ("packets", "opencl"),
+        ("any", "glsl"),
+        pytest.param("any", "opencl", marks=pytest.mark.slow),
+    ],
 )
-def test_rays_that_leave_a_surface_do_not_meet_it(backend, alone, monkeypatch):
+def test_rays_that_leave_a_surface_do_not_meet_it(backend, way, monkeypatch):
     """From points of a ball, and of a floor far larger than it, computed in f32 by a user."""
     mesh = joined([sphere(rings=30, segments=60), floor(1e4).moved((0, -1.5, 0), tilt=20)]).moved((3, 2, 1))
-    monkeypatch.setattr(Intersector, "_walks_alone", lambda self, rays: alone)
+    monkeypatch.setattr(Intersector, "_way", lambda self, rays: way)
     shoot = Intersector(mesh, backend=backend)
     rng = np.random.default_rng(3)
     origins = (rng.normal(size=(2000, 3)) * 2 + [3, 8, 1]).astype(np.float32)

@@ -1,14 +1,14 @@
-"""Eight boxes a node, four triangles a leaf: everything is there once, and in its box."""
+"""Eight boxes a node, eight triangles a leaf: everything is there once, and in its box."""
 
 import numpy as np
 import pytest
 from test_bvh import MESHES
 
-from raytracer.accel.bvh import COUNT_BITS, MAX_LEAF
-from raytracer.accel.families import HALF, WIDTH
+from raytracer.accel.bvh import COUNT_BITS
+from raytracer.accel.families import WIDTH
 from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import triangle_rows
-from raytracer.accel.wide import FIRST, LEAF, NUMBERS, TAGS, widen
+from raytracer.accel.wide import BLOCK, FIRST, LEAF, NUMBERS, ROWS, TAGS, wide_nodes, widen
 from raytracer.kernels.triangle import Triangles
 
 
@@ -31,17 +31,18 @@ def boxes_of(wide):
                 nodes.append(child)
 
 
-def triangles_of(record):
+def triangles_of(wide, place):
     """The numbers (n,) and corners (n, 9) of a block's triangles."""
-    numbers = record[NUMBERS].view(np.int32)
-    return numbers[numbers >= 0], record[:NUMBERS].view(np.float32).reshape(9, HALF).T[numbers >= 0]
+    block = wide.records[place : place + 2].reshape(ROWS, BLOCK)
+    numbers = block[NUMBERS].view(np.int32)
+    return numbers[numbers >= 0], block[:NUMBERS].view(np.float32).T[numbers >= 0]
 
 
-def held_by(record, is_block):
+def held_by(wide, place, is_block):
     """The corners (n, 3) of the triangles in a block, or of the boxes in a node."""
     if is_block:
-        return triangles_of(record)[1].reshape(-1, 3)
-    sides = record[:TAGS].view(np.float32).reshape(2, 3, WIDTH)
+        return triangles_of(wide, place)[1].reshape(-1, 3)
+    sides = wide.records[place, :TAGS].view(np.float32).reshape(2, 3, WIDTH)
     there = (sides[0] <= sides[1]).all(axis=0)
     return sides[..., there].transpose(0, 2, 1).reshape(-1, 3)
 
@@ -52,20 +53,16 @@ def test_everything_is_there_once_and_in_its_box(name):
     wide = widened(build_bvh(corners), corners)
     met, found = [0], []
     for node, low, high, child, is_block in boxes_of(wide):
-        held = held_by(wide.records[child], is_block)
+        held = held_by(wide, child, is_block)
         assert child > node
         assert np.all((low <= held) & (held <= high))
-        met.append(child)
+        met += [child, child + 1] if is_block else [child]
         if is_block:
-            numbers, held = triangles_of(wide.records[child])
+            numbers, held = triangles_of(wide, child)
             np.testing.assert_array_equal(held, corners[numbers].reshape(-1, 9))
             found += numbers.tolist()
     assert sorted(met) == list(range(len(wide.records)))
     assert sorted(found) == list(range(len(corners)))
-
-
-def test_a_leaf_fits_into_a_block():
-    assert MAX_LEAF <= HALF
 
 
 def test_nodes_and_blocks_are_full():
@@ -73,8 +70,8 @@ def test_nodes_and_blocks_are_full():
     wide = widened(build_bvh(corners), corners)
     boxes = list(boxes_of(wide))
     blocks = [child for *_, child, is_block in boxes if is_block]
-    assert len(boxes) > 0.7 * WIDTH * (len(wide.records) - len(blocks))
-    assert len(corners) > 0.7 * HALF * len(blocks)
+    assert len(boxes) > 0.7 * WIDTH * (len(wide.records) - 2 * len(blocks))
+    assert len(corners) > 0.7 * BLOCK * len(blocks)
     assert wide.depth < 6
 
 
@@ -97,7 +94,7 @@ def held_below(bvh, node):
 
 def least_surface(bvh, node, boxes):
     """By trying every way: the least surface of the wide nodes for what a node holds, in so many boxes."""
-    if held_below(bvh, node) <= HALF:
+    if held_below(bvh, node) <= BLOCK:
         return 0.0
     left, right = children_of(bvh, node)
     ways = [least_surface(bvh, left, k) + least_surface(bvh, right, boxes - k) for k in range(1, boxes)]
@@ -112,3 +109,27 @@ def test_the_nodes_have_the_least_surface():
     wide = widened(bvh, corners)
     found = sum(surface(low, high) for *_, low, high, _, is_block in boxes_of(wide) if not is_block)
     assert found == pytest.approx(least_surface(bvh, 0, WIDTH))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_nodes_for_packets_have_every_leaf_once(name):
+    bvh = build_bvh(MESHES[name])
+    nodes = wide_nodes(bvh)
+    leaves, boxes, places = [], [], [0]
+    for place in places:
+        record = nodes.table[place]
+        low, high = record[:TAGS].view(np.float32).reshape(2, 3, WIDTH).transpose(0, 2, 1)
+        tags, firsts = record[TAGS:FIRST].reshape(WIDTH), record[FIRST].astype(int)
+        for k in np.flatnonzero((low <= high).all(axis=1)):
+            number = firsts[int(tags[k] >= LEAF)] + int(tags[k]) % LEAF
+            if tags[k] < LEAF:
+                assert number > place
+                places.append(number)
+                continue
+            leaves.append(number)
+            boxes.append([low[k], high[k]])
+            leaf = nodes.leaves[number]
+            np.testing.assert_array_equal(boxes[-1], [bvh.low[leaf], bvh.high[leaf]])
+    assert sorted(leaves) == list(range(len(nodes.leaves)))
+    assert sorted(nodes.leaves) == np.flatnonzero(bvh.links[0, :, 0] < 0).tolist()
+    assert max(places) <= nodes.last

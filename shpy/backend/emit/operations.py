@@ -260,10 +260,10 @@ class Operations:
         return e if source is let.value.type else self.convert(let.value.type, e, source)
 
     def op_any_lane(self, let: Let) -> Expr:
-        """Return the condition itself: an element runs alone, so it speaks for all that run with it."""
+        """Return the operand itself: an element runs alone, so it speaks for all that run with it."""
         return self.exprs[let.args[0]]
 
-    op_all_lanes = op_any_lane
+    op_all_lanes = op_min_lane = op_max_lane = op_any_lane
 
     def op_any(self, let: Let) -> Expr:
         """Return whether one component holds; a scalar is its own answer."""

@@ -310,7 +310,9 @@ def call(function: str, type: Type, *args: Expr) -> Call:
 
 
 def picked(e: Expr, components: Sequence[int], type: Type) -> Member:
-    """Return `e.xy`."""
+    """Return `e.xy`, or `e.s06` of a vector of eight, which OpenCL alone has."""
+    if isinstance(e.type, Type) and e.type.size > len(COMPONENTS):
+        return Member(type, e, f"s{''.join(map(str, components))}")
     return Member(type, e, "".join([COMPONENTS[c] for c in components]))
 
 

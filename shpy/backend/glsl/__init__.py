@@ -47,7 +47,7 @@ from shpy.passes.private import check_private, private_memory
 from shpy.passes.rejecting import find_rejection
 from shpy.passes.size import check_growth, check_size
 
-TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING)
+TARGET = Target("glsl", native=NATIVE, fast=FAST, loop_flags=True, nesting=MAX_NESTING, long=False)
 _FLOAT: Final = vec(Base.F)
 _HARD: Final = ("exp", "sin", "log10", "sinh", "asin")
 """Functions whose formulas in binary64 have numbers with all digits, late digits of 1 / pi, and square roots."""

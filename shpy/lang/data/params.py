@@ -28,7 +28,7 @@ from shpy.lang.values import arithmetic, coerce
 from shpy.lang.values.dependent import Dependent, set_between_runs
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.snapshot import Same
-from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves
+from shpy.lang.values.structure import Group, Layout, Leaf, Rows, build_arrays, entries_of, layout_of, leaves, outside
 from shpy.lang.values.value import CLASSES, Value
 
 
@@ -122,7 +122,7 @@ def _layout(type_: Any) -> Layout:
             loc=here(),
             cure="another name for the field",
         )
-    return layout
+    return outside(layout, "a Param")
 
 
 def _about(layout: Layout, bounds: Any, step: Any, title: Any, description: Any, what: str) -> About:

@@ -29,7 +29,7 @@ from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
 from shpy.lang.recording.recorder import Frame, need_frame
 from shpy.lang.values import arithmetic, coerce
-from shpy.lang.values.structure import Group, Layout, Leaf, build_values, layout_of, leaves, type_of
+from shpy.lang.values.structure import Group, Layout, Leaf, build_values, layout_of, leaves, outside, type_of
 from shpy.lang.values.value import CLASSES, Value
 
 
@@ -235,6 +235,7 @@ def element_class(type_: Any) -> type[Value]:
     """Return the class of elements; ShpyTypeError for anything but a scalar or vector type of the language."""
     if not (isinstance(type_, type) and issubclass(type_, Value) and hasattr(type_, "kind")):
         raise ShpyTypeError(f"a Table holds values of the language, not {type_!r}", loc=here(), cure="sh.Attrib4f")
+    outside(Leaf(type_), "an element")
     return type_
 
 
@@ -250,6 +251,7 @@ def is_compound(type_: Any) -> bool:
         layout = layout_of(type_, "an element")
     except ShpyTypeError:
         return False
+    outside(layout, "an element")
     return not isinstance(layout, Leaf) and not (isinstance(layout, Group) and layout.form != "struct")
 
 

@@ -28,7 +28,13 @@ _ROW = re.compile(r"(?P<head>[^.\[\]]*)\[(?P<row>\d)\]")
 _KINDS = {cls.__name__: cls.type for cls in CLASSES.values()}
 
 
-_RECORDED = {"lane_mask": "const true", "lane_any": "any_lane", "neighbour": "grid_index, add and table"}
+_RECORDED = {
+    "lane_mask": "const true",
+    "lane_any": "any_lane",
+    "lane_min": "min_lane",
+    "lane_max": "max_lane",
+    "neighbour": "grid_index, add and table",
+}
 """Replacements that messages name for operations that only passes make."""
 
 

@@ -32,7 +32,7 @@ from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.signature import bodies_of, fixed_by_partials, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
-from shpy.lang.values.structure import Layout, build_values, layout_of, leaves
+from shpy.lang.values.structure import Layout, build_values, layout_of, leaves, outside
 
 InputType = Layout | TableType | TextureType
 
@@ -58,7 +58,7 @@ def input_type(annotation: Any, name: str) -> InputType:
     """Return the type that an input's annotation names."""
     if isinstance(annotation, TableType | TextureType):
         return annotation
-    return layout_of(annotation, name)
+    return outside(layout_of(annotation, name), name)
 
 
 RESERVED = ("out", "shape", "where")
@@ -202,6 +202,7 @@ def record_body(
         raise RecordError(
             f"{context.name} gives nothing back", loc=frame.loc, cure="return a value, or SH_RETURN(value)"
         )
+    outside(returns.layout, "what it gives back")
     functions = context.with_names((*context.functions, frame.finish(tuple(inputs), tuple(returns.slots))))
     module = Module(
         context.name,

@@ -16,7 +16,7 @@ import numpy as np
 
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import encode
-from shpy.ir.types import FLOATS, Base, Type, vec
+from shpy.ir.types import FLOATS, SIZES, WIDEST_PORT, Base, Type, vec
 from shpy.lang.mistakes.expressions import parenthesized
 from shpy.lang.recording.emit import DEFERRED, HOST, Emitter, Handle
 from shpy.lang.recording.location import here, on_one_line
@@ -82,7 +82,7 @@ def operand(x: Any, what: str) -> Operand:
     if single is not None:
         return single
     entries = sequence(x)
-    if entries is None or not 1 <= len(entries) <= 4:
+    if entries is None or len(entries) not in SIZES:
         spoken = f"{len(entries)} numbers" if entries is not None else type(x).__name__
         cure = _OPERANDS
         if isinstance(x, Symbolic):
@@ -106,7 +106,7 @@ def base_of(operands: Sequence[Operand], what: str) -> Base:
 
 def make_value(kind: str, type: Type, emitter: Emitter, handle: Handle) -> Any:
     """Make a new value of this kind and type that holds the handle."""
-    cls = CLASSES[kind if type.is_float else "Attrib", type.size, type.base]
+    cls = CLASSES[kind if type.is_float and type.size <= WIDEST_PORT else "Attrib", type.size, type.base]
     value = object.__new__(follower(cls) if emitter is DEFERRED else cls)  # type: ignore[arg-type]
     value._become(current_frame() if emitter is not HOST else None, emitter, handle)
     return value
@@ -359,7 +359,7 @@ def constant(type_: Type, literals: Sequence[Literal], cls: type[AbstractValue])
 def count_error(cls: type[AbstractValue], count: int) -> ShpyTypeError:
     """Return the error for a constructor that was given too few or too many components."""
     amount = f"exactly {cls.size} components or one scalar" if cls.size > 1 else "one component"
-    example = {1: "x", 2: "x, y", 3: "p.xy, 0", 4: "p.xyz, 1"}[cls.size]
+    example = {1: "x", 2: "x, y", 3: "p.xy, 0", 4: "p.xyz, 1", 8: "v, w"}[cls.size]
     return ShpyTypeError(
         f"{cls.__name__} takes {amount}, not {count}", loc=here(), cure=f"sh.{cls.__name__}({example})"
     )

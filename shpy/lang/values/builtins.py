@@ -200,6 +200,25 @@ def all_lanes(c: Any) -> Any:
     return _lanes("all_lanes", c)
 
 
+def _lane_number(op: str, x: Any) -> Any:
+    frame = need_frame(f"sh.{op}")
+    number = operand(x, f"sh.{op}")
+    if number.size > 1 or base_of((number,), f"sh.{op}") is Base.B:
+        raise ShpyTypeError(f"sh.{op} takes one number", loc=here(), cure=f"sh.{op}(v.x), for one component")
+    type = vec(base_of((number,), f"sh.{op}"))
+    return make_value("Attrib", type, frame, frame.let(op, (read(frame, number, type),), type))
+
+
+def min_lane(x: Any) -> Any:
+    """Return the least x of all active elements that execute this together with this one; of NaNs, any number."""
+    return _lane_number("min_lane", x)
+
+
+def max_lane(x: Any) -> Any:
+    """Return the greatest x of all active elements that execute this together with this one; of NaNs, any number."""
+    return _lane_number("max_lane", x)
+
+
 def _grid(op: str, n: int) -> Any:
     if not is_int(n) or n not in (1, 2, 3, 4):
         raise ShpyTypeError(f"sh.{op} takes the rank of the elements' shape, 1 to 4", loc=here(), cure=f"sh.{op}(2)")

@@ -17,8 +17,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.errors import RecordError
-from shpy.ir.types import Type
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.types import WIDEST_PORT, Type
 from shpy.lang.recording.emit import DEFERRED, Emitter, Handle, Node, nodes_of, replay
 from shpy.lang.recording.location import here
 from shpy.lang.recording.names import assigned_name
@@ -130,7 +130,11 @@ def set_between_runs(name: str | None) -> str:
 
 @lru_cache(maxsize=128)
 def follower(cls: type) -> Any:
-    """Return the class of dependent uniforms of a type."""
+    """Return the class of dependent uniforms of a type; ShpyTypeError for vectors of eight, which live in programs."""
+    size: int = getattr(cls, "size", 1)
+    if size > WIDEST_PORT:
+        text = f"an {cls.__name__} follows no Param outside of a program"
+        raise ShpyTypeError(text, loc=here(), cure=f"sh.{cls.__name__}(…) inside of the program")
     return type(cls.__name__, (Dependent, cls), {"__slots__": ()})
 
 

@@ -26,6 +26,7 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyTypeError
+from shpy.ir.types import WIDEST_PORT
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, current_frame
 from shpy.lang.recording.symbolic import Symbolic
@@ -94,6 +95,16 @@ def layout_of(annotation: Any, name: str) -> Layout:
         loc=here(),
         cure=f"{written}, or another type of shpy, a @sh.struct, a NamedTuple of types",
     )
+
+
+def outside(layout: Layout, name: str) -> Layout:
+    """Return the layout of data that a program takes or gives; ShpyTypeError where it has vectors of eight."""
+    for path, _, cls in leaves(layout, name):
+        if cls.size > WIDEST_PORT:
+            text = f"{path} is an {cls.__name__}, and vectors of eight live inside of programs"
+            pair = f"sh.{cls.__name__.replace('8', '4')}"
+            raise ShpyTypeError(text, loc=here(), cure=f"two of {pair}, and sh.{cls.__name__}(a, b) inside")
+    return layout
 
 
 def layout_from(value: Any, what: str) -> Layout:

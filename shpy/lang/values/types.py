@@ -4,11 +4,13 @@ Stage: record. `Attrib` is data of any meaning. The other kinds mean something: 
 difference of points is concerned, mix freely elsewhere, and hold floats. GLSL's vector names are aliases.
 
     Attrib1i   one int            Point3f   a position: three floats            vec3 is Attrib3f
+
+Vectors of eight are for the arithmetic of programs alone: no input, output, Param, Table or stream has them.
 """
 
 from typing import TYPE_CHECKING, Any
 
-from shpy.ir.types import FLOATS, Base, vec
+from shpy.ir.types import FLOATS, WIDEST_PORT, Base, vec
 from shpy.lang.values.value import CLASSES, Value
 
 MEANINGS = {
@@ -19,7 +21,7 @@ MEANINGS = {
     "Color": "A colour",
     "TexCoord": "Texture coordinates",
 }
-_COUNTS = {1: "One", 2: "Two", 3: "Three", 4: "Four"}
+_COUNTS = {1: "One", 2: "Two", 3: "Three", 4: "Four", 8: "Eight"}
 _SPOKEN = {
     Base.F: "float",
     Base.D: "binary64",
@@ -45,7 +47,7 @@ CLASSES.update(
     for kind in MEANINGS
     for size in _COUNTS
     for base in Base
-    if kind == "Attrib" or base in FLOATS
+    if kind == "Attrib" or (base in FLOATS and size <= WIDEST_PORT)
 )
 TYPES = {cls.__name__: cls for cls in CLASSES.values()}
 TYPES |= {f"{alias}{n}": TYPES[name.format(n)] for alias, name in _ALIASES.items() for n in (2, 3, 4)}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shpy.errors import RecordError, ShpyAttributeError, ShpyIndexError, ShpyTypeError
 from shpy.ir.constants import encode, to_array
-from shpy.ir.types import vec
+from shpy.ir.types import SIZES, vec
 from shpy.lang.mistakes.aliases import check_store
 from shpy.lang.mistakes.foreign import value_cure
 from shpy.lang.mistakes.statements import check_none
@@ -416,7 +416,7 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
             raise ShpyIndexError(
                 f"[{_spell(key)}] picks none of {size} components", loc=here(), cure=f"a slice of 0 to {size}"
             )
-        return picked
+        return _counted(picked)
     keys = key if isinstance(key, tuple) else (key,)
     if any(isinstance(k, Value) for k in keys):
         raise ShpyTypeError("components of a list are constants", loc=here(), cure="one index at a time, x[i]")
@@ -428,10 +428,15 @@ def _components(key: Any, size: int) -> tuple[int, ...]:
     for i in indices:
         if not -size <= i < size:
             raise ShpyIndexError(f"component {i} of {size}", loc=here(), cure=f"0 to {size - 1}")
-    if not 1 <= len(indices) <= 4:
-        picks = f"{len(indices)} components are picked, and a vector has one to four"
+    return _counted(tuple(i % size for i in indices))
+
+
+def _counted(picked: tuple[int, ...]) -> tuple[int, ...]:
+    """Return components that make a scalar or vector; ShpyIndexError for any other number of them."""
+    if len(picked) not in SIZES:
+        picks = f"{len(picked)} components are picked, and a vector has one to four"
         raise ShpyIndexError(picks, loc=here(), cure="v[0, 2], or several vectors")
-    return tuple(i % size for i in indices)
+    return picked
 
 
 def _spell(key: Any) -> str:

@@ -182,6 +182,50 @@ def vector_case(base: str) -> Case:
     return structural(f"vectors-{base}", b, results, arrays, base)
 
 
+LONG_OPS = (
+    *("add", "sub", "mul", "div", "neg", "abs", "min", "max", "lt", "eq", "cond", "and", "not", "shl", "floordiv"),
+    *("floor", "sqrt", "clamp", "float_from_bits", "bits_from_float", "sin", "dot", "any", "all"),
+)
+
+
+def long_case(base: str, name: str) -> Case | None:
+    """Return the case of one operation on vectors of eight, which are made and taken apart inside of a program."""
+    types = OPS[name].arguments(vec(base, 8))
+    if types is None:
+        return None
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
+    args = []
+    for k, t in enumerate(types):
+        halves = [_input(b, t.sized(4), f"{'abc'[k]}{n}", 2 * k + n, arrays) for n in range(2)]
+        args.append(b.let("construct", *halves, type=t))
+    result = b.let(name, *args)
+    whole = result.type.size > 1
+    outputs = [b.swizzle(result, (0, 1, 2, 3)), b.swizzle(result, (7, 6, 5, 4))] if whole else [result]
+    return structural(f"long-{name}-{base}", b, outputs, arrays, base)
+
+
+def long_vector_case(base: str) -> Case:
+    """Return the case of vectors of eight in variables, arrays and loops: swizzles, stores and components."""
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
+    index = _input(b, vec(Base.I), "i", 9, arrays)
+    halves = [_input(b, vec(base, 4), f"v{n}", n, arrays) for n in range(2)]
+    long = vec(base, 8)
+    v = b.let("construct", *halves, type=long)
+    slot, many = b.variable(long, name="slot"), b.variable(long, 3, name="many")
+    b.store(slot, v)
+    with b.when(b.let("gt", index, b.const(vec(Base.I), [1]))):
+        b.store(slot, b.swizzle(v, (7, 6)), (4, 1))
+        b.store(many, b.swizzle(b.load(slot), (1, 0, 3, 2, 5, 4, 7, 6)), index=b.const(vec(Base.I), [1]))
+    with b.otherwise():
+        b.store(many, b.let("component", v, index, type=long.scalar), (5,), index=index)
+    element = b.load(many, index)
+    rest = [b.swizzle(b.load(slot), (4, 0, 1, 7)), b.swizzle(element, (5, 6, 7)), b.swizzle(element, (2,))]
+    picked = b.let("component", b.load(slot), index, type=long.scalar)
+    return structural(f"long-vectors-{base}", b, [*rest, picked], arrays, base)
+
+
 def constant_case(base: str) -> Case:
     """Return the case of every special value as a constant: alone, and in a vector."""
     b = Builder("operation")
@@ -302,6 +346,16 @@ def lanes_case() -> Case:
     return structural("lanes", b, [b.load(result)], arrays)
 
 
+def extremes_case(base: str) -> Case:
+    """Return the case that no element is beyond the least and the greatest of those that run with it."""
+    b = Builder("operation")
+    arrays: dict[str, Any] = {}
+    x = _input(b, vec(base), "x", 0, arrays)
+    x = b.let("cond", b.let("eq", x, x), x, b.const(x.type, [1]))  # a NaN may count or not
+    bounds = [b.let("le", b.let("min_lane", x, type=x.type), x), b.let("ge", b.let("max_lane", x, type=x.type), x)]
+    return structural(f"extremes-{base}", b, bounds, arrays, base)
+
+
 ROWS = rows()
 
 
@@ -309,8 +363,9 @@ def cases() -> list[Case]:
     """Return every operation."""
     all_cases = list(ROWS)
     all_cases += [convert_case(a, b) for a in "fdhiub" for b in "fdhiub" if a != b]
-    for make in (vector_case, constant_case, load_case, param_case):
+    all_cases += [case for name in LONG_OPS for base in "fdiub" if (case := long_case(base, name))]
+    for make in (vector_case, long_vector_case, constant_case, load_case, param_case):
         all_cases += [make(base) for base in "fdhiub"]
     all_cases += [table_case(base, size, rank) for base in "fiub" for size in (1, 2, 3, 4) for rank in (1, 2, 3)]
     all_cases += [table_case("d", 3, 2), table_case("h", 2, 1), *map(grid_case, (1, 2, 3, 4))]
-    return [*all_cases, half_case(), call_case(), lanes_case()]
+    return [*all_cases, half_case(), call_case(), lanes_case(), *map(extremes_case, "fdhiu")]

@@ -42,7 +42,7 @@ MAX_WIDTH: Final = 88
 """Letters of an expression that needs no name."""
 _NO_SPLATS: Final = frozenset(
     {"const", "load", "swizzle", "table", "neighbour", "call", "construct", "component", "half", "any", "all",
-     "convert", "lane_any", "lane_mask", "param", "grid_index", "grid_shape", "table_size"}
+     "convert", "lane_any", "lane_min", "lane_max", "lane_mask", "param", "grid_index", "grid_shape", "table_size"}
 )  # fmt: skip
 
 
@@ -264,7 +264,8 @@ class PythonBody(Body):
             assert components is not None
             self.out.append(tree.Assign(tree.Index(variable.type, whole, components), e, s.loc))
         elif not isinstance(index, Literal):
-            listed = [] if s.components is None else [tree.Tuple(INT, tuple(map(tree.number, s.components)))]
+            numbers = tuple(map(tree.number, s.components or ()))
+            listed = [] if not numbers else [(tree.ListDisplay if len(numbers) == 1 else tree.Tuple)(INT, numbers)]
             self.out.append(tree.Do(tree.call("put", variable.type, whole, index, own(e), *listed), s.loc))
         elif 0 <= index.value < (variable.length or 0):
             at = index if components is None else tree.Tuple(INT, (index, components))

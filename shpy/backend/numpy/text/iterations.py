@@ -27,7 +27,7 @@ from shpy.passes.liveness import annotate, loops
 _FOLDS = {"add": "np.add", "mul": "np.multiply"}
 _VECTORS = frozenset({"table", "construct", *SCALED})
 """Operations that may give vectors, whose components come first, or take them."""
-_NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "load", "component"})
+_NOT_IN_ROWS = frozenset({"neighbour", "lane_any", "lane_min", "lane_max", "load", "component"})
 _NOT_IN_FUNCTIONS = frozenset({"neighbour", "lane_any", "any_lane", "component"})
 
 

@@ -189,6 +189,8 @@ class NumpyOperations(Operations):
             case "lane_any":
                 compound = isinstance(args[0], Operator)
                 return tree.call("np.any", BOOL, args[0]) if compound else Method(BOOL, args[0], "any")
+            case "lane_min" | "lane_max":
+                return tree.call(f"np.{let.op.removeprefix('lane_')}", type, args[0])
             case "lane_mask":
                 return tree.call("np.ones", BOOL, self.lanes, word("np.bool_"))
             case op if op in _GEOMETRY:

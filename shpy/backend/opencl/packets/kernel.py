@@ -55,9 +55,9 @@ from shpy.backend.opencl.text.prologue import NOINLINE
 from shpy.backend.opencl.text.spell_cl import ClSpeller
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Module, Table, Variable
-from shpy.ir.traverse import walk
+from shpy.ir.traverse import defined, variables_of, walk
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.components import take_apart
+from shpy.passes.components import ALL, LONG, SHORT, has_long, take_apart
 from shpy.passes.formulas.edges import edge, remark
 from shpy.passes.hide import hide_derivable
 from shpy.passes.inline import inline_calls
@@ -115,10 +115,24 @@ def _vectorised(
     module: Module, math: Math, faults: Collection[str], *, padded: bool = False, alone: bool = False
 ) -> VectorModule:
     """Return a prepared module of scalars for many lanes; `padded` and `alone`: see `vectorize`."""
-    scalar = optimise(take_apart(module))
-    # A hidden zero adds arithmetic on vectors, which has to be split too.
-    whole = take_apart(hide_derivable(scalar)) if hides_zeros(math, faults) else scalar
-    return find_neighbours(vectorize(whole, padded=padded, alone=alone))
+    for sizes in (SHORT, ALL) if has_long(module) else (ALL,):
+        scalar = optimise(take_apart(module, sizes=sizes))
+        # A hidden zero adds arithmetic on vectors, which has to be split too.
+        whole = take_apart(hide_derivable(scalar), sizes=sizes) if hides_zeros(math, faults) else scalar
+        vector = vectorize(whole, padded=padded, alone=alone)
+        if not _has_varying_long(vector):
+            break
+    return find_neighbours(vector)
+
+
+def _has_varying_long(vector: VectorModule) -> bool:
+    """Return whether a vector of eight differs from lane to lane: then all of them have to be split."""
+    types: list[Type] = []
+    for f in vector.module.functions:
+        if (facts := vector.facts.get(f.name)) is not None:
+            types += [v.type for v in defined(f) if v.id in facts.varying]
+            types += [v.type for v in variables_of(f) if v.id in facts.slots]
+    return any(type.size in LONG for type in types)
 
 
 def _stay_together(module: Module) -> bool:

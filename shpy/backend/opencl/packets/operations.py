@@ -126,6 +126,13 @@ class PacketOperations(ClOperations):
         """Return `sh_any(mask)`."""
         return tree.call(self.unit.prologue.any_lane(), BOOL, self.arg(let.args[0]))
 
+    def op_lane_min(self, let: Let) -> Expr:
+        """Return `sh_min_lane_f(x)`."""
+        name = self.unit.prologue.extreme_lane(let.op.removeprefix("lane_"), let.value.type.base)
+        return tree.call(name, let.value.type, self.arg(let.args[0]))
+
+    op_lane_max = op_lane_min
+
     def op_lane_mask(self, let: Let) -> Expr:
         """Return the mask of the lanes that hold an element: of all lanes in a tree, where no packet is read."""
         if not self.unit.place:

@@ -133,6 +133,11 @@ class PacketPrologue(Prologue):
         """Add the function that tells whether any lane is set; return its name."""
         return self.ask("sh_any", self._any)
 
+    def extreme_lane(self, which: str, base: Base) -> str:
+        """Add the function that finds the `min` or the `max` of all lanes; return its name."""
+        name = f"sh_{which}_lane_{base.value}"
+        return self.ask(name, lambda: _extreme(name, which, SCALARS[base], self.lanes))
+
     def written(self, op: str, type: Type) -> str | None:
         """Return the function that computes `op`, or None where its definition is to be printed."""
         if not isinstance(type, Lanes):
@@ -237,6 +242,22 @@ class PacketPrologue(Prologue):
         if way == "pick":
             return self.ask(name, lambda: _pick(name, scalar, length, self.lanes, varies=varies))
         return self.ask(name, lambda: _put(name, scalar, length, self.lanes))
+
+
+def _extreme(name: str, which: str, scalar: str, lanes: int) -> str:
+    """Return the function that halves a packet until one number is left."""
+    lines, parts, width = [], "v", lanes
+    for letter in "abcdef":
+        halves = [f"{parts}.{half}" for half in ("lo", "hi")]
+        width //= 2
+        choice = f"{halves[0]} {'<' if which == 'min' else '>'} {halves[1]} ? {halves[0]} : {halves[1]}"
+        if width == 1:
+            break
+        lines.append(f"    {scalar}{width} {letter} = {choice};\n")
+        parts = letter
+    told = "least" if which == "min" else "greatest"
+    head = f"// The {told} number of all lanes.\n{scalar} {name}({scalar}{lanes} v) {{\n"
+    return f"{head}{''.join(lines)}    return {choice};\n}}"
 
 
 def _each(lanes: int) -> list[str]:

@@ -33,6 +33,10 @@ WIDER = (32, 64)
 """Possible numbers of lanes where the driver's compiler has clang's vectors (see `prologue_wide`)."""
 
 
+_OF_LANES = frozenset({"lane_any", "lane_min", "lane_max"})
+"""Operations that give one answer for a number of each lane."""
+
+
 class Lanes(Type):
     """The type of a number of `base` per lane, as OpenCL's `float16`; `size` counts the lanes. See `lanes_of`."""
 
@@ -162,7 +166,7 @@ class _Widener(Rewriter):
     def let(self, let: Let) -> None:
         varies = let.value.id in self.facts.varying
         attr = self.uniform[str(let.attr)] if let.op == "call" and not varies else let.attr
-        spreads = let.op not in ("load", "swizzle", "neighbour") if varies else let.op == "lane_any"
+        spreads = let.op not in ("load", "swizzle", "neighbour") if varies else let.op in _OF_LANES
         self.emit(Let(self.typed(let.value), let.op, tuple(map(self.spread, let.args)) if spreads else let.args, attr))
 
     def store(self, store: Store) -> None:

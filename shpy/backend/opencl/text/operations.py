@@ -43,7 +43,7 @@ from shpy.backend.opencl.text.prologue import BY_COMPONENT, NAN_LOST, Prologue, 
 from shpy.errors import CompileError
 from shpy.ir.nodes import Function, Let, Loc, Module, Variable
 from shpy.ir.traverse import walk
-from shpy.ir.types import Base, Type, vec
+from shpy.ir.types import WIDEST_PORT, Base, Type, vec
 from shpy.passes.formulas.edges import componentwise, edge, remark
 from shpy.passes.modes import REPRODUCIBLE, Math
 
@@ -220,6 +220,20 @@ class ClOperations(Operations):
     def context(self, function: str) -> tuple[Expr, ...]:
         """Return the extra arguments of a call."""
         return self.unit.handed(function)
+
+    def op_construct(self, let: Let) -> Expr:
+        """Return a vector from parts; of eight numbers in two rows of a table, a load of both."""
+        match [self.exprs[a] for a in let.args]:
+            case Index(_, rows, at), Index(_, other, then) if let.value.type.size > WIDEST_PORT:
+                if rows == other and then == tree.infix("+", at, number(1)) and not let.value.type.is_bool:
+                    return tree.call(self.unit.prologue.both_rows(let.value.type.base), let.value.type, rows, at)
+        return super().op_construct(let)
+
+    def op_any(self, let: Let) -> Expr:
+        """Return `any(c)`."""
+        if self.types[let.args[0]].size <= WIDEST_PORT:
+            return super().op_any(let)
+        return tree.call(self.unit.prologue.any_long(), BOOL, self.arg(let.args[0]))
 
     # Operations
 

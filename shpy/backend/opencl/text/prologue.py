@@ -27,6 +27,20 @@ uint sh_at(int i, int size) {
 }"""
 
 
+_BOTH: Final = """\
+// Two neighbouring rows in one load; PoCL loads halves of halves where a vector is made of two.
+{scalar}8 {name}(__global const {scalar}4 *rows, int i) {{
+    return vload8(0, (__global const {scalar} *)(rows + i));
+}}"""
+_ANY_LONG: Final = """\
+// True if any component holds. PoCL's any() of eight components takes them one by one.
+bool sh_any_long(int8 mask) {
+    ulong4 a = as_ulong4(mask);
+    ulong2 b = a.lo | a.hi;
+    return (b.x | b.y) != 0;
+}"""
+
+
 def _powers_of_two(bias: int, mantissa: int, wide: str) -> str:
     """Return the text of ldexp for floats of this bias and mantissa; `wide` converts to ints of their size."""
     lowest, highest = 1 - bias, bias
@@ -133,6 +147,15 @@ class Prologue:
         """Add the function that computes the flat index in a table of `rank` axes, 1 to 3; return its name."""
         name = f"sh_at{rank if rank > 1 else ''}"
         return self.ask(name, lambda: _NEAREST if rank == 1 else _flat(name, rank))
+
+    def both_rows(self, base: Base) -> str:
+        """Add the function that reads two neighbouring rows of four as one vector; return its name."""
+        name, scalar = f"sh_both_{base.value}", SCALARS[base]
+        return self.ask(name, lambda: _BOTH.format(name=name, scalar=scalar))
+
+    def any_long(self) -> str:
+        """Add the function that tells whether a component of a vector of eight holds; return its name."""
+        return self.ask("sh_any_long", lambda: _ANY_LONG)
 
     def text(self) -> str:
         """Return the functions, one empty line between them."""
