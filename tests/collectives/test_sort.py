@@ -73,8 +73,8 @@ def test_sorted_and_stable_at_length(moved):
     check(moved, 10_000, 3)
 
 
-def test_the_digits_of_devices_with_small_caches(monkeypatch):
-    monkeypatch.setattr(opencl, "_CPU_DIGIT", opencl._DIGIT)
+def test_the_digits_of_devices_with_small_caches_or_stacks(monkeypatch):
+    monkeypatch.setattr(opencl, "thread_stack", lambda: 1 << 16)
     rng = np.random.default_rng(7)
     bits = rng.integers(0, 2**32, 70_001, np.uint32)
     given = stream(bits, sh.Attrib1u, "opencl")

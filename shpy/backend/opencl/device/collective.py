@@ -21,6 +21,7 @@ import numpy as np
 
 from shpy.backend.base import Array, Collectives, NodeTypes, Options
 from shpy.backend.device.probe import refuse_wrong
+from shpy.backend.opencl.device.compiler_trials import thread_stack
 from shpy.backend.opencl.device.driver import LOCAL_SIZE
 from shpy.backend.opencl.device.memory import WORDS, OpenCLMemory, OpenCLSpace, buffer_dtype
 from shpy.backend.opencl.packets.prologue_trees import FOLD, JOIN, SCAN, print_trees, tree_block
@@ -37,11 +38,14 @@ from shpy.passes.size import inlined_sizes
 
 _CPU_DIGIT: Final = 13
 _DIGIT: Final = 8
-"""The most bits of a digit, on a CPU and elsewhere: a CPU's caches hold larger tables, so that there are fewer passes.
+"""The most bits of a digit, on a CPU whose threads have room, and elsewhere: a CPU's caches hold larger tables, so that
+there are fewer passes.
 
 All digits of a key have about as many, an argument of the kernels, since a table of half the size takes less time.
 65,536 keys below 4,096 take one pass, and 0.73 of the CPU time of two with 11 bits.
 """
+_TABLES: Final = 16
+"""Bytes of private tables for each digit, four of ints: they lie on the stack of a CPU's thread."""
 _LEAST: Final = 1 << 14
 """Elements of a chunk at least, so that its tables cost less than its elements."""
 _MOST_COUNTERS: Final = 1 << 22
@@ -95,7 +99,8 @@ class _OpenCLCollectives:
     def __init__(self, space: OpenCLSpace) -> None:
         self._space = space
         machine = self._machine = space.machine
-        self._digit = _CPU_DIGIT if machine.is_cpu else _DIGIT
+        has_room = (thread_stack() or 0) >= 8 * (_TABLES << _CPU_DIGIT)
+        self._digit = _CPU_DIGIT if machine.is_cpu and has_room else _DIGIT
 
     def select(self, mask: Any) -> OpenCLMemory:
         """Return the indices of the elements whose mark is set, in order, as ints."""
