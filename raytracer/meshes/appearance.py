@@ -1,10 +1,11 @@
-"""Materials of mesh files as materials of Phong's model.
+"""Materials of mesh files as materials of scenes.
 
-Stage: scene description. Takes a `MetallicRoughness`, the material of glTF 2.0 (section 3.9 and appendix B), or the
-words of an MTL file, which `read_mtl` reads. No other file knows how they are translated.
+Stage: scene description. Takes a `GltfMaterial`, the material of glTF 2.0 (section 3.9 and appendix B), which becomes a
+`MetallicRoughness`, or the words of an MTL file, which `read_mtl` reads, in Phong's model. No other file knows how they
+are translated.
 
->>> metallic_roughness(MetallicRoughness(roughness=0.5)).shininess
-7.5
+>>> material_of(GltfMaterial(roughness=0.5)).roughness
+0.5
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from raytracer.appearance.materials import CUTOFF, Material, Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
@@ -54,21 +56,21 @@ _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 
 
 class Alpha(NamedTuple):
-    """The alpha of a surface: `opacity`, the share that it covers, a cutout picture, and a picture of transmission."""
+    """The alpha of a surface: `opacity`, the share that it covers, a cutout picture, and a picture of the opacity."""
 
     opacity: float = 1.0
     cutout: Texture | None = None
-    clear: Texture | None = None
+    blend: Texture | None = None
 
 
 @dataclass(frozen=True)
-class MetallicRoughness:
-    """A material of glTF: `color` is linear; `color_picture` multiplies it.
+class GltfMaterial:
+    """A material of glTF as its file has it: `color` is linear; `color_picture` multiplies it, as the others do theirs.
 
-    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; the red channel of
-    `transmission_picture` multiplies `transmission`. `absorption` is None for thin walls, which have no inside.
-    `emission` may exceed 1; `opacity` is the share of the surface that is there, and `cutout` where it is;
-    `clear`, in place of `opacity`, is a picture of the share that is not there.
+    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; those of numbers
+    multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` is an alpha.
+    `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; `opacity` is the share of the
+    surface that is there, and `cutout` where it is; `blend`, in place of `opacity`, is a picture of it.
     """
 
     color: Triple = WHITE
@@ -84,49 +86,82 @@ class MetallicRoughness:
     absorption: Triple | None = None
     opacity: float = 1.0
     cutout: Texture | None = None
-    clear: Texture | None = None
+    blend: Texture | None = None
     normal_map: Texture | None = None
+    specular: float = 1.0
+    specular_picture: Picture | None = None
+    specular_color: Triple = WHITE
+    specular_color_picture: Picture | None = None
+    clearcoat: float = 0.0
+    clearcoat_picture: Picture | None = None
+    clearcoat_roughness: float = 0.0
+    clearcoat_roughness_picture: Picture | None = None
 
     @property
     def f0(self) -> float:
         """The share of light that is reflected at normal incidence if it is no metal: 0.04 for an ior of 1.5."""
         return ((self.ior - 1) / (self.ior + 1)) ** 2
 
+    @property
+    def is_body(self) -> bool:
+        """True if light is refracted at the surface (KHR_materials_volume)."""
+        return self.transmission > 0 and self.absorption is not None
 
-def metallic_roughness(look: MetallicRoughness) -> Material:
-    """Return the Phong material that comes near a material of glTF.
+
+def material_of(look: GltfMaterial) -> AnyMaterial:
+    """Return a material of glTF in its own model; bodies that refract, in Phong's model with Fresnel's equations."""
+    if look.is_body:
+        return body_of(look)
+    red, green, blue = (min(max(x, 0.0), 1.0) for x in look.color)
+    return MetallicRoughness(
+        base_color=_color((red, green, blue), look.color_picture),
+        metallic=_number_of(look.metallic, look.roughness_picture, 2),
+        roughness=_number_of(look.roughness, look.roughness_picture, 1),
+        ior=look.ior,
+        specular=_number_of(look.specular, look.specular_picture, 0),
+        specular_color=_color(look.specular_color, look.specular_color_picture),
+        clearcoat=_number_of(look.clearcoat, look.clearcoat_picture, 0),
+        clearcoat_roughness=_number_of(look.clearcoat_roughness, look.clearcoat_roughness_picture, 1),
+        transmission=_number_of(look.transmission, look.transmission_picture, 0),
+        emission=_color(look.emission, look.emission_picture) if any(look.emission) else BLACK,
+        alpha=look.opacity if look.blend is None else look.blend,
+        normal=look.normal_map,
+        cutout=look.cutout,
+    )
+
+
+def _number_of(factor: float, picture: Picture | None, place: int) -> float | Texture:
+    """Return a factor times a channel of its picture, in [0, 1]."""
+    factor = min(max(factor, 0.0), 1.0)
+    return factor if picture is None or factor == 0 else picture.number(factor, place)
+
+
+def body_of(look: GltfMaterial) -> Material:
+    """Return the Phong material that comes near the body of a material that refracts.
 
     With alpha = roughness**2 (Karis 2013), the exponent s of Blinn-Phong's highlight is 2 / alpha**2 - 2 (Walter et al.
     2007, section 5.2), and Phong's is a quarter of s (Fisher and Woo 1994). The highlight has the height F0 s / 8, at
     most 1: the normalization (s + 2) / 8 (Hoffman 2010) without the part that is spread over all directions, which is
     seen as diffuse light. F0 is ((ior - 1) / (ior + 1))**2, and a metal's own colour.
 
-    Mirror images have no colour here: a metal mirrors the part of its colour that all channels share, times (1 -
-    roughness)**2, as a rough one blurs what it mirrors. What is not mirrored is seen as diffuse light. Of non-metals,
-    only clear surfaces show a mirror image.
-
-    The clear share, transmission * (1 - metallic), has no colour either: the part of the colour that all channels share
-    goes through, and the rest is seen as diffuse light. With an `absorption` it is the surface of a body that refracts
-    (KHR_materials_volume). Thin walls let light go straight on (KHR_materials_transmission): their `ior` is 1 here, and
-    they mirror the share F0 in all directions. Blurred refraction is left out. An `opacity` below 1 is a share that is
-    clear and does not refract, which is what alpha blending does.
+    A metal mirrors the part of its colour that all channels share, times (1 - roughness)**2. The clear share,
+    transmission * (1 - metallic), has no colour either: the part of the colour that all channels share goes through,
+    and the rest is seen as diffuse light. Blurred refraction is left out.
     """
     mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
     numbers = _numbers(look, float(mean.min()))
     material = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
-    material = replace(material, normal_map=look.normal_map)
-    if any(look.emission):
-        material = replace(material, emission=_color(look.emission, look.emission_picture))
-    if look.transmission and look.absorption is not None:
-        return replace(material, ior=look.ior or 1.0, absorption=look.absorption)
-    if look.transmission:
-        return replace(material, ior=1.0)
-    if look.clear is not None:
-        return replace(material, transmission=look.clear, ior=1.0)
-    return material if look.opacity == 1 else replace(material, transmission=1 - look.opacity, ior=1.0)
+    emission = _color(look.emission, look.emission_picture) if any(look.emission) else BLACK
+    return replace(
+        material,
+        normal_map=look.normal_map,
+        emission=emission,
+        ior=look.ior or 1.0,
+        absorption=look.absorption or BLACK,
+    )
 
 
-def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
+def _numbers(look: GltfMaterial, shared: float) -> dict[str, Any]:
     """Return specular, shininess, reflectivity and transmission: numbers, or textures where pictures decide them."""
     factors = {"roughness": look.roughness, "metallic": look.metallic, "transmission": look.transmission}
     places = {"roughness": (look.roughness_picture, 1), "metallic": (look.roughness_picture, 2)}
@@ -146,7 +181,7 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
             for name, x in _lobe(look, shared, **factors).items()
         }
 
-    key = (*factors.values(), shared, look.ior, look.absorption is None, *pictures)
+    key = (*factors.values(), shared, look.ior, *pictures)
     numbers: dict[str, Any] = pictures[0].memoize(key, textures)
     return numbers
 
@@ -157,9 +192,7 @@ def _resized(pixels: Any, height: int, width: int) -> Any:
     return pixels[rows][:, columns]
 
 
-def _lobe(
-    look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
-) -> dict[str, Any]:
+def _lobe(look: GltfMaterial, shared: float, *, roughness: Any, metallic: Any, transmission: Any) -> dict[str, Any]:
     """Compute specular, shininess, reflectivity and transmission; the arguments are numbers or pictures (H, W)."""
     factors = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
     roughness, metallic, clear = np.broadcast_arrays(*factors)
@@ -169,8 +202,6 @@ def _lobe(
     clear = clear * (1 - metallic)
     mirror = metallic * (1 - roughness) ** 2 * shared
     through = np.clip(shared, 0, 1) * clear
-    if look.absorption is None:  # a thin wall; a body has Fresnel's share by its ior
-        mirror, through = mirror + look.f0 * clear, (1 - look.f0) * through
     opaque = np.maximum(1 - through, 2.0**-20)
     return {
         "specular": np.clip(f0 * exponent / 8, 0, 1),
@@ -181,9 +212,9 @@ def _lobe(
 
 
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
-    """Return opacity, cutout and transmission for alpha, a factor times a picture, in the modes "MASK" and "BLEND".
+    """Return the effect of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
 
-    In the mode "BLEND" a picture's alpha becomes transmission, and alpha below 1/32 becomes a cutout, which costs no
+    In the mode "BLEND" a picture's alpha is kept, and alpha below 1/32 becomes a cutout, which costs no
     scattered ray. Where only the edges of shapes have partial alpha, to smooth the steps of pixels, alpha below 0.5 is
     cut out instead: through many leaves, each edge would cost one more scattered ray.
     """
@@ -197,7 +228,7 @@ def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, n
     if picture.share_between(*_SOFT) <= _EDGES:
         notices.ignore("partial transparency at the edges of pictures")
         return Alpha(opacity, picture.cutout(1.0))
-    return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.clear(opacity))
+    return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.alpha(opacity))
 
 
 @dataclass(frozen=True)
