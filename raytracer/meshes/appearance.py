@@ -246,7 +246,8 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     The statements are those of Wavefront's Advanced Visualizer (appendix B1.2). Kd times map_Kd is the colour, Ke times
     map_Ke the emission, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the mean is
     taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight, and those of
-    Ns 0 have none: it would cover the surface. Ka is not read: a scene has one ambient light.
+    Ns 0 have none: it would cover the surface. Ka is not read: a scene has one ambient light. Where the largest channel
+    of the colour and Ks make more than 1, both are divided by their sum: no surface sends out more than it receives.
 
     The share 1 - d, or Tr, is clear. Without d, Tr 1 is opaque in the models below 4, which have no transparency:
     MeshLab and photogrammetry write it so. With illum 6 and 7 the clear share refracts by Ni and mirrors by Fresnel's
@@ -271,10 +272,12 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
+    seen = _color(color, pictures.color)
+    diffuse, specular = bounded(seen, height_of(shiny, exponent, notices) if model >= 2 else 0.0, notices)
     material = Material(
-        _color(color, pictures.color),
-        diffuse=1.0,
-        specular=height_of(shiny, exponent, notices) if model >= 2 else 0.0,
+        seen,
+        diffuse,
+        specular,
         shininess=exponent,
         reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
@@ -291,6 +294,15 @@ def height_of(specular: float, exponent: float, notices: Notices) -> float:
         return specular
     notices.ignore("highlights of exponent 0", int(specular > 0))
     return 0.0
+
+
+def bounded(color: Triple | Texture, specular: float, notices: Notices) -> tuple[float, float]:
+    """Return the factors of matt light and highlight, divided by the most that both send out where this exceeds 1."""
+    total = float(np.max(color.image if isinstance(color, Texture) else color)) + specular
+    if total <= 1:
+        return 1.0, specular
+    notices.ignore("light beyond what surfaces receive")
+    return 1 / total, specular / total
 
 
 def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:

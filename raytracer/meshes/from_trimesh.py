@@ -20,7 +20,7 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import GltfMaterial, alpha_of, height_of, material_of
+from raytracer.meshes.appearance import GltfMaterial, alpha_of, bounded, height_of, material_of
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.mesh import LOADERS, Instance, Mesh
 from raytracer.meshes.pictures import Picture, Pictures
@@ -160,4 +160,4 @@ def _simple(material: Any, picture: Any, notices: Notices) -> AnyMaterial:
     specular = 0.0 if tuple(shiny.tolist()) == _GREY else float(shiny.mean()) / 255
     color = (r, g, b) if picture is None else picture.color((r, g, b))
     exponent = max(float(getattr(material, "glossiness", 1.0)), 0.0)
-    return Material(color, 1.0, height_of(specular, exponent, notices), exponent)
+    return Material(color, *bounded(color, height_of(specular, exponent, notices), notices), exponent)

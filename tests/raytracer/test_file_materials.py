@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from gltf_files import SQUARE, File, png
 from PIL import Image as pillow
+from test_microfacets import check_gains_nothing, furnace
 
 import shpy as sh
 from raytracer import Camera, Material, Mesh, Scene, SceneError, Texture, render
@@ -284,12 +285,42 @@ def test_trimesh_materials_shine_and_have_holes():
         ("illum 7\nd 0.25\nNi 1.3", {"transmission": 0.75, "ior": 1.3}),
         ("illum 4\nd 0.5\nNi 1.3", {"transmission": 0.5, "ior": 1.0}),
         ("illum 2\nNi 1.45\nTf 0 1 0", {"transmission": 0.0}),
-        ("illum 10\nKs 1", {"reflectivity": 0.0}),
+        ("illum 10\nKs 0.125", {"reflectivity": 0.0}),
     ],
 )
 def test_statements_of_mtl(tmp_path, text, expected):
     found = obj(tmp_path, text)
     assert {name: getattr(found, name) for name in expected} == expected
+
+
+BEYOND = "light beyond what surfaces receive (1)"
+
+
+@pytest.mark.parametrize(
+    ("text", "diffuse", "specular"),
+    [
+        ("Kd 0.5 0.25 0\nKs 0.5", 1, 0.5),
+        ("Kd 1 1 0.5\nKs 1\nNs 9", 1 / 2, 1 / 2),
+        ("Kd 0.8 0.8 0.8\nKs 0 0.7 0.8\nNs 100", 1 / 1.3, 0.5 / 1.3),
+        ("Kd 0 0 0\nKs 4", 1 / 4, 1),
+        ("Kd 2 1 0", 1 / 2, 0),
+        ("Kd 1 1 1\nKs 1\nillum 3", 1 / 2, 1 / 2),
+        ("Kd 1 1 1\nKs 1\nillum 1", 1, 0),
+    ],
+)
+def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, specular):
+    ignored = [BEYOND] if diffuse < 1 else []
+    found = obj(tmp_path, text, *ignored)
+    assert (found.diffuse, found.specular) == pytest.approx((diffuse, specular), rel=1e-6)
+    check_gains_nothing(furnace(found, backend="opencl"))
+
+
+def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):
+    grey = png([[[188, 188, 188], [9, 9, 9]]])
+    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 0.25", grey=grey)
+    assert (found.diffuse, found.specular) == (1, 0.25)
+    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 1", BEYOND, grey=grey)
+    assert found.diffuse == found.specular == pytest.approx(1 / (1 + ((188 / 255 + 0.055) / 1.055) ** 2.4), rel=1e-5)
 
 
 OPAQUE = "Tr 1 of materials without d, which are opaque (1)"
@@ -322,7 +353,7 @@ def test_an_exponent_of_0_is_no_highlight(tmp_path):
     assert (one.object_id == 0).any()
     np.testing.assert_array_equal(one.pixels, other.pixels)
     assert obj(tmp_path, "illum 1\nKs 1 1 1\nNs 0").specular == 0
-    assert obj(tmp_path, "Ks 1 1 1\nNs 0.5").specular == 1
+    assert obj(tmp_path, "Kd 0 0 0\nKs 1 1 1\nNs 0.5").specular == 1
     made = trimesh.creation.box()
     look = trimesh.visual.material.SimpleMaterial(diffuse=[9, 9, 9], specular=[255, 255, 255], glossiness=0.0)
     made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=look)
