@@ -1,8 +1,7 @@
 """Materials of mesh files as materials of scenes.
 
 Stage: scene description. Takes a `GltfMaterial`, the material of glTF 2.0 (section 3.9 and appendix B), which becomes a
-`MetallicRoughness`, or the words of an MTL file, which `read_mtl` reads, in Phong's model. No other file knows how they
-are translated.
+`MetallicRoughness`, or the words of an MTL file, which `read_mtl` reads. No other file knows how they are translated.
 
 >>> material_of(GltfMaterial(roughness=0.5)).roughness
 0.5
@@ -42,6 +41,11 @@ _MTL_READ = {
     *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
     *("map_kd", "map_d", "map_ke"),
 }
+_LAYERED = {"pr", "pm", "pc", "map_pr", "map_pm"}
+"""The statements that make a material a `MetallicRoughness`."""
+_MTL_LAYERS = {*_LAYERED, "pcr"}
+_MTL_ZEROS = {"ps", "aniso", "anisor", *_MTL_LAYERS} - {"map_pr", "map_pm"}
+"""Statements that say nothing where their number is 0; exporters write them for every material."""
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
 _TRANSPARENT = 4
 """The first model of illumination with transparency."""
@@ -233,56 +237,98 @@ def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, n
 
 @dataclass(frozen=True)
 class MtlPictures:
-    """The pictures of map_Kd and map_Ke, and the alpha or grey numbers of map_d."""
+    """The pictures of map_Kd, map_Ke, map_Pr and map_Pm, and the alpha or grey numbers of map_d."""
 
     color: Picture | None = None
     emission: Picture | None = None
     opacity: Picture | None = None
+    roughness: Picture | None = None
+    metallic: Picture | None = None
 
 
-def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> Material:
+def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> AnyMaterial:
     """Return the material that the statements of an MTL file describe, by their names in lower case.
 
-    The statements are those of Wavefront's Advanced Visualizer (appendix B1.2). Kd times map_Kd is the colour, Ke times
-    map_Ke the emission, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the mean is
-    taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight, and those of
-    Ns 0 have none: it would cover the surface. Ka is not read: a scene has one ambient light. Where the largest channel
-    of the colour and Ks make more than 1, both are divided by their sum: no surface sends out more than it receives.
-
-    The share 1 - d, or Tr, is clear. Without d, Tr 1 is opaque in the models below 4, which have no transparency:
-    MeshLab and photogrammetry write it so. With illum 6 and 7 the clear share refracts by Ni and mirrors by Fresnel's
-    equations; where d says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d
-    cuts out what is below 0.5. Raises ValueError for a word that is not a number.
+    The statements are those of Wavefront's Advanced Visualizer (appendix B1.2), and those that Exocortex added in 2015.
+    With Pr, Pm or Pc a material is a `MetallicRoughness`; without them, and where it refracts, it has Phong's model.
+    Kd times map_Kd is the colour, Ke times map_Ke the emission; numbers are linear. Ka is not read: a scene has one
+    ambient light. map_d cuts out what is below 0.5. Raises ValueError for a word that is not a number.
     """
-    color, shiny = _rgb(words, "kd", 0.8), float(np.mean(_rgb(words, "ks", 0.0)))
-    model = int(_number(words, "illum", 2))
+    clear, model = _clear(words), _model(words)
+    layered = bool(_LAYERED & words.keys()) and not (clear and model in _REFRACTING)
+    read = _MTL_READ | _MTL_LAYERS if layered else _MTL_READ
     for name in words:
-        if name not in _MTL_READ:
+        if name not in read and not (name in _MTL_ZEROS and _number(words, name, 0) == 0):
             notices.ignore(_MTL_PICTURES.get(name, f"{name} of materials"))
-    clear = 1 - _number(words, "d", 1 - _number(words, "tr", 0))
-    if clear >= 1 and not words.get("d") and model < _TRANSPARENT:
-        notices.ignore("Tr 1 of materials without d, which are opaque")
-        clear = 0.0
-    exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
-    filtered = _rgb(words, "tf", 1.0)
-    if model in _REFRACTING and clear <= 0:
-        clear = min(filtered)
-    clear = min(max(clear, 0.0), 1.0)
-    notices.ignore("tints of clear materials", int(clear > 0 and len(set(filtered)) > 1))
+    notices.ignore("Tr 1 of materials without d, which are opaque", int(_is_opaque(words)))
+    notices.ignore("tints of clear materials", int(clear > 0 and len(set(_rgb(words, "tf", 1.0))) > 1))
     notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
-    seen = _color(color, pictures.color)
-    diffuse, specular = bounded(seen, height_of(shiny, exponent, notices) if model >= 2 else 0.0, notices)
-    material = Material(
-        seen,
-        diffuse,
-        specular,
-        shininess=exponent,
-        reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
+    material = _layers(words, pictures, clear) if layered else _phong(words, pictures, clear, notices)
+    return replace(
+        material,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
         cutout=None if pictures.opacity is None else pictures.opacity.cutout(1.0),
     )
+
+
+def _model(words: Mapping[str, list[str]]) -> int:
+    """Return the model of illumination."""
+    return int(_number(words, "illum", 2))
+
+
+def _is_opaque(words: Mapping[str, list[str]]) -> bool:
+    """Return whether Tr 1 means opaque: without d, in the models below 4, which have no transparency.
+
+    MeshLab and photogrammetry write it so.
+    """
+    return not words.get("d") and _number(words, "tr", 0) >= 1 and _model(words) < _TRANSPARENT
+
+
+def _clear(words: Mapping[str, list[str]]) -> float:
+    """Return the share of a surface through which light goes: 1 - d, or Tr.
+
+    With illum 6 and 7, where d says nothing, it is the least channel of Tf, or 1.
+    """
+    clear = 0.0 if _is_opaque(words) else 1 - _number(words, "d", 1 - _number(words, "tr", 0))
+    if _model(words) in _REFRACTING and clear <= 0:
+        clear = min(_rgb(words, "tf", 1.0))
+    return min(max(clear, 0.0), 1.0)
+
+
+def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float) -> MetallicRoughness:
+    """Return a material with Pr, Pm, Pc and Pcr: map_Pr and map_Pm multiply them, and are their numbers alone.
+
+    Ks, Ns and illum say the same of a surface in Phong's model, and are not read beside them. Ni is the refractive
+    index, 1 - d the share that is not there.
+    """
+    red, green, blue = (min(x, 1.0) for x in _rgb(words, "kd", 0.8))
+    return MetallicRoughness(
+        base_color=_color((red, green, blue), pictures.color),
+        metallic=_number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0),
+        roughness=_number_of(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), pictures.roughness, 0),
+        ior=_number(words, "ni", 1.5),
+        clearcoat=_number_of(_number(words, "pc", 0.0), None, 0),
+        clearcoat_roughness=_number_of(_number(words, "pcr", 0.0), None, 0),
+        alpha=1 - clear,
+    )
+
+
+def _phong(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float, notices: Notices) -> Material:
+    """Return a material in Phong's model: Ks is the height and Ns the exponent of the highlight.
+
+    Of Ks, the mean is taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no
+    highlight, and those of Ns 0 have none: it would cover the surface. Where the largest channel of the colour and Ks
+    make more than 1, both are divided by their sum: no surface sends out more than it receives. With illum 6 and 7 the
+    clear share refracts by Ni and mirrors by Fresnel's equations. With the others light goes straight on.
+    """
+    color, shiny = _color(_rgb(words, "kd", 0.8), pictures.color), float(np.mean(_rgb(words, "ks", 0.0)))
+    model = _model(words)
+    exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
+    diffuse, specular = bounded(color, height_of(shiny, exponent, notices) if model >= 2 else 0.0, notices)
+    reflectivity = min(shiny, 1.0) if 3 <= model <= 9 else 0.0
+    material = Material(color, diffuse, specular, exponent, reflectivity)
     if not clear:
         return material
     return replace(material, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)

@@ -12,7 +12,7 @@ from PIL import Image as pillow
 from test_microfacets import check_gains_nothing, furnace
 
 import shpy as sh
-from raytracer import Camera, Material, Mesh, Scene, SceneError, Texture, render
+from raytracer import Camera, Material, Mesh, MetallicRoughness, Scene, SceneError, Texture, render
 from raytracer.meshes.appearance import GltfMaterial, material_of
 from raytracer.meshes.shapes import box
 
@@ -313,6 +313,40 @@ def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, s
     found = obj(tmp_path, text, *ignored)
     assert (found.diffuse, found.specular) == pytest.approx((diffuse, specular), rel=1e-6)
     check_gains_nothing(furnace(found, backend="opencl"))
+
+
+@pytest.mark.parametrize(
+    ("text", "ignored", "expected"),
+    [
+        ("Kd 1 0.5 0\nPr 0.25", [], MetallicRoughness((1, 0.5, 0), 0, 0.25)),
+        ("Pm 1\nPr 0\nKe 1 2 3", [], MetallicRoughness(metallic=1, roughness=0, emission=(1, 2, 3))),
+        ("Pc 0.5\nPcr 0.25\nNi 2", [], MetallicRoughness(ior=2, clearcoat=0.5, clearcoat_roughness=0.25)),
+        ("Pr 2\nPm -1\nKd 4 1 0", [], MetallicRoughness((1, 1, 0), 0, 1)),
+        ("Pr 0.5\nKs 1 1 1\nNs 9\nillum 3\nd 0.25", [], MetallicRoughness(alpha=0.25)),
+        ("Pr 0.5\nTr 1", ["Tr 1 of materials without d, which are opaque (1)"], MetallicRoughness()),
+        ("Pr 0.5\nPs 0\naniso 0\nanisor 0.0", [], MetallicRoughness()),
+        ("Pr 0.5\nPs 0.5\naniso 0.1", ["ps of materials (1), aniso of materials (1)"], MetallicRoughness()),
+        ("Ps 0.0\nPcr 0\nKs 0.125", [], Material(diffuse=1, specular=0.125)),
+        (
+            "illum 7\nPr 0.5\nPm 0\nNi 1.4",
+            ["pr of materials (1)"],
+            Material(diffuse=1, specular=0, transmission=1, ior=1.4),
+        ),
+    ],
+)
+def test_physical_statements_of_mtl(tmp_path, text, ignored, expected):
+    assert obj(tmp_path, text, *ignored) == expected
+
+
+def test_physical_pictures_of_mtl(tmp_path):
+    """They multiply their numbers, as map_Kd does, and are linear."""
+    picture = png([[[51, 51, 51], [255, 255, 255]]])
+    found = obj(tmp_path, "Pr 0.5\nmap_Pr grey.png\nmap_Pm grey.png\nmap_Kd grey.png\nKd 1 1 1", grey=picture)
+    np.testing.assert_allclose(found.roughness.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(found.metallic.image[0, :, 0], [0.2, 1], rtol=1e-6)
+    np.testing.assert_allclose(found.base_color.image[0, :, 0], [((0.2 + 0.055) / 1.055) ** 2.4, 1], rtol=1e-5)
+    with pytest.warns(sh.ShpyWarning, match=r"map_pr of materials \(1\)"):
+        assert Scene.load(written(tmp_path, "illum 7\nmap_Pr grey.png")).meshes[0].material.ior == 1.5
 
 
 def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):
