@@ -1,10 +1,10 @@
-"""Materials of mesh files as materials of Phong's model.
+"""Materials of mesh files as materials of scenes.
 
-Stage: scene description. Takes a `MetallicRoughness`, the material of glTF 2.0 (section 3.9 and appendix B), or the
-words of an MTL file, which `read_mtl` reads. No other file knows how they are translated.
+Stage: scene description. Takes a `GltfMaterial`, the material of glTF 2.0 (section 3.9 and appendix B), which becomes a
+`MetallicRoughness`, or the words of an MTL file, which `read_mtl` reads. No other file knows how they are translated.
 
->>> metallic_roughness(MetallicRoughness(roughness=0.5)).shininess
-7.5
+>>> material_of(GltfMaterial(roughness=0.5)).roughness
+0.5
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from raytracer.appearance.materials import CUTOFF, Material, Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
@@ -40,6 +41,11 @@ _MTL_READ = {
     *("newmtl", "kd", "ks", "ns", "illum", "ka", "d", "tr", "ke", "ni", "tf", "sharpness"),
     *("map_kd", "map_d", "map_ke"),
 }
+_LAYERED = {"pr", "pm", "pc", "map_pr", "map_pm"}
+"""The statements that make a material a `MetallicRoughness`."""
+_MTL_LAYERS = {*_LAYERED, "pcr"}
+_MTL_ZEROS = {"ps", "aniso", "anisor", *_MTL_LAYERS} - {"map_pr", "map_pm"}
+"""Statements that say nothing where their number is 0; exporters write them for every material."""
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
 _TRANSPARENT = 4
 """The first model of illumination with transparency."""
@@ -54,21 +60,21 @@ _OPTIONS: Final = {"-s": 3, "-o": 3, "-t": 3, "-mm": 2}
 
 
 class Alpha(NamedTuple):
-    """The alpha of a surface: `opacity`, the share that it covers, a cutout picture, and a picture of transmission."""
+    """The alpha of a surface: `opacity`, the share that it covers, a cutout picture, and a picture of the opacity."""
 
     opacity: float = 1.0
     cutout: Texture | None = None
-    clear: Texture | None = None
+    blend: Texture | None = None
 
 
 @dataclass(frozen=True)
-class MetallicRoughness:
-    """A material of glTF: `color` is linear; `color_picture` multiplies it.
+class GltfMaterial:
+    """A material of glTF as its file has it: `color` is linear; `color_picture` multiplies it, as the others do theirs.
 
-    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; the red channel of
-    `transmission_picture` multiplies `transmission`. `absorption` is None for thin walls, which have no inside.
-    `emission` may exceed 1; `opacity` is the share of the surface that is there, and `cutout` where it is;
-    `clear`, in place of `opacity`, is a picture of the share that is not there.
+    `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; those of numbers
+    multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` is an alpha.
+    `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; `opacity` is the share of the
+    surface that is there, and `cutout` where it is; `blend`, in place of `opacity`, is a picture of it.
     """
 
     color: Triple = WHITE
@@ -84,49 +90,82 @@ class MetallicRoughness:
     absorption: Triple | None = None
     opacity: float = 1.0
     cutout: Texture | None = None
-    clear: Texture | None = None
+    blend: Texture | None = None
     normal_map: Texture | None = None
+    specular: float = 1.0
+    specular_picture: Picture | None = None
+    specular_color: Triple = WHITE
+    specular_color_picture: Picture | None = None
+    clearcoat: float = 0.0
+    clearcoat_picture: Picture | None = None
+    clearcoat_roughness: float = 0.0
+    clearcoat_roughness_picture: Picture | None = None
 
     @property
     def f0(self) -> float:
         """The share of light that is reflected at normal incidence if it is no metal: 0.04 for an ior of 1.5."""
         return ((self.ior - 1) / (self.ior + 1)) ** 2
 
+    @property
+    def is_body(self) -> bool:
+        """True if light is refracted at the surface (KHR_materials_volume)."""
+        return self.transmission > 0 and self.absorption is not None
 
-def metallic_roughness(look: MetallicRoughness) -> Material:
-    """Return the Phong material that comes near a material of glTF.
+
+def material_of(look: GltfMaterial) -> AnyMaterial:
+    """Return a material of glTF in its own model; bodies that refract, in Phong's model with Fresnel's equations."""
+    if look.is_body:
+        return body_of(look)
+    red, green, blue = (min(max(x, 0.0), 1.0) for x in look.color)
+    return MetallicRoughness(
+        base_color=_color((red, green, blue), look.color_picture),
+        metallic=_number_of(look.metallic, look.roughness_picture, 2),
+        roughness=_number_of(look.roughness, look.roughness_picture, 1),
+        ior=look.ior,
+        specular=_number_of(look.specular, look.specular_picture, 0),
+        specular_color=_color(look.specular_color, look.specular_color_picture),
+        clearcoat=_number_of(look.clearcoat, look.clearcoat_picture, 0),
+        clearcoat_roughness=_number_of(look.clearcoat_roughness, look.clearcoat_roughness_picture, 1),
+        transmission=_number_of(look.transmission, look.transmission_picture, 0),
+        emission=_color(look.emission, look.emission_picture) if any(look.emission) else BLACK,
+        alpha=look.opacity if look.blend is None else look.blend,
+        normal=look.normal_map,
+        cutout=look.cutout,
+    )
+
+
+def _number_of(factor: float, picture: Picture | None, place: int) -> float | Texture:
+    """Return a factor times a channel of its picture, in [0, 1]."""
+    factor = min(max(factor, 0.0), 1.0)
+    return factor if picture is None or factor == 0 else picture.number(factor, place)
+
+
+def body_of(look: GltfMaterial) -> Material:
+    """Return the Phong material that comes near the body of a material that refracts.
 
     With alpha = roughness**2 (Karis 2013), the exponent s of Blinn-Phong's highlight is 2 / alpha**2 - 2 (Walter et al.
     2007, section 5.2), and Phong's is a quarter of s (Fisher and Woo 1994). The highlight has the height F0 s / 8, at
     most 1: the normalization (s + 2) / 8 (Hoffman 2010) without the part that is spread over all directions, which is
     seen as diffuse light. F0 is ((ior - 1) / (ior + 1))**2, and a metal's own colour.
 
-    Mirror images have no colour here: a metal mirrors the part of its colour that all channels share, times (1 -
-    roughness)**2, as a rough one blurs what it mirrors. What is not mirrored is seen as diffuse light. Of non-metals,
-    only clear surfaces show a mirror image.
-
-    The clear share, transmission * (1 - metallic), has no colour either: the part of the colour that all channels share
-    goes through, and the rest is seen as diffuse light. With an `absorption` it is the surface of a body that refracts
-    (KHR_materials_volume). Thin walls let light go straight on (KHR_materials_transmission): their `ior` is 1 here, and
-    they mirror the share F0 in all directions. Blurred refraction is left out. An `opacity` below 1 is a share that is
-    clear and does not refract, which is what alpha blending does.
+    A metal mirrors the part of its colour that all channels share, times (1 - roughness)**2. The clear share,
+    transmission * (1 - metallic), has no colour either: the part of the colour that all channels share goes through,
+    and the rest is seen as diffuse light. Blurred refraction is left out.
     """
     mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
     numbers = _numbers(look, float(mean.min()))
     material = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
-    material = replace(material, normal_map=look.normal_map)
-    if any(look.emission):
-        material = replace(material, emission=_color(look.emission, look.emission_picture))
-    if look.transmission and look.absorption is not None:
-        return replace(material, ior=look.ior or 1.0, absorption=look.absorption)
-    if look.transmission:
-        return replace(material, ior=1.0)
-    if look.clear is not None:
-        return replace(material, transmission=look.clear, ior=1.0)
-    return material if look.opacity == 1 else replace(material, transmission=1 - look.opacity, ior=1.0)
+    emission = _color(look.emission, look.emission_picture) if any(look.emission) else BLACK
+    return replace(
+        material,
+        normal_map=look.normal_map,
+        emission=emission,
+        ior=look.ior or 1.0,
+        absorption=look.absorption or BLACK,
+    )
 
 
-def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
+def _numbers(look: GltfMaterial, shared: float) -> dict[str, Any]:
     """Return specular, shininess, reflectivity and transmission: numbers, or textures where pictures decide them."""
     factors = {"roughness": look.roughness, "metallic": look.metallic, "transmission": look.transmission}
     places = {"roughness": (look.roughness_picture, 1), "metallic": (look.roughness_picture, 2)}
@@ -146,7 +185,7 @@ def _numbers(look: MetallicRoughness, shared: float) -> dict[str, Any]:
             for name, x in _lobe(look, shared, **factors).items()
         }
 
-    key = (*factors.values(), shared, look.ior, look.absorption is None, *pictures)
+    key = (*factors.values(), shared, look.ior, *pictures)
     numbers: dict[str, Any] = pictures[0].memoize(key, textures)
     return numbers
 
@@ -157,9 +196,7 @@ def _resized(pixels: Any, height: int, width: int) -> Any:
     return pixels[rows][:, columns]
 
 
-def _lobe(
-    look: MetallicRoughness, shared: float, *, roughness: Any, metallic: Any, transmission: Any
-) -> dict[str, Any]:
+def _lobe(look: GltfMaterial, shared: float, *, roughness: Any, metallic: Any, transmission: Any) -> dict[str, Any]:
     """Compute specular, shininess, reflectivity and transmission; the arguments are numbers or pictures (H, W)."""
     factors = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
     roughness, metallic, clear = np.broadcast_arrays(*factors)
@@ -169,8 +206,6 @@ def _lobe(
     clear = clear * (1 - metallic)
     mirror = metallic * (1 - roughness) ** 2 * shared
     through = np.clip(shared, 0, 1) * clear
-    if look.absorption is None:  # a thin wall; a body has Fresnel's share by its ior
-        mirror, through = mirror + look.f0 * clear, (1 - look.f0) * through
     opaque = np.maximum(1 - through, 2.0**-20)
     return {
         "specular": np.clip(f0 * exponent / 8, 0, 1),
@@ -181,9 +216,9 @@ def _lobe(
 
 
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
-    """Return opacity, cutout and transmission for alpha, a factor times a picture, in the modes "MASK" and "BLEND".
+    """Return the effect of alpha, a factor times a picture, in the modes "MASK" and "BLEND".
 
-    In the mode "BLEND" a picture's alpha becomes transmission, and alpha below 1/32 becomes a cutout, which costs no
+    In the mode "BLEND" a picture's alpha is kept, and alpha below 1/32 becomes a cutout, which costs no
     scattered ray. Where only the edges of shapes have partial alpha, to smooth the steps of pixels, alpha below 0.5 is
     cut out instead: through many leaves, each edge would cost one more scattered ray.
     """
@@ -197,58 +232,103 @@ def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, n
     if picture.share_between(*_SOFT) <= _EDGES:
         notices.ignore("partial transparency at the edges of pictures")
         return Alpha(opacity, picture.cutout(1.0))
-    return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.clear(opacity))
+    return Alpha(1.0, picture.cutout(CUTOFF * _FAINTEST), picture.alpha(opacity))
 
 
 @dataclass(frozen=True)
 class MtlPictures:
-    """The pictures of map_Kd and map_Ke, and the alpha or grey numbers of map_d."""
+    """The pictures of map_Kd, map_Ke, map_Pr and map_Pm, and the alpha or grey numbers of map_d."""
 
     color: Picture | None = None
     emission: Picture | None = None
     opacity: Picture | None = None
+    roughness: Picture | None = None
+    metallic: Picture | None = None
 
 
-def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> Material:
+def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices) -> AnyMaterial:
     """Return the material that the statements of an MTL file describe, by their names in lower case.
 
-    The statements are those of Wavefront's Advanced Visualizer (appendix B1.2). Kd times map_Kd is the colour, Ke times
-    map_Ke the emission, Ks the height and Ns the exponent of the highlight; numbers are linear. Of Ks, the mean is
-    taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no highlight, and those of
-    Ns 0 have none: it would cover the surface. Ka is not read: a scene has one ambient light.
-
-    The share 1 - d, or Tr, is clear. Without d, Tr 1 is opaque in the models below 4, which have no transparency:
-    MeshLab and photogrammetry write it so. With illum 6 and 7 the clear share refracts by Ni and mirrors by Fresnel's
-    equations; where d says nothing it is the least channel of Tf, or 1. With the others light goes straight on. map_d
-    cuts out what is below 0.5. Raises ValueError for a word that is not a number.
+    The statements are those of Wavefront's Advanced Visualizer (appendix B1.2), and those that Exocortex added in 2015.
+    With Pr, Pm or Pc a material is a `MetallicRoughness`; without them, and where it refracts, it has Phong's model.
+    Kd times map_Kd is the colour, Ke times map_Ke the emission; numbers are linear. Ka is not read: a scene has one
+    ambient light. map_d cuts out what is below 0.5. Raises ValueError for a word that is not a number.
     """
-    color, shiny = _rgb(words, "kd", 0.8), float(np.mean(_rgb(words, "ks", 0.0)))
-    model = int(_number(words, "illum", 2))
+    clear, model = _clear(words), _model(words)
+    layered = bool(_LAYERED & words.keys()) and not (clear and model in _REFRACTING)
+    read = _MTL_READ | _MTL_LAYERS if layered else _MTL_READ
     for name in words:
-        if name not in _MTL_READ:
+        if name not in read and not (name in _MTL_ZEROS and _number(words, name, 0) == 0):
             notices.ignore(_MTL_PICTURES.get(name, f"{name} of materials"))
-    clear = 1 - _number(words, "d", 1 - _number(words, "tr", 0))
-    if clear >= 1 and not words.get("d") and model < _TRANSPARENT:
-        notices.ignore("Tr 1 of materials without d, which are opaque")
-        clear = 0.0
-    exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
-    filtered = _rgb(words, "tf", 1.0)
-    if model in _REFRACTING and clear <= 0:
-        clear = min(filtered)
-    clear = min(max(clear, 0.0), 1.0)
-    notices.ignore("tints of clear materials", int(clear > 0 and len(set(filtered)) > 1))
+    notices.ignore("Tr 1 of materials without d, which are opaque", int(_is_opaque(words)))
+    notices.ignore("tints of clear materials", int(clear > 0 and len(set(_rgb(words, "tf", 1.0))) > 1))
     notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
-    material = Material(
-        _color(color, pictures.color),
-        diffuse=1.0,
-        specular=height_of(shiny, exponent, notices) if model >= 2 else 0.0,
-        shininess=exponent,
-        reflectivity=min(shiny, 1.0) if 3 <= model <= 9 else 0.0,
+    material = _layers(words, pictures, clear) if layered else _phong(words, pictures, clear, notices)
+    return replace(
+        material,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
         cutout=None if pictures.opacity is None else pictures.opacity.cutout(1.0),
     )
+
+
+def _model(words: Mapping[str, list[str]]) -> int:
+    """Return the model of illumination."""
+    return int(_number(words, "illum", 2))
+
+
+def _is_opaque(words: Mapping[str, list[str]]) -> bool:
+    """Return whether Tr 1 means opaque: without d, in the models below 4, which have no transparency.
+
+    MeshLab and photogrammetry write it so.
+    """
+    return not words.get("d") and _number(words, "tr", 0) >= 1 and _model(words) < _TRANSPARENT
+
+
+def _clear(words: Mapping[str, list[str]]) -> float:
+    """Return the share of a surface through which light goes: 1 - d, or Tr.
+
+    With illum 6 and 7, where d says nothing, it is the least channel of Tf, or 1.
+    """
+    clear = 0.0 if _is_opaque(words) else 1 - _number(words, "d", 1 - _number(words, "tr", 0))
+    if _model(words) in _REFRACTING and clear <= 0:
+        clear = min(_rgb(words, "tf", 1.0))
+    return min(max(clear, 0.0), 1.0)
+
+
+def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float) -> MetallicRoughness:
+    """Return a material with Pr, Pm, Pc and Pcr: map_Pr and map_Pm multiply them, and are their numbers alone.
+
+    Ks, Ns and illum say the same of a surface in Phong's model, and are not read beside them. Ni is the refractive
+    index, 1 - d the share that is not there.
+    """
+    red, green, blue = (min(x, 1.0) for x in _rgb(words, "kd", 0.8))
+    return MetallicRoughness(
+        base_color=_color((red, green, blue), pictures.color),
+        metallic=_number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0),
+        roughness=_number_of(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), pictures.roughness, 0),
+        ior=_number(words, "ni", 1.5),
+        clearcoat=_number_of(_number(words, "pc", 0.0), None, 0),
+        clearcoat_roughness=_number_of(_number(words, "pcr", 0.0), None, 0),
+        alpha=1 - clear,
+    )
+
+
+def _phong(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float, notices: Notices) -> Material:
+    """Return a material in Phong's model: Ks is the height and Ns the exponent of the highlight.
+
+    Of Ks, the mean is taken. Surfaces of illum 3 to 9 mirror as much as Ks says; those of illum 0 and 1 have no
+    highlight, and those of Ns 0 have none: it would cover the surface. Where the largest channel of the colour and Ks
+    make more than 1, both are divided by their sum: no surface sends out more than it receives. With illum 6 and 7 the
+    clear share refracts by Ni and mirrors by Fresnel's equations. With the others light goes straight on.
+    """
+    color, shiny = _color(_rgb(words, "kd", 0.8), pictures.color), float(np.mean(_rgb(words, "ks", 0.0)))
+    model = _model(words)
+    exponent = max(_number(words, "ns", 40.0), 0.0)  # old versions of Blender wrote negative ones
+    diffuse, specular = bounded(color, height_of(shiny, exponent, notices) if model >= 2 else 0.0, notices)
+    reflectivity = min(shiny, 1.0) if 3 <= model <= 9 else 0.0
+    material = Material(color, diffuse, specular, exponent, reflectivity)
     if not clear:
         return material
     return replace(material, transmission=clear, ior=_number(words, "ni", 1.5) if model in _REFRACTING else 1.0)
@@ -260,6 +340,15 @@ def height_of(specular: float, exponent: float, notices: Notices) -> float:
         return specular
     notices.ignore("highlights of exponent 0", int(specular > 0))
     return 0.0
+
+
+def bounded(color: Triple | Texture, specular: float, notices: Notices) -> tuple[float, float]:
+    """Return the factors of matt light and highlight, divided by the most that both send out where this exceeds 1."""
+    total = float(np.max(color.image if isinstance(color, Texture) else color)) + specular
+    if total <= 1:
+        return 1.0, specular
+    notices.ignore("light beyond what surfaces receive")
+    return 1 / total, specular / total
 
 
 def _color(factor: Triple, picture: Picture | None) -> Triple | Texture:

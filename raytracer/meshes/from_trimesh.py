@@ -20,7 +20,7 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import decoded
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import MetallicRoughness, alpha_of, height_of, metallic_roughness
+from raytracer.meshes.appearance import GltfMaterial, alpha_of, bounded, height_of, material_of
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.mesh import LOADERS, Instance, Mesh
 from raytracer.meshes.pictures import Picture, Pictures
@@ -120,7 +120,7 @@ def _material(material: Any, pictures: Pictures, notices: Notices) -> AnyMateria
         np.ones(4) if material.baseColorFactor is None else np.append(np.asarray(material.baseColorFactor) / 255, 1)[:4]
     )
     r, g, b, opacity = base.tolist()
-    look = MetallicRoughness(
+    look = GltfMaterial(
         (r, g, b),
         1.0 if material.metallicFactor is None else material.metallicFactor,
         1.0 if material.roughnessFactor is None else material.roughnessFactor,
@@ -134,7 +134,7 @@ def _material(material: Any, pictures: Pictures, notices: Notices) -> AnyMateria
         cutoff = 0.5 if material.alphaCutoff is None else material.alphaCutoff
         alpha = alpha_of(material.alphaMode, opacity, cutoff, _picture(image, pictures, alpha=True), notices)
         look = replace(look, **alpha._asdict())
-    return metallic_roughness(look)
+    return material_of(look)
 
 
 def _picture(image: Any, pictures: Pictures, *, alpha: bool = False) -> Picture | None:
@@ -160,4 +160,4 @@ def _simple(material: Any, picture: Any, notices: Notices) -> AnyMaterial:
     specular = 0.0 if tuple(shiny.tolist()) == _GREY else float(shiny.mean()) / 255
     color = (r, g, b) if picture is None else picture.color((r, g, b))
     exponent = max(float(getattr(material, "glossiness", 1.0)), 0.0)
-    return Material(color, 1.0, height_of(specular, exponent, notices), exponent)
+    return Material(color, *bounded(color, height_of(specular, exponent, notices), notices), exponent)

@@ -1,8 +1,8 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_transmission, _volume and KHR_texture_transform are read as well. `appearance` converts a material; what
-has no counterpart is counted in `Notices`.
+_specular, _clearcoat, _transmission, _volume and KHR_texture_transform are read as well. `appearance` converts a
+material; `Notices` counts what has no counterpart.
 
     materials = GltfMaterials(document, notices)
     material = materials.get(0, has_uv=True)
@@ -19,10 +19,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Material, Triple
+from raytracer.appearance.materials import Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import Filter, Texture, Wrap
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import BLACK, Alpha, MetallicRoughness, alpha_of, metallic_roughness
+from raytracer.meshes.appearance import BLACK, Alpha, GltfMaterial, alpha_of, material_of
 from raytracer.meshes.folder import BadEntry, Notices
 from raytracer.meshes.gltf import BROKEN, Document, count_of, is_data, needed, number_of, numbers_of, reason_of, table
 from raytracer.meshes.pictures import Picture, Pictures, channel
@@ -47,7 +48,7 @@ class GltfMaterials:
     def __init__(self, document: Document, notices: Notices) -> None:
         self.document, self.notices = document, notices
         self.pictures = Pictures(notices)
-        self._read: dict[tuple[Any, bool], Material] = {}
+        self._read: dict[tuple[Any, bool], AnyMaterial] = {}
 
     def uv_set(self, number: Any) -> int:
         """Return the number of the uv coordinates that the pictures of a material are read at."""
@@ -82,7 +83,7 @@ class GltfMaterials:
             return numbers_of(gloss, "diffuseFactor", (1, 1, 1, 1))
         return numbers_of(table(entry, "pbrMetallicRoughness"), "baseColorFactor", (1, 1, 1, 1))
 
-    def get(self, number: Any, has_uv: bool) -> Material:
+    def get(self, number: Any, has_uv: bool) -> AnyMaterial:
         """Return the material of this number for a mesh, without pictures where the mesh has no uv coordinates."""
         entry = self.document.one("materials", number)
         used = self._textures(entry)
@@ -106,15 +107,18 @@ class GltfMaterials:
             textures = {"color": gloss.get("diffuseTexture"), "gloss": gloss.get("specularGlossinessTexture")}
         textures |= {"emission": entry.get("emissiveTexture"), "transmission": clear.get("transmissionTexture")}
         textures["normals"] = entry.get("normalTexture")
+        specular, coat = _extension(entry, "specular"), _extension(entry, "clearcoat")
+        textures |= {"specular": specular.get("specularTexture"), "tint": specular.get("specularColorTexture")}
+        textures |= {"coat": coat.get("clearcoatTexture"), "coat roughness": coat.get("clearcoatRoughnessTexture")}
         return {name: table(textures, name) for name, texture in textures.items() if texture}
 
-    def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> Material:
+    def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> AnyMaterial:
         """Make a material with these textures (section 3.9)."""
         look, color = table(entry, "pbrMetallicRoughness"), self._color(entry)
         self.notices.ignore("occlusion maps", int("occlusionTexture" in entry))
         strength = number_of(_extension(entry, "emissive_strength"), "emissiveStrength", 1)
         r, g, b = (strength * x for x in numbers_of(entry, "emissiveFactor", (0, 0, 0)))
-        material = MetallicRoughness(
+        material = GltfMaterial(
             (color[0], color[1], color[2]),
             number_of(look, "metallicFactor", 1),
             number_of(look, "roughnessFactor", 1),
@@ -124,11 +128,28 @@ class GltfMaterials:
             emission_picture=self._picture(used.get("emission")),
             ior=_ior(entry),
             normal_map=self._normals(used.get("normals")),
+            **self._layers(entry, used),
         )
         if gloss := _extension(entry, _GLOSSY):
             material = self._glossy(material, gloss, color[:3], used.get("gloss"))
         material = replace(material, **self._alpha(entry, color[3], used.get("color"))._asdict())
-        return metallic_roughness(self._clear(material, entry, used.get("transmission")))
+        return material_of(self._clear(material, entry, used.get("transmission")))
+
+    def _layers(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> dict[str, Any]:
+        """Return the fields of a material that KHR_materials_specular and KHR_materials_clearcoat decide."""
+        specular, coat = _extension(entry, "specular"), _extension(entry, "clearcoat")
+        self.notices.ignore("normal maps of coats", int("clearcoatNormalTexture" in coat))
+        r, g, b = (max(x, 0.0) for x in numbers_of(specular, "specularColorFactor", (1, 1, 1)))
+        return {
+            "specular": number_of(specular, "specularFactor", 1),
+            "specular_picture": self._picture(used.get("specular"), alpha=True),
+            "specular_color": (r, g, b),
+            "specular_color_picture": self._picture(used.get("tint")),
+            "clearcoat": number_of(coat, "clearcoatFactor", 0),
+            "clearcoat_picture": self._picture(used.get("coat")),
+            "clearcoat_roughness": number_of(coat, "clearcoatRoughnessFactor", 0),
+            "clearcoat_roughness_picture": self._picture(used.get("coat roughness")),
+        }
 
     def _normals(self, used: dict[str, Any] | None) -> Texture | None:
         """Return the picture of normals (section 3.9.3)."""
@@ -136,8 +157,8 @@ class GltfMaterials:
         return None if picture is None or used is None else picture.normals(number_of(used, "scale", 1))
 
     def _glossy(
-        self, material: MetallicRoughness, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
-    ) -> MetallicRoughness:
+        self, material: GltfMaterial, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
+    ) -> GltfMaterial:
         """Return a material with what KHR_materials_pbrSpecularGlossiness says, and of its second picture the mean."""
         specular = np.asarray(numbers_of(gloss, "specularFactor", (1, 1, 1)))
         glossiness = number_of(gloss, "glossinessFactor", 1)
@@ -162,31 +183,25 @@ class GltfMaterials:
         picture = self._picture(used, alpha=True)
         return alpha_of(mode, factor, cutoff, picture, self.notices)
 
-    def _clear(
-        self, material: MetallicRoughness, entry: dict[str, Any], used: dict[str, Any] | None
-    ) -> MetallicRoughness:
+    def _clear(self, material: GltfMaterial, entry: dict[str, Any], used: dict[str, Any] | None) -> GltfMaterial:
         """Return a material with its transmission, and the medium inside the body."""
         factor = number_of(_extension(entry, "transmission"), "transmissionFactor", 0)
         if factor <= 0:
             return material
-        if material.opacity < 1 or material.clear is not None:
-            self.notices.ignore("alpha of clear materials")
-        if material.roughness > _SHARP:
-            self.notices.ignore("blur of clear materials")
-        if material.color != (1, 1, 1) or material.color_picture is not None:
-            self.notices.ignore("tints of clear materials")
+        material = replace(material, transmission=factor, transmission_picture=self._picture(used))
         volume = _extension(entry, "volume")
-        absorption = None
-        if number_of(volume, "thicknessFactor", 0) > 0:
-            absorption = _absorption(volume)
-        return replace(
-            material,
-            transmission=factor,
-            transmission_picture=self._picture(used),
-            absorption=absorption,
-            opacity=1.0,
-            clear=None,
-        )
+        if number_of(volume, "thicknessFactor", 0) <= 0:
+            return material
+        layered = material.clearcoat > 0 or material.specular != 1 or material.specular_color != (1, 1, 1)
+        lost = {
+            "alpha of clear bodies": material.opacity < 1 or material.blend is not None,
+            "blur of clear bodies": material.roughness > _SHARP,
+            "tints of clear bodies": material.color != (1, 1, 1) or material.color_picture is not None,
+            "coats and specular factors of clear bodies": layered,
+        }
+        for text, is_lost in lost.items():
+            self.notices.ignore(text, int(is_lost))
+        return replace(material, absorption=_absorption(volume), opacity=1.0, blend=None)
 
     def _picture(self, used: dict[str, Any] | None, *, alpha: bool = False) -> Picture | None:
         """Return the picture of a texture that a material uses; None, with a notice, where it cannot be read."""

@@ -105,9 +105,15 @@ class Picture:
         return float(np.mean((low < numbers) & (numbers < high)))
 
     @_once
-    def clear(self, factor: float) -> Texture:
-        """Return the Texture of 1 - factor * alpha, where this is a picture of alpha."""
-        return self.texture(1 - np.float32(factor) * channel(self.fitting(1), 0), srgb=False)
+    def alpha(self, factor: float) -> Texture:
+        """Return the Texture of factor * alpha, where this is a picture of alpha."""
+        return self.texture(np.float32(factor) * channel(self.fitting(1), 0), srgb=False)
+
+    @_once
+    def number(self, factor: float, place: int) -> float | Texture:
+        """Return a channel times a factor as the Texture of a number; a number where all pixels are equal."""
+        numbers = np.float32(factor) * channel(self.fitting(1), place)
+        return float(numbers.flat[0]) if np.ptp(numbers) == 0 else self.texture(numbers, srgb=False)
 
     @_once
     def normals(self, scale: float) -> Texture:

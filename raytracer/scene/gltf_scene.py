@@ -377,7 +377,7 @@ class GltfScene:
 
     def _material(self, number: int | None, has_uv: bool, has_colors: bool) -> AnyMaterial:
         """Return the material of this number, or a plain one without one that can be read."""
-        material = PLAIN if has_colors else CLAY
+        material: AnyMaterial = PLAIN if has_colors else CLAY
         if number is not None and self.reads_materials:
             with self._entry(_MATERIAL, place_of("material", number)):
                 material = self.materials.get(number, has_uv)

@@ -40,7 +40,7 @@ from raytracer.scene.lights import Light
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 _FLAT = (".glb", ".gltf")
 """The formats whose meshes are flat where they have no normals: glTF 2.0, section 3.7.2.1."""
-_PICTURES = ("map_kd", "map_ke", "map_d")
+_PICTURES = ("map_kd", "map_ke", "map_d", "map_pr", "map_pm")
 """The statements of an MTL file whose pictures are read."""
 _LONGEST = 200
 """Characters of a reader's own message that are shown."""
@@ -208,12 +208,12 @@ class Library:
         return self._materials[key]
 
     def _read(self, name: str, words: Words, pictured: bool) -> AnyMaterial | None:
-        color, emission, opacity = (
+        pictures = (
             self._picture(words.get(statement, []) if pictured else [], self.beside[name], mask=statement == "map_d")
             for statement in _PICTURES
         )
         try:
-            return mtl(words, MtlPictures(color, emission, opacity), self.notices)
+            return mtl(words, MtlPictures(*pictures), self.notices)
         except (ValueError, SceneError) as error:
             self.notices.miss(f"material {name}", str(error))
             return None

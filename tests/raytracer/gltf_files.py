@@ -13,6 +13,8 @@ WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 CORNERS = np.array([[0, 1], [1, 1], [1, 0], [0, 0]])  # uv of glTF: v runs down
 HALVES = [0, 1, 2, 0, 2, 3]
+MATT = {"KHR_materials_specular": {"specularFactor": 0}}
+"""The extensions of a material that mirrors nothing: its picture shows the base colour alone."""
 
 
 class File:

@@ -195,7 +195,7 @@ def test_a_normal_map_of_a_file_keeps_its_slopes(tmp_path):
     texture = file.add("textures", {"source": source})
     file.node(mesh=file.mesh(file.square(material=file.material(normalTexture={"index": texture}))))
     scene = Scene.load(file.save(tmp_path / "bumps.glb"))
-    np.testing.assert_allclose(scene.meshes[0].material.normal_map.image[0, 0], numbers[0, 0] / 65535, atol=1e-7)
+    np.testing.assert_allclose(scene.meshes[0].material.normal.image[0, 0], numbers[0, 0] / 65535, atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", CHANNELS)

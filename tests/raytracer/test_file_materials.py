@@ -9,13 +9,16 @@ import pytest
 import trimesh
 from gltf_files import SQUARE, File, png
 from PIL import Image as pillow
+from test_microfacets import check_gains_nothing, furnace
 
 import shpy as sh
-from raytracer import Camera, Material, Mesh, Scene, SceneError, Texture, render
-from raytracer.meshes.appearance import MetallicRoughness, metallic_roughness
+from raytracer import Camera, Material, Mesh, MetallicRoughness, Scene, SceneError, Texture, render
+from raytracer.meshes.appearance import GltfMaterial, material_of
 from raytracer.meshes.shapes import box
 
 AHEAD = Camera((0, 0, 4), (0, 0, 0), projection="orthographic", span=2)
+MATT = {"specular": {"specularFactor": 0}}
+"""The extensions of a material that mirrors nothing."""
 WALL = Mesh(5 * SQUARE - (0, 0, 1), [[0, 1, 2], [0, 2, 3]], material=Material((0, 1, 0), 1.0, 0.0))
 HALF = png(np.full((1, 1, 4), 128))
 
@@ -68,7 +71,7 @@ def test_emission_of_gltf(tmp_path):
     picture = file.picture([[[255, 255, 255], [0, 0, 0]]], magFilter=9728)
     shown = gltf(tmp_path, file=file, emissiveFactor=[0, 0.5, 1], emissiveTexture={"index": picture})
     np.testing.assert_allclose(shown.emission.image, [[[0, 0.5, 1], [0, 0, 0]]])
-    black = dataclasses.replace(shown, color=(0, 0, 0))
+    black = dataclasses.replace(shown, base_color=(0, 0, 0), specular=0.0)
     seen = before_green(black)[4]
     np.testing.assert_allclose(seen[[1, 6]], [[0, 0.5, 1], [0, 0, 0]])
     assert gltf(tmp_path, emissiveTexture={"index": 0}, file=with_picture()).emission == (0, 0, 0)
@@ -83,25 +86,32 @@ def with_picture(pixels=((0, 0, 0),)):
 def test_thin_walls_of_gltf_let_light_go_straight_on(tmp_path):
     glass = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
         "transmission": {"transmissionFactor": 1}})  # fmt: skip
-    assert (glass.transmission, glass.ior) == (pytest.approx(0.96), 1)
-    assert (1 - glass.transmission) * glass.reflectivity == pytest.approx(0.04)
-    np.testing.assert_allclose(before_green(glass), np.broadcast_to([0, 0.96, 0], (8, 8, 3)), atol=1e-6)
+    assert (glass.transmission, glass.ior, glass.roughness) == (1, 1.5, 0)
+    np.testing.assert_allclose(before_green(glass), np.broadcast_to([0, 0.96, 0], (8, 8, 3)), atol=2e-4)
     dense = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
         "transmission": {"transmissionFactor": 0.5}, "ior": {"ior": 2.0}})  # fmt: skip
-    assert dense.transmission == pytest.approx(0.5 * 8 / 9)
+    assert (dense.transmission, dense.ior) == (0.5, 2)
     metal = gltf(tmp_path, pbrMetallicRoughness={"metallicFactor": 1, "roughnessFactor": 0}, extensions={
         "transmission": {"transmissionFactor": 1}})  # fmt: skip
-    assert (metal.transmission, metal.reflectivity) == (0, 1)
+    assert metal.metallic == 1
+    np.testing.assert_allclose(before_green(metal), np.zeros((8, 8, 3)), atol=1e-6)  # it mirrors the black background
 
 
-def test_the_colour_of_a_thin_wall_is_seen_as_diffuse_light(tmp_path):
+def test_a_thin_wall_tints_what_is_behind_it(tmp_path):
+    look = {"baseColorFactor": [1, 0.25, 0.5, 1], "roughnessFactor": 0.0}
+    tinted = gltf(tmp_path, pbrMetallicRoughness=look, extensions={"transmission": {"transmissionFactor": 1}})
+    assert tinted.base_color == (1, 0.25, 0.5)
+    np.testing.assert_allclose(before_green(tinted), np.broadcast_to([0, 0.25 * 0.96, 0], (8, 8, 3)), atol=2e-4)
+
+
+def test_colours_of_bodies_are_ignored_aloud(tmp_path):
     look = {"baseColorFactor": [1, 0.25, 0.5, 1], "roughnessFactor": 0.5}
-    tinted = gltf(
-        tmp_path, "blur of clear materials (1), tints of clear materials (1)",
-        pbrMetallicRoughness=look, extensions={"transmission": {"transmissionFactor": 1}},
-    )  # fmt: skip
-    assert tinted.transmission == pytest.approx(0.25 * 0.96)
-    assert tinted.color == (1, 0.25, 0.5)
+    ignored = "blur of clear bodies (1), tints of clear bodies (1), coats and specular factors of clear bodies (1)"
+    extensions = {"transmission": {"transmissionFactor": 1}, "volume": {"thicknessFactor": 1}}
+    body = gltf(
+        tmp_path, ignored, pbrMetallicRoughness=look, extensions=extensions | {"clearcoat": {"clearcoatFactor": 1}}
+    )
+    assert (body.transmission, body.color) == (0.25, (1, 0.25, 0.5))
 
 
 def test_bodies_of_gltf_refract_and_absorb(tmp_path):
@@ -125,9 +135,9 @@ def test_pictures_of_transmission(tmp_path):
     metal = file.picture([[[0, 255, 0]]])
     look = {"metallicRoughnessTexture": {"index": metal}, "metallicFactor": 1}
     extensions = {"transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": clear}}}
-    found = gltf(tmp_path, "blur of clear materials (1)", file=file, pbrMetallicRoughness=look, extensions=extensions)
-    np.testing.assert_allclose(found.transmission.image[0, :, 0], [0.48, 0.096], rtol=1e-6)
-    np.testing.assert_allclose(found.reflectivity.image[0, :, 0], [0.02 / 0.52, 0.004 / 0.904], rtol=1e-6)
+    found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    np.testing.assert_allclose(found.transmission.image[0, :, 0], [0.5, 0.1], rtol=1e-6)
+    assert (found.metallic, found.roughness) == (0, 1)
 
 
 def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
@@ -137,6 +147,7 @@ def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
     metal = file.picture(np.arange(48 * 3).reshape(48, 1, 3))
     look = {"metallicRoughnessTexture": {"index": metal}, "roughnessFactor": 0.1, "metallicFactor": 1}
     extensions = {"transmission": {"transmissionFactor": 1, "transmissionTexture": {"index": clear}}}
+    extensions["volume"] = {"thicknessFactor": 1}
     found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
     assert found.transmission.image.shape == (1, 64, 3)
 
@@ -144,9 +155,31 @@ def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
 def test_the_ior_of_gltf_decides_how_high_highlights_are():
     """F0 is ((ior - 1) / (ior + 1))**2, and an ior of 0 stands for 1 (KHR_materials_ior)."""
     for ior, f0 in ((1.5, 0.04), (2.0, 1 / 9), (1.0, 0.0), (0.0, 1.0)):
-        look = metallic_roughness(MetallicRoughness(roughness=0.7, ior=ior))
-        assert look.specular == pytest.approx(f0 * (2 / 0.49**2 - 2) / 8)
-        assert metallic_roughness(MetallicRoughness(ior=ior, transmission=1.0, absorption=(0, 0, 0))).ior > 0
+        assert material_of(GltfMaterial(roughness=0.7, ior=ior)).ior == ior
+        body = material_of(GltfMaterial(roughness=0.7, ior=ior, transmission=0.5, absorption=(0, 0, 0)))
+        assert body.specular == pytest.approx(f0 * (2 / 0.49**2 - 2) / 8)
+        assert body.ior > 0
+
+
+def test_specular_and_coats_of_gltf(tmp_path):
+    """Factors and pictures: an alpha, a colour, and the red and the green channel."""
+    factors = {
+        "specular": {"specularFactor": 0.5, "specularColorFactor": [2, 1, 0.5]},
+        "clearcoat": {"clearcoatFactor": 0.25, "clearcoatRoughnessFactor": 0.75},
+    }
+    plain = gltf(tmp_path, extensions=factors)
+    assert (plain.specular, plain.specular_color) == (0.5, (2, 1, 0.5))
+    assert (plain.clearcoat, plain.clearcoat_roughness) == (0.25, 0.75)
+    file = File()
+    index = {"index": file.picture([[[255, 0, 0, 51], [0, 255, 0, 255]]], magFilter=9728)}
+    factors["specular"] |= {"specularTexture": index, "specularColorTexture": index}
+    factors["clearcoat"] |= {"clearcoatTexture": index, "clearcoatRoughnessTexture": index}
+    factors["clearcoat"]["clearcoatNormalTexture"] = index
+    found = gltf(tmp_path, "normal maps of coats (1)", file=file, extensions=factors)
+    np.testing.assert_allclose(found.specular.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(found.specular_color.image[0], [[2, 0, 0], [0, 1, 0]], rtol=1e-6)
+    np.testing.assert_allclose(found.clearcoat.image[0, :, 0], [0.25, 0], rtol=1e-6)
+    np.testing.assert_allclose(found.clearcoat_roughness.image[0, :, 0], [0, 0.75], rtol=1e-6)
 
 
 def test_masks_of_gltf_cut_out(tmp_path):
@@ -158,6 +191,7 @@ def test_masks_of_gltf_cut_out(tmp_path):
         file = File()
         base = file.picture(pixels, magFilter=9728)
         entry = {"pbrMetallicRoughness": look | {"baseColorTexture": {"index": base}}, "alphaMode": "MASK"}
+        entry["extensions"] = MATT
         seen[cutoff] = before_green(gltf(tmp_path, file=file, alphaCutoff=cutoff, **entry))[4, [1, 6]]
     np.testing.assert_allclose(seen[0.2], [[0, 1, 0], [1, 0, 0]], atol=1e-6)
     np.testing.assert_allclose(seen[0.202], [[0, 1, 0], [0, 1, 0]], atol=1e-6)
@@ -172,19 +206,20 @@ def test_masks_of_gltf_cut_out(tmp_path):
         with pytest.raises(SceneError, match=r"no triangles; ignored: primitives of which a mask leaves nothing \(1\)"):
             gltf(tmp_path, file=with_picture(((9, 9, 9, 255),)), alphaMode="MASK", **entry)
     opaque = gltf(tmp_path, alphaMode="OPAQUE", file=with_picture(((9, 9, 9, 0),)), pbrMetallicRoughness=look)
-    assert (opaque.cutout, opaque.transmission) == (None, 0)
+    assert (opaque.cutout, opaque.alpha) == (None, 1)
 
 
 def test_blended_materials_of_gltf(tmp_path):
     """A constant alpha blends, and so does a picture of it, times the factor; what is 0 or 1 cuts out."""
     look = {"baseColorFactor": [1, 0, 0, 0.25], "roughnessFactor": 1}
-    blended = gltf(tmp_path, alphaMode="BLEND", pbrMetallicRoughness=dict(look))
+    blended = gltf(tmp_path, alphaMode="BLEND", pbrMetallicRoughness=dict(look), extensions=MATT)
     np.testing.assert_allclose(before_green(blended), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
     for factor in (1, 0.5):
         file = File()
         base = file.picture([[[255, 255, 255, 204], [255, 255, 255, 51], [0, 0, 0, 2], [0, 0, 0, 0]]], magFilter=9728)
         look = {"baseColorTexture": {"index": base}, "baseColorFactor": [1, 0, 0, factor]}
-        colors = before_green(gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look))[4, [0, 2, 4, 7]]
+        material = gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look, extensions=MATT)
+        colors = before_green(material)[4, [0, 2, 4, 7]]
         for color, alpha in zip(colors, (0.8 * factor, 0.2 * factor, 0, 0), strict=True):
             np.testing.assert_allclose(color, [alpha, 1 - alpha, 0], atol=1e-6)
     look = {"baseColorTexture": {"index": 0}}
@@ -196,9 +231,9 @@ def test_blended_materials_of_gltf(tmp_path):
     ignored = "partial transparency at the edges of pictures (1)"
     soft = gltf(tmp_path, ignored, file=leaf, alphaMode="BLEND", pbrMetallicRoughness=look)
     assert soft.cutout.image[0, 9:12, 0].tolist() == pytest.approx([1, 100 / 255, 0])
-    assert soft.transmission == 0
+    assert soft.alpha == 1
     file = with_picture(((255, 0, 0, 255), (255, 0, 0, 0)))
-    assert gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look).transmission == 0
+    assert gltf(tmp_path, file=file, alphaMode="BLEND", pbrMetallicRoughness=look).alpha == 1
 
 
 def test_alpha_of_vertex_colours_is_ignored_aloud(tmp_path):
@@ -235,7 +270,7 @@ def test_trimesh_materials_shine_and_have_holes():
     np.testing.assert_array_equal(found.cutout.image[0, :, 0], [2, 0])
     assert found.emission == (0, 0.5, 1)
     look.alphaMode, look.baseColorTexture, look.baseColorFactor = "BLEND", None, [255, 255, 255, 51]
-    assert Mesh.from_trimesh(made).material.transmission == pytest.approx(0.8)
+    assert Mesh.from_trimesh(made).material.alpha == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(
@@ -250,12 +285,76 @@ def test_trimesh_materials_shine_and_have_holes():
         ("illum 7\nd 0.25\nNi 1.3", {"transmission": 0.75, "ior": 1.3}),
         ("illum 4\nd 0.5\nNi 1.3", {"transmission": 0.5, "ior": 1.0}),
         ("illum 2\nNi 1.45\nTf 0 1 0", {"transmission": 0.0}),
-        ("illum 10\nKs 1", {"reflectivity": 0.0}),
+        ("illum 10\nKs 0.125", {"reflectivity": 0.0}),
     ],
 )
 def test_statements_of_mtl(tmp_path, text, expected):
     found = obj(tmp_path, text)
     assert {name: getattr(found, name) for name in expected} == expected
+
+
+BEYOND = "light beyond what surfaces receive (1)"
+
+
+@pytest.mark.parametrize(
+    ("text", "diffuse", "specular"),
+    [
+        ("Kd 0.5 0.25 0\nKs 0.5", 1, 0.5),
+        ("Kd 1 1 0.5\nKs 1\nNs 9", 1 / 2, 1 / 2),
+        ("Kd 0.8 0.8 0.8\nKs 0 0.7 0.8\nNs 100", 1 / 1.3, 0.5 / 1.3),
+        ("Kd 0 0 0\nKs 4", 1 / 4, 1),
+        ("Kd 2 1 0", 1 / 2, 0),
+        ("Kd 1 1 1\nKs 1\nillum 3", 1 / 2, 1 / 2),
+        ("Kd 1 1 1\nKs 1\nillum 1", 1, 0),
+    ],
+)
+def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, specular):
+    ignored = [BEYOND] if diffuse < 1 else []
+    found = obj(tmp_path, text, *ignored)
+    assert (found.diffuse, found.specular) == pytest.approx((diffuse, specular), rel=1e-6)
+    check_gains_nothing(furnace(found, backend="opencl"))
+
+
+@pytest.mark.parametrize(
+    ("text", "ignored", "expected"),
+    [
+        ("Kd 1 0.5 0\nPr 0.25", [], MetallicRoughness((1, 0.5, 0), 0, 0.25)),
+        ("Pm 1\nPr 0\nKe 1 2 3", [], MetallicRoughness(metallic=1, roughness=0, emission=(1, 2, 3))),
+        ("Pc 0.5\nPcr 0.25\nNi 2", [], MetallicRoughness(ior=2, clearcoat=0.5, clearcoat_roughness=0.25)),
+        ("Pr 2\nPm -1\nKd 4 1 0", [], MetallicRoughness((1, 1, 0), 0, 1)),
+        ("Pr 0.5\nKs 1 1 1\nNs 9\nillum 3\nd 0.25", [], MetallicRoughness(alpha=0.25)),
+        ("Pr 0.5\nTr 1", ["Tr 1 of materials without d, which are opaque (1)"], MetallicRoughness()),
+        ("Pr 0.5\nPs 0\naniso 0\nanisor 0.0", [], MetallicRoughness()),
+        ("Pr 0.5\nPs 0.5\naniso 0.1", ["ps of materials (1), aniso of materials (1)"], MetallicRoughness()),
+        ("Ps 0.0\nPcr 0\nKs 0.125", [], Material(diffuse=1, specular=0.125)),
+        (
+            "illum 7\nPr 0.5\nPm 0\nNi 1.4",
+            ["pr of materials (1)"],
+            Material(diffuse=1, specular=0, transmission=1, ior=1.4),
+        ),
+    ],
+)
+def test_physical_statements_of_mtl(tmp_path, text, ignored, expected):
+    assert obj(tmp_path, text, *ignored) == expected
+
+
+def test_physical_pictures_of_mtl(tmp_path):
+    """They multiply their numbers, as map_Kd does, and are linear."""
+    picture = png([[[51, 51, 51], [255, 255, 255]]])
+    found = obj(tmp_path, "Pr 0.5\nmap_Pr grey.png\nmap_Pm grey.png\nmap_Kd grey.png\nKd 1 1 1", grey=picture)
+    np.testing.assert_allclose(found.roughness.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(found.metallic.image[0, :, 0], [0.2, 1], rtol=1e-6)
+    np.testing.assert_allclose(found.base_color.image[0, :, 0], [((0.2 + 0.055) / 1.055) ** 2.4, 1], rtol=1e-5)
+    with pytest.warns(sh.ShpyWarning, match=r"map_pr of materials \(1\)"):
+        assert Scene.load(written(tmp_path, "illum 7\nmap_Pr grey.png")).meshes[0].material.ior == 1.5
+
+
+def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):
+    grey = png([[[188, 188, 188], [9, 9, 9]]])
+    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 0.25", grey=grey)
+    assert (found.diffuse, found.specular) == (1, 0.25)
+    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 1", BEYOND, grey=grey)
+    assert found.diffuse == found.specular == pytest.approx(1 / (1 + ((188 / 255 + 0.055) / 1.055) ** 2.4), rel=1e-5)
 
 
 OPAQUE = "Tr 1 of materials without d, which are opaque (1)"
@@ -288,7 +387,7 @@ def test_an_exponent_of_0_is_no_highlight(tmp_path):
     assert (one.object_id == 0).any()
     np.testing.assert_array_equal(one.pixels, other.pixels)
     assert obj(tmp_path, "illum 1\nKs 1 1 1\nNs 0").specular == 0
-    assert obj(tmp_path, "Ks 1 1 1\nNs 0.5").specular == 1
+    assert obj(tmp_path, "Kd 0 0 0\nKs 1 1 1\nNs 0.5").specular == 1
     made = trimesh.creation.box()
     look = trimesh.visual.material.SimpleMaterial(diffuse=[9, 9, 9], specular=[255, 255, 255], glossiness=0.0)
     made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=look)

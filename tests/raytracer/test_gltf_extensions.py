@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gltf_files import CORNERS, HALVES, SQUARE, File
+from gltf_files import CORNERS, HALVES, MATT, SQUARE, File
 
 import shpy as sh
 from raytracer import Camera, Scene, SceneError, Texture, render
@@ -72,7 +72,7 @@ def test_a_picture_whose_coordinates_are_rotated(tmp_path, quarters, color):
     move = {"rotation": quarters * np.pi / 2, "offset": [0, quarters]}
     texture = {"index": file.picture(pixels, magFilter=9728), "extensions": {"KHR_texture_transform": move}}
     look = {"baseColorTexture": texture, "metallicFactor": 0}
-    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, extensions=MATT))))
     meshes = Scene.load(file.save(tmp_path / "turned.glb")).meshes
     image = render(Scene(meshes, (), Camera((0, 0, 4), fov=45), ambient=1.0), (16, 16), backend="numpy", bounces=0)
     assert image.pixels[7, 10].tolist() == color
@@ -123,8 +123,8 @@ def plain(tmp_path, **look):
 def test_specular_and_glossiness(gloss, look, tmp_path):
     """Compare with metallic-roughness where both models are known: for no metal and for all metal."""
     one, other = glossy(tmp_path, **gloss), plain(tmp_path, **look)
-    np.testing.assert_allclose(one.color, other.color, atol=1e-5)
-    for name in ("specular", "shininess", "reflectivity"):
+    np.testing.assert_allclose(one.base_color, other.base_color, atol=1e-5)
+    for name in ("specular", "roughness", "metallic"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-4), name
 
 
@@ -133,10 +133,10 @@ def test_pictures_of_specular_and_glossiness(tmp_path):
     wood = np.full((2, 2, 3), (188, 92, 20))
     with pytest.warns(sh.ShpyWarning, match=r"detail of pictures of glossiness \(1\)"):
         found = glossy(tmp_path, wood, np.full((2, 2, 4), (56, 56, 56, 51)), glossinessFactor=0.5)
-    assert isinstance(found.color, Texture)
+    assert isinstance(found.base_color, Texture)
     rough = plain(tmp_path, metallicFactor=0, roughnessFactor=1 - 0.5 * 0.2)
-    assert found.shininess == pytest.approx(rough.shininess)
-    assert found.specular == pytest.approx(rough.specular, rel=0.1)
+    assert found.roughness == pytest.approx(rough.roughness)
+    assert found.metallic == pytest.approx(rough.metallic, abs=0.02)
     with pytest.warns(sh.ShpyWarning, match="glossiness"):
         metal = glossy(tmp_path, np.zeros((2, 2, 3)), np.full((2, 2, 4), (255, 188, 99, 255)))
-    assert metal.color == pytest.approx((1, 0.5028865, 0.1247718), abs=1e-4)
+    assert metal.base_color == pytest.approx((1, 0.5028865, 0.1247718), abs=1e-4)

@@ -5,13 +5,23 @@ import warnings
 
 import numpy as np
 import pytest
-from gltf_files import CORNERS, SQUARE, File, png, textured
+from gltf_files import CORNERS, MATT, SQUARE, File, png, textured
 
 import shpy as sh
-from raytracer import Camera, DirectionalLight, Mesh, PointLight, Scene, SceneError, Texture, render
+from raytracer import (
+    Camera,
+    DirectionalLight,
+    Mesh,
+    MetallicRoughness,
+    PointLight,
+    Scene,
+    SceneError,
+    Texture,
+    render,
+)
 from raytracer.appearance.textures import decoded
 from raytracer.meshes import pictures
-from raytracer.meshes.appearance import CLAY, MetallicRoughness, metallic_roughness
+from raytracer.meshes.appearance import CLAY, GltfMaterial, material_of
 
 AHEAD = Camera((0, 0, 4), (0, 0, 0), fov=45)
 
@@ -39,7 +49,7 @@ def test_a_picture_on_a_square(tmp_path, suffix):
     base = file.picture([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [188, 188, 188]]], magFilter=9728)
     look = {"baseColorTexture": {"index": base}, "baseColorFactor": [0.5, 1, 1, 1], "metallicFactor": 0}
     colors = {"COLOR_0": file.array([[1, 1, 0.5]] * 4)}
-    square = file.square(attributes=colors, material=file.material(pbrMetallicRoughness=look))
+    square = file.square(attributes=colors, material=file.material(pbrMetallicRoughness=look, extensions=MATT))
     file.node(mesh=file.mesh(square, name="tile"))
     scene = loaded(file.save(tmp_path / f"tile.{suffix}"))
     assert [mesh.name for mesh in scene.meshes] == ["tile", "floor"]
@@ -142,7 +152,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file = File()
     image = file.picture(np.zeros((2, 2, 3)))
     plain = {"normalTexture": {"index": image}, "occlusionTexture": {"index": image}}
-    clear = {"KHR_materials_transmission": {"transmissionFactor": 1}}
+    clear = {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": {"thicknessFactor": 1}}
     plain |= {"alphaMode": "BLEND", "extensions": clear}
     look = {"baseColorTexture": {"index": image, "texCoord": 1}, "baseColorFactor": [1, 0.5, 1, 0.5]}
     material = file.material(**plain, pbrMetallicRoughness=look)
@@ -158,7 +168,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     expected = (
         "animations (1), scenes but the default one (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
-        "alpha of clear materials (1), blur of clear materials (1), tints of clear materials (1), "
+        "alpha of clear bodies (1), blur of clear bodies (1), tints of clear bodies (1), "
         "points and lines (1), orthographic cameras (1), "
         "cones of spot lights, which shine all round (1), lights of the type area (1)"
     )
@@ -201,7 +211,7 @@ def test_a_picture_that_cannot_be_read_is_named_and_the_factor_shows(tmp_path, u
         scene = Scene.load(file.save(inner / "square.gltf"))
     assert len(caught) == 1
     assert f"{uri} ({reason}" in str(caught[0].message)
-    np.testing.assert_allclose(scene.meshes[0].material.color, (0.5, 0.25, 0))
+    np.testing.assert_allclose(scene.meshes[0].material.base_color, (0.5, 0.25, 0))
 
 
 def test_a_picture_beside_the_file_and_one_by_its_last_name(tmp_path):
@@ -214,7 +224,7 @@ def test_a_picture_beside_the_file_and_one_by_its_last_name(tmp_path):
         look = {"baseColorTexture": {"index": texture}}
         file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
         scene = loaded(file.save(tmp_path / "square.gltf"))
-        np.testing.assert_array_equal(scene.meshes[0].material.color.image, [[color]])
+        np.testing.assert_array_equal(scene.meshes[0].material.base_color.image, [[color]])
 
 
 def test_one_picture_is_one_texture(tmp_path):
@@ -225,23 +235,16 @@ def test_one_picture_is_one_texture(tmp_path):
         file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
     first, second = (mesh.material for mesh in loaded(file.save(tmp_path / "two.glb")).meshes[:2])
     assert first is not second
-    assert first.color is second.color
-    assert first.color.wrap == "mirror"
-    assert first.color.filter == "linear"
+    assert first.base_color is second.base_color
+    assert first.base_color.wrap == "mirror"
+    assert first.base_color.filter == "linear"
 
 
 def test_metals_and_roughness():
-    """The exponents of Walter et al. for alpha = roughness**2, and a quarter of them for Phong's highlight."""
-    for roughness, shininess in ((0.5, (2 / 0.25**2 - 2) / 4), (0.3, (2 / 0.09**2 - 2) / 4), (1, 1), (0, 1000)):
-        plain = metallic_roughness(MetallicRoughness((0.2, 0.4, 0.6), 0.0, roughness))
-        assert plain.shininess == pytest.approx(shininess)
-        assert plain.reflectivity == 0
-        assert plain.color == (0.2, 0.4, 0.6)
-    assert metallic_roughness(MetallicRoughness(roughness=1.0)).specular == 0
-    assert metallic_roughness(MetallicRoughness(roughness=0.5)).specular == pytest.approx(0.04 * 30 / 8)
-    gold = metallic_roughness(MetallicRoughness((1.0, 0.77, 0.34), 1.0, 0.25))
-    assert gold.reflectivity == pytest.approx(0.34 * 0.75**2)
-    assert gold.specular == 1
+    plain = material_of(GltfMaterial((0.2, 0.4, 0.6), 0.0, 0.5))
+    assert plain == MetallicRoughness((0.2, 0.4, 0.6), 0, 0.5)
+    wild = material_of(GltfMaterial((1.5, 0.4, -1), 2.0, -0.5))  # which the specification excludes
+    assert wild == MetallicRoughness((1, 0.4, 0), 1, 0)
 
 
 def test_pictures_of_metal_and_roughness(tmp_path):
@@ -251,11 +254,9 @@ def test_pictures_of_metal_and_roughness(tmp_path):
     look = {"metallicRoughnessTexture": {"index": maps}, "roughnessFactor": 0.5, "baseColorFactor": [0.8, 0.6, 0.9, 1]}
     file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
     found = loaded(file.save(tmp_path / "metal.glb")).meshes[0].material
-    assert isinstance(found.reflectivity, Texture)
-    rough = 0.5 * 128 / 255
-    np.testing.assert_allclose(found.reflectivity.image[0, :, 0], [0, 0.6 * (1 - rough) ** 2], rtol=1e-5)
-    np.testing.assert_allclose(found.shininess.image[0, :, 0], [7.5, (2 / rough**4 - 2) / 4], rtol=1e-5)
-    np.testing.assert_allclose(found.specular.image[0, :, 0], [0.04 * 30 / 8, 1], rtol=1e-5)
+    assert isinstance(found.roughness, Texture)
+    np.testing.assert_allclose(found.roughness.image[0, :, 0], [0.5, 0.5 * 128 / 255], rtol=1e-5)
+    np.testing.assert_allclose(found.metallic.image[0, :, 0], [0, 1], rtol=1e-5)
 
 
 def test_the_look_of_a_file_without_materials_has_not_changed(tmp_path):
@@ -346,9 +347,9 @@ def test_large_pictures_are_made_smaller(tmp_path, monkeypatch):
         file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
     said = "ignored: detail of pictures beyond 1,000 pixels (2)"
     scene = loaded(file.save(tmp_path / "large.glb"), said)
-    sizes = [mesh.material.color.image.shape[:2] for mesh in scene.meshes[:2]]
+    sizes = [mesh.material.base_color.image.shape[:2] for mesh in scene.meshes[:2]]
     assert sizes == [(16, 16), (16, 16)]
-    np.testing.assert_allclose(scene.meshes[1].material.color.image, decoded(np.array(128 / 255)), rtol=1e-5)
+    np.testing.assert_allclose(scene.meshes[1].material.base_color.image, decoded(np.array(128 / 255)), rtol=1e-5)
 
 
 def test_a_mesh_is_joined_and_says_that_it_has_no_materials(tmp_path):
@@ -363,7 +364,8 @@ def test_a_mesh_is_joined_and_says_that_it_has_no_materials(tmp_path):
 
 def test_a_light_of_a_file_lights_as_our_own(tmp_path):
     file = File()
-    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness={"metallicFactor": 0}))))
+    look = {"metallicFactor": 0}
+    file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look, extensions=MATT))))
     file.light(type="directional", intensity=5000)
     scene = loaded(file.save(tmp_path / "sun.glb"))
     assert isinstance(scene.lights[0], DirectionalLight)

@@ -44,7 +44,7 @@ def check_part(mesh, part):
         if expected is not None:
             np.testing.assert_allclose(found, expected, atol=1e-9)
     if part.color is not None:
-        np.testing.assert_allclose(mesh.material.color, part.color)
+        np.testing.assert_allclose(mesh.material.base_color, part.color)
 
 
 def check_view(scene, expected):

@@ -19,7 +19,7 @@ def painted(tmp_path, uri):
     texture = file.add("textures", {"source": file.add("images", {"uri": uri})})
     look = {"baseColorTexture": {"index": texture}}
     file.node(mesh=file.mesh(file.square(material=file.material(pbrMetallicRoughness=look))))
-    return Scene.load(file.save(tmp_path / "square.glb"), strict=True).meshes[0].material.color
+    return Scene.load(file.save(tmp_path / "square.glb"), strict=True).meshes[0].material.base_color
 
 
 @pytest.mark.parametrize("head", ["data:image/png;base64,", "DATA:image/png;base64,", "Data:image/png;BASE64,"])

@@ -68,15 +68,15 @@ def test_parts_have_names_and_materials(chair):
         scene = Scene.load(chair)
     assert [mesh.name for mesh in scene.meshes] == ["chair", "chair_1", "table", "table_1", "floor"]
     assert [len(mesh) for mesh in scene.meshes] == [1, 1, 1, 3, 2]
-    ignored = "-s of pictures (1), normal maps (1)"
+    ignored = "-s of pictures (1), light beyond what surfaces receive (2), normal maps (1)"
     assert [str(w.message) for w in caught] == [f"chair.obj: ignored: {ignored}"]
     wood, steel, again, _, _ = (mesh.material for mesh in scene.meshes)
     assert isinstance(wood.color, Texture)
     assert wood.color.wrap == "clamp"
     np.testing.assert_allclose(wood.color.image[0, 0], np.array([1, 0.5, 0.25]) * (1, 0.21586, 0), atol=1e-4)
-    assert (wood.specular, wood.shininess, wood.reflectivity) == (pytest.approx(0.3), 60, 0)
+    assert (wood.specular, wood.shininess, wood.reflectivity) == (pytest.approx(0.3 / 1.3), 60, 0)
     assert scene.meshes[3].material is wood
-    expected = Material((0.5, 0.5, 0.5), 1.0, 0.9, 40.0, 0.9, transmission=0.5, ior=1.0, emission=(1, 0, 0))
+    expected = Material((0.5, 0.5, 0.5), 1 / 1.4, 0.9 / 1.4, 40.0, 0.9, transmission=0.5, ior=1.0, emission=(1, 0, 0))
     assert steel == expected
     assert again is steel  # a material stays until the next one is named
     np.testing.assert_array_equal(scene.meshes[2].corners, [[[5, 0, 0], [6, 0, 0], [6, 1, 0]]])
@@ -217,7 +217,8 @@ def test_the_command_renders_a_file_and_warns_in_lines(chair, capsys):
     assert main(["render", str(chair), "--backend", "numpy", "--size", "24x24", "-o", str(picture)]) == 0
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if "warning" in line] == [
-        "raytracer: warning: chair.obj: ignored: -s of pictures (1), normal maps (1)"
+        "raytracer: warning: chair.obj: ignored: -s of pictures (1), light beyond what surfaces receive (2), "
+        "normal maps (1)"
     ]
     assert picture.exists()
 

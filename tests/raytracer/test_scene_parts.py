@@ -188,8 +188,8 @@ def test_materials_of_trimesh():
     with pytest.warns(sh.ShpyWarning, match=r"mesh: ignored: normal maps \(1\)") as caught:
         look = Mesh.from_trimesh(made).material
     assert caught[0].filename == __file__
-    assert look.color == pytest.approx((1, 0, 0.2))
-    assert look.shininess == 7.5
+    assert look.base_color == pytest.approx((1, 0, 0.2))
+    assert look.roughness == 0.5
     made.visual.material = trimesh.visual.material.SimpleMaterial(diffuse=[0, 255, 0, 255], glossiness=20.0)
     assert Mesh.from_trimesh(made).material == Material((0, 1, 0), 1.0, 0.0, 20.0)
 
