@@ -5,7 +5,7 @@ or fewer is a leaf. A wide node replaces up to seven binary nodes, which `famili
 
 >>> from raytracer.accel.ploc import build_bvh
 >>> wide = widen(build_bvh(np.eye(3)[None]), np.eye(3, 4), np.ones(1))
->>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[1, 2 * NUMBERS].tolist()
+>>> wide.records.shape, wide.records[0, FIRST, 0].tolist(), wide.records[2, 2 * NUMBERS - ROWS].tolist()
 ((3, 16, 4), 1, [0, 4294967295, 4294967295, 4294967295])
 
 `wide_nodes` gives the nodes alone, for packets, whose leaves are those of the `Bvh`.

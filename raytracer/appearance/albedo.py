@@ -14,7 +14,7 @@ library of functions, where the workers of a cluster must agree.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,7 +34,7 @@ _ROUNDS: Final = 8
 Floats = NDArray[np.float64]
 
 
-@cache
+@lru_cache(maxsize=1)
 def albedo_table() -> NDArray[np.float32]:
     """Return a - b and b, (ACROSS, ACROSS + 1, 2): a row for each roughness; its last element is the cosines' mean."""
     steps = np.load(Path(__file__).with_name("albedos.npy"))

@@ -114,7 +114,8 @@ def words(node):
     return []
 
 
-KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE, *DEFINITIONS, *FAULTS}
+PRIMITIVES = {"quot", "rem", "bitcast"}  # of the formulas of edges, which the passes make
+KNOWN = {*OPS, *STRUCTURAL, *PARTS, *CORRECTABLE, *DEFINITIONS, *FAULTS, *PRIMITIVES}
 OPENCL = "prologue_wide.py"
 """Its lists name functions of OpenCL C: `tests/backends/test_packets_wide.py` checks them."""
 

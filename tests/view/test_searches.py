@@ -38,7 +38,7 @@ def runs(monkeypatch):
     class Runs:
         count, held, go_on = 0, threading.Event(), threading.Event()
 
-    original = observers._Backend._run
+    original = observers.BackendObserver._run
 
     def run(observer, target):
         found = original(observer, target)
@@ -48,7 +48,7 @@ def runs(monkeypatch):
             assert Runs.go_on.wait(HANGING)
         return found
 
-    monkeypatch.setattr(observers._Backend, "_run", run)
+    monkeypatch.setattr(observers.BackendObserver, "_run", run)
     yield Runs
     Runs.go_on.set()
 
