@@ -131,14 +131,14 @@ def agree_fused(shard: int, part: int, backends: tuple[str, ...], precision: Pre
     seed(f"fused {shard}.{part}")(run)()
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(12)
 @each_part
 @pytest.mark.parametrize("shard", range(6))
 def test_fused_programs_agree(shard: int, part: int) -> None:
     agree_fused(shard, part, rotated(shard)[1:])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_part
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_fused_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:
