@@ -75,8 +75,8 @@ class PacketIntersector(Walk):
         most = sh.Attrib1f(sh.max_lane(reach) + LEAST)
         place = sh.Attrib1u(0)
         key = sh.Attrib1u(0)
-        wanted = sh.Attrib1b(True)
-        with SH_WHILE(lambda: wanted):
+        unfinished = sh.Attrib1b(True)
+        with SH_WHILE(lambda: unfinished):
             with SH_IF((key & LEAF) == 0):  # not so of NONE either
                 row = ROWS * sh.Attrib1i(sh.min(place, sh.Attrib1u(self.last)))
                 keys = node.keys(self.nodes, row, most)
@@ -100,7 +100,7 @@ class PacketIntersector(Walk):
                 number, met_key = stack.pop(most)
                 place[:] = number
                 key[:] = met_key
-                wanted[:] = (stack.top != 0) if any_hit is False else (stack.top != 0) & ~(any_hit & (hit.id >= 0))
+                unfinished[:] = (stack.top != 0) if any_hit is False else (stack.top != 0) & ~(any_hit & (hit.id >= 0))
 
 
 def child(key: Any, firsts: Any) -> Any:

@@ -39,8 +39,8 @@ def complex_product(a: sh.Attrib2f, b: sh.Attrib2f) -> sh.Attrib2f:
 
 @sh.program
 def composites(v: sh.Attrib3f, w: sh.Attrib3f, t: sh.Attrib1f):
-    turned = sh.Matrix3f(v, w, sh.cross(v, w)) @ w
-    return sh.mix(v, w, t), sh.dot(v, w) + t, sh.mad(t, t, 0.25), sh.reflect(v, w), sh.normalize(v), turned
+    product = sh.Matrix3f(v, w, sh.cross(v, w)) @ w
+    return sh.mix(v, w, t), sh.dot(v, w) + t, sh.mad(t, t, 0.25), sh.reflect(v, w), sh.normalize(v), product
 
 
 @sh.program
@@ -132,14 +132,14 @@ def dot_of(v, w):
 @pytest.mark.parametrize("backend", ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"])
 def test_closed_forms_of_composites(backend):
     (v, w), t = finite(2, 120, 3), finite(120)
-    mixed, dotted, summed, mirrored, _, turned = kernel(composites, backend, fuse=True)(v, w, t)
+    mixed, dotted, summed, mirrored, _, product = kernel(composites, backend, fuse=True)(v, w, t)
     wide = t[:, None]
     assert np.array_equal(mixed, each(v, 1 - wide, w * wide))
     assert np.array_equal(dotted, dot_of(v, w) + t)
     assert np.array_equal(summed, each(t, t, np.float32(0.25)))
     assert np.array_equal(mirrored, each(-(2 * dot_of(w, v))[:, None], w, v))
     across = each(v[:, [1, 2, 0]], w[:, [2, 0, 1]], -(v[:, [2, 0, 1]] * w[:, [1, 2, 0]]))
-    assert np.array_equal(turned, np.stack([dot_of(row, w) for row in (v, w, across)], 1))
+    assert np.array_equal(product, np.stack([dot_of(row, w) for row in (v, w, across)], 1))
 
 
 @sh.program

@@ -245,19 +245,19 @@ class Body:
         return module("\n".join([*(f"var $x.{n}: f" for n in (2, 3, 4)), *lines, "store $o.0 = %a.0"]))
 
 
-def fused_operations(given: Module) -> int:
-    return sum(isinstance(s, Let) and s.op == "fma" for f in given.functions for s in walk(f.body))
+def fused_operations(module: Module) -> int:
+    return sum(isinstance(s, Let) and s.op == "fma" for f in module.functions for s in walk(f.body))
 
 
 def test_no_other_pass_finds_more_to_contract():
     """The variables that `promote` turns into values hold no products that the rule did not see."""
     through_variables = 0
     for seed in range(400):
-        given = Body(seed).module()
-        contracted = fuse(given)
+        module = Body(seed).module()
+        contracted = fuse(module)
         verify(contracted)
         promoted = promote(contracted)
-        assert fuse(promoted) == promoted, str(given)
+        assert fuse(promoted) == promoted, str(module)
         through_variables += fused_operations(contracted) > 2
     assert through_variables > 40
 

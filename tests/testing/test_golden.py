@@ -27,6 +27,17 @@ def doubled(factor: float = 2) -> sh.Program:
     return rounded
 
 
+def written_otherwise() -> sh.Program:
+    """Return a program with the bits of `doubled`."""
+
+    @sh.program
+    def rounded(x: sh.Attrib1f, y: sh.Attrib2f) -> tuple[sh.Attrib1f, sh.Attrib2f]:
+        SH_DISCARD(x > 3.8)
+        return sh.floor(x) + sh.floor(x), sh.floor(x) + y
+
+    return rounded
+
+
 BACKENDS = ("numpy", "glsl")
 
 
@@ -68,13 +79,8 @@ def test_a_changed_program_is_named_by_its_first_statement(tmp_path):
 
 
 def test_a_program_that_is_written_otherwise_with_the_same_bits_passes(tmp_path):
-    @sh.program
-    def rounded(x: sh.Attrib1f, y: sh.Attrib2f) -> tuple[sh.Attrib1f, sh.Attrib2f]:
-        SH_DISCARD(x > 3.8)
-        return sh.floor(x) + sh.floor(x), sh.floor(x) + y
-
     write(tmp_path, doubled(), X, [1, 2])
-    read(tmp_path, rounded, X, [1, 2])
+    read(tmp_path, written_otherwise(), X, [1, 2])
 
 
 @pytest.mark.parametrize("faulty", ["numpy", "glsl"])
@@ -156,15 +162,10 @@ def test_an_unchanged_file_is_not_written_again(tmp_path):
 
 
 def test_a_program_that_is_written_otherwise_is_the_one_to_compare_with_after_an_update(tmp_path):
-    @sh.program
-    def rounded(x: sh.Attrib1f, y: sh.Attrib2f) -> tuple[sh.Attrib1f, sh.Attrib2f]:
-        SH_DISCARD(x > 3.8)
-        return sh.floor(x) + sh.floor(x), sh.floor(x) + y
-
     write(tmp_path, doubled(), X, [1, 2])
-    write(tmp_path, rounded, X, [1, 2])
+    write(tmp_path, written_otherwise(), X, [1, 2])
     with pytest.raises(AssertionError, match="is that of the file; the inputs, or a Param, are not"):
-        read(tmp_path, rounded, X, [1, 3])
+        read(tmp_path, written_otherwise(), X, [1, 3])
 
 
 def test_backends_that_differ_write_nothing(tmp_path, monkeypatch):
