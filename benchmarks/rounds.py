@@ -103,7 +103,7 @@ class Ready:
         self.answer = np.array(answer.get() if hasattr(answer, "get") else answer)
 
     def __call__(self, calls: int | None) -> Any:
-        """Return the seconds of the first call and its answer, or of so many calls, and the CPU seconds of one."""
+        """Return the seconds of the first call and its answer, or for a number of `calls` the CPU seconds of one."""
         if calls is None:
             return self.first, self.answer
         busy = time.process_time()

@@ -33,11 +33,9 @@ from raytracer.kernels.wide_walk import (
     LEVELS,
     NONE,
     Stack,
-    beyond,
     both_rows,
     floats,
     keys_of,
-    least_of,
 )
 from shpy import SH_ELSE, SH_IF, SH_WHILE
 
@@ -81,13 +79,9 @@ class PacketIntersector(Walk):
                 row = ROWS * sh.Attrib1i(sh.min(place, sh.Attrib1u(self.last)))
                 keys = node.keys(self.nodes, row, most)
                 firsts = self.nodes[row + FIRST]
-                nearest = least_of(keys)
-                keys = beyond(nearest, keys)
-                second = least_of(keys)
-                stack.push_all(beyond(second, keys), firsts)
-                stack.push(second[0], firsts)
-                key[:] = nearest[0]
-                place[:] = child(nearest[0], firsts)
+                nearest = stack.push_children(keys, firsts)
+                key[:] = nearest
+                place[:] = child(nearest, firsts)
             with SH_ELSE():
                 with SH_IF(key != NONE):
                     leaf = sh.Attrib1i(place)

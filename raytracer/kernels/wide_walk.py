@@ -96,13 +96,9 @@ class WideIntersector(Walk):
                 row = ROWS * place
                 keys = node.keys(self.records, row, reach)
                 first = self.number(self.records[row + FIRST].x)
-                nearest = least_of(keys)
-                keys = beyond(nearest, keys)
-                second = least_of(keys)
-                stack.push_all(beyond(second, keys), first)
-                stack.push(second[0], first)
-                key[:] = nearest[0]
-                place[:] = child(nearest[0], first)
+                nearest = stack.push_children(keys, first)
+                key[:] = nearest
+                place[:] = child(nearest, first)
             with SH_ELSE():
                 with SH_IF(key != NONE):
                     block(self.records, ROWS * place, hit)
@@ -202,6 +198,15 @@ class Stack:
         """Push a box onto the stack if the ray meets it. There is no branch, because processors would mispredict it."""
         self.entries[self.place] = sh.Attrib2u(sh.Attrib1u(self.child(key, first)), key)
         self.top += sh.cond(key != NONE, sh.Attrib1u(1), sh.Attrib1u(0))
+
+    def push_children(self, keys: Any, first: Any) -> Any:
+        """Push the children of a node but for the nearest; return the key of that."""
+        nearest = least_of(keys)
+        keys = beyond(nearest, keys)
+        second = least_of(keys)
+        self.push_all(beyond(second, keys), first)
+        self.push(second[0], first)
+        return nearest[0]
 
     def push_all(self, keys: Any, first: Any) -> None:
         """Push the third and further children, the farthest first. There are seldom any, so that a branch pays."""

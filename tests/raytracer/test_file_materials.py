@@ -135,9 +135,9 @@ def test_pictures_of_transmission(tmp_path):
     metal = file.picture([[[0, 255, 0]]])
     look = {"metallicRoughnessTexture": {"index": metal}, "metallicFactor": 1}
     extensions = {"transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": clear}}}
-    found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
-    np.testing.assert_allclose(found.transmission.image[0, :, 0], [0.5, 0.1], rtol=1e-6)
-    assert (found.metallic, found.roughness) == (0, 1)
+    material = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    np.testing.assert_allclose(material.transmission.image[0, :, 0], [0.5, 0.1], rtol=1e-6)
+    assert (material.metallic, material.roughness) == (0, 1)
 
 
 def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
@@ -148,8 +148,8 @@ def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
     look = {"metallicRoughnessTexture": {"index": metal}, "roughnessFactor": 0.1, "metallicFactor": 1}
     extensions = {"transmission": {"transmissionFactor": 1, "transmissionTexture": {"index": clear}}}
     extensions["volume"] = {"thicknessFactor": 1}
-    found = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
-    assert found.transmission.image.shape == (1, 64, 3)
+    material = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    assert material.transmission.image.shape == (1, 64, 3)
 
 
 def test_the_ior_of_gltf_decides_how_high_highlights_are():
@@ -175,11 +175,11 @@ def test_specular_and_coats_of_gltf(tmp_path):
     factors["specular"] |= {"specularTexture": index, "specularColorTexture": index}
     factors["clearcoat"] |= {"clearcoatTexture": index, "clearcoatRoughnessTexture": index}
     factors["clearcoat"]["clearcoatNormalTexture"] = index
-    found = gltf(tmp_path, "normal maps of coats (1)", file=file, extensions=factors)
-    np.testing.assert_allclose(found.specular.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
-    np.testing.assert_allclose(found.specular_color.image[0], [[2, 0, 0], [0, 1, 0]], rtol=1e-6)
-    np.testing.assert_allclose(found.clearcoat.image[0, :, 0], [0.25, 0], rtol=1e-6)
-    np.testing.assert_allclose(found.clearcoat_roughness.image[0, :, 0], [0, 0.75], rtol=1e-6)
+    material = gltf(tmp_path, "normal maps of coats (1)", file=file, extensions=factors)
+    np.testing.assert_allclose(material.specular.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(material.specular_color.image[0], [[2, 0, 0], [0, 1, 0]], rtol=1e-6)
+    np.testing.assert_allclose(material.clearcoat.image[0, :, 0], [0.25, 0], rtol=1e-6)
+    np.testing.assert_allclose(material.clearcoat_roughness.image[0, :, 0], [0, 0.75], rtol=1e-6)
 
 
 def test_masks_of_gltf_cut_out(tmp_path):
@@ -266,9 +266,9 @@ def test_trimesh_materials_shine_and_have_holes():
         baseColorTexture=image, metallicFactor=0.0, alphaMode="MASK", alphaCutoff=0.25, emissiveFactor=[0, 0.5, 1]
     )
     made.visual = trimesh.visual.TextureVisuals(uv=uv, material=look)
-    found = Mesh.from_trimesh(made).material
-    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [2, 0])
-    assert found.emission == (0, 0.5, 1)
+    material = Mesh.from_trimesh(made).material
+    np.testing.assert_array_equal(material.cutout.image[0, :, 0], [2, 0])
+    assert material.emission == (0, 0.5, 1)
     look.alphaMode, look.baseColorTexture, look.baseColorFactor = "BLEND", None, [255, 255, 255, 51]
     assert Mesh.from_trimesh(made).material.alpha == pytest.approx(0.2)
 
@@ -289,8 +289,8 @@ def test_trimesh_materials_shine_and_have_holes():
     ],
 )
 def test_statements_of_mtl(tmp_path, text, expected):
-    found = obj(tmp_path, text)
-    assert {name: getattr(found, name) for name in expected} == expected
+    material = obj(tmp_path, text)
+    assert {name: getattr(material, name) for name in expected} == expected
 
 
 BEYOND = "light beyond what surfaces receive (1)"
@@ -310,9 +310,9 @@ BEYOND = "light beyond what surfaces receive (1)"
 )
 def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, specular):
     ignored = [BEYOND] if diffuse < 1 else []
-    found = obj(tmp_path, text, *ignored)
-    assert (found.diffuse, found.specular) == pytest.approx((diffuse, specular), rel=1e-6)
-    check_gains_nothing(furnace(found, backend="opencl"))
+    material = obj(tmp_path, text, *ignored)
+    assert (material.diffuse, material.specular) == pytest.approx((diffuse, specular), rel=1e-6)
+    check_gains_nothing(furnace(material, backend="opencl"))
 
 
 @pytest.mark.parametrize(
@@ -341,20 +341,22 @@ def test_physical_statements_of_mtl(tmp_path, text, ignored, expected):
 def test_physical_pictures_of_mtl(tmp_path):
     """They multiply their numbers, as map_Kd does, and are linear."""
     picture = png([[[51, 51, 51], [255, 255, 255]]])
-    found = obj(tmp_path, "Pr 0.5\nmap_Pr grey.png\nmap_Pm grey.png\nmap_Kd grey.png\nKd 1 1 1", grey=picture)
-    np.testing.assert_allclose(found.roughness.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
-    np.testing.assert_allclose(found.metallic.image[0, :, 0], [0.2, 1], rtol=1e-6)
-    np.testing.assert_allclose(found.base_color.image[0, :, 0], [((0.2 + 0.055) / 1.055) ** 2.4, 1], rtol=1e-5)
+    material = obj(tmp_path, "Pr 0.5\nmap_Pr grey.png\nmap_Pm grey.png\nmap_Kd grey.png\nKd 1 1 1", grey=picture)
+    np.testing.assert_allclose(material.roughness.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(material.metallic.image[0, :, 0], [0.2, 1], rtol=1e-6)
+    np.testing.assert_allclose(material.base_color.image[0, :, 0], [((0.2 + 0.055) / 1.055) ** 2.4, 1], rtol=1e-5)
     with pytest.warns(sh.ShpyWarning, match=r"map_pr of materials \(1\)"):
         assert Scene.load(written(tmp_path, "illum 7\nmap_Pr grey.png")).meshes[0].material.ior == 1.5
 
 
 def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):
     grey = png([[[188, 188, 188], [9, 9, 9]]])
-    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 0.25", grey=grey)
-    assert (found.diffuse, found.specular) == (1, 0.25)
-    found = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 1", BEYOND, grey=grey)
-    assert found.diffuse == found.specular == pytest.approx(1 / (1 + ((188 / 255 + 0.055) / 1.055) ** 2.4), rel=1e-5)
+    material = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 0.25", grey=grey)
+    assert (material.diffuse, material.specular) == (1, 0.25)
+    material = obj(tmp_path, "Kd 1 1 1\nmap_Kd grey.png\nKs 1", BEYOND, grey=grey)
+    assert (
+        material.diffuse == material.specular == pytest.approx(1 / (1 + ((188 / 255 + 0.055) / 1.055) ** 2.4), rel=1e-5)
+    )
 
 
 OPAQUE = "Tr 1 of materials without d, which are opaque (1)"
@@ -396,8 +398,8 @@ def test_an_exponent_of_0_is_no_highlight(tmp_path):
 
 
 def test_dissolved_materials_of_mtl_are_mixed_with_what_is_behind(tmp_path):
-    found = obj(tmp_path, "Kd 1 0 0\nd 0.25")
-    np.testing.assert_allclose(before_green(found), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
+    material = obj(tmp_path, "Kd 1 0 0\nd 0.25")
+    np.testing.assert_allclose(before_green(material), np.broadcast_to([0.25, 0.75, 0], (8, 8, 3)), atol=1e-6)
 
 
 def test_pictures_of_mtl(tmp_path):
@@ -405,12 +407,12 @@ def test_pictures_of_mtl(tmp_path):
     leaf = np.array([[[255, 0, 0, 255], [255, 0, 0, 0]]])
     grey = np.array([[[0, 0, 0], [255, 255, 255]]])
     pictures = {"leaf": png(leaf), "grey": png(grey)}
-    found = obj(tmp_path, "map_Kd leaf.png\nmap_d leaf.png\nmap_Ke grey.png", **pictures)
-    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [1, 0])
-    np.testing.assert_array_equal(found.emission.image[0], [[0] * 3, [1] * 3])
-    found = obj(tmp_path, "map_d grey.png\nd 0.5", **pictures)
-    np.testing.assert_array_equal(found.cutout.image[0, :, 0], [0, 1])
-    assert found.transmission == 0.5
+    material = obj(tmp_path, "map_Kd leaf.png\nmap_d leaf.png\nmap_Ke grey.png", **pictures)
+    np.testing.assert_array_equal(material.cutout.image[0, :, 0], [1, 0])
+    np.testing.assert_array_equal(material.emission.image[0], [[0] * 3, [1] * 3])
+    material = obj(tmp_path, "map_d grey.png\nd 0.5", **pictures)
+    np.testing.assert_array_equal(material.cutout.image[0, :, 0], [0, 1])
+    assert material.transmission == 0.5
     assert isinstance(obj(tmp_path, "map_Kd leaf.png", **pictures).color, Texture)
     half = obj(tmp_path, "map_d half.png", "partial transparency of pictures (1)", half=HALF)
     assert half.cutout is None  # 128 / 255 is all there

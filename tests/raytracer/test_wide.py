@@ -53,13 +53,13 @@ def test_everything_is_there_once_and_in_its_box(name):
     wide = widened(build_bvh(corners), corners)
     met, found = [0], []
     for node, low, high, child, is_block in boxes_of(wide):
-        held = held_by(wide, child, is_block)
+        inside = held_by(wide, child, is_block)
         assert child > node
-        assert np.all((low <= held) & (held <= high))
+        assert np.all((low <= inside) & (inside <= high))
         met += [child, child + 1] if is_block else [child]
         if is_block:
-            numbers, held = triangles_of(wide, child)
-            np.testing.assert_array_equal(held, corners[numbers].reshape(-1, 9))
+            numbers, inside = triangles_of(wide, child)
+            np.testing.assert_array_equal(inside, corners[numbers].reshape(-1, 9))
             found += numbers.tolist()
     assert sorted(met) == list(range(len(wide.records)))
     assert sorted(found) == list(range(len(corners)))

@@ -297,7 +297,7 @@ typedef struct {{
         function to `wrap` indices, indices that are out of range are taken modulo `n`. Where the kernel `tells` it,
         a constant `inside` says that all lanes are in range of the table, and of its moduli.
         """
-        lanes, pointer, known = self.lanes, _pointed(base, size), "if (!inside) " if tells else ""
+        lanes, pointer, guard = self.lanes, _pointed(base, size), "if (!inside) " if tells else ""
         result, index = spelled_wide(rows_of(base, size, lanes)), "int" if rank == 1 else f"int{rank}"
         if rank == 1:
             place = [f"int{lanes} i = as_int{lanes}(as_uint{lanes}(p.x + p.y * {self.columns}) + (uint)by);"]
@@ -318,7 +318,7 @@ typedef struct {{
             # A packet beyond the border is in range after one period. So far from 2^31 no index wraps around within it.
             place += [
                 f"{index} end = clamp(n, 0, size), period = n < 1 << 29 ? max(n, 0) : ({index})(0), at = {first};",
-                f"{known}at += (at < 0 ? period : ({index})(0)) - (at >= period ? period : ({index})(0));",
+                f"{guard}at += (at < 0 ? period : ({index})(0)) - (at >= period ? period : ({index})(0));",
             ]
             at, end = (["at"], ["end"]) if rank == 1 else (["at.x", "at.y"], ["end.x", "end.y"])
         inside = " && ".join(f"{i} >= 0 && {i} <= {n} - {side}" for i, n, side in zip(at, end, sides, strict=True))
@@ -354,7 +354,7 @@ typedef struct {{
         return f"typedef {name} {name}_packed __attribute__((aligned({size})));"
 
     def _load(self, element: str, count: int, array: str, at: int = 0) -> str:
-        """Return the text of so many numbers of an array of the device, a whole or a quad, from number `at` on."""
+        """Return the text that loads `count` numbers, a whole packet or a quad, from number `at` of a device array."""
         if self.shuffle:
             return f"*(__global const {element}{count}_packed *)({array}{f' + {at}' if at else ''})"
         return (
