@@ -52,9 +52,9 @@ class Device:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Call:
-    """One run over `shape` elements (n of them in C order).
+    """One run over `shape` elements (n of them in C order). Nothing changes it; to freeze it takes 0.6 µs a call.
 
     `inputs` follow the entry's: each C-contiguous, (n, size) or (n,) for scalars, or with 1 instead of n for a
     uniform. `outputs` likewise with n, to be written in place, only where the element's status is WRITTEN. dtypes are

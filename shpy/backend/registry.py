@@ -87,6 +87,9 @@ class Default(str):
         return str, (str(self),)
 
 
+_AUTO_DEFAULT = Default(AUTO, "numpy, then OpenCL with the same bits once it pays")
+
+
 def default_backend(name: str | None = None, *, long: bool = False) -> Default:
     """Return the default backend's name, with `.why`; with `name`, make that the default.
 
@@ -106,7 +109,7 @@ def default_backend(name: str | None = None, *, long: bool = False) -> Default:
     if chosen and chosen != AUTO:
         return Default(chosen, f"chosen by {'sh.default_backend' if _default else 'SHPY_BACKEND'}", pinned=True)
     if not long:
-        return Default(AUTO, "numpy, then OpenCL with the same bits once it pays")
+        return _AUTO_DEFAULT
     fault = _fault_of_opencl()
     return Default("opencl", "the same bits as numpy") if fault is None else Default("numpy", fault)
 

@@ -70,16 +70,23 @@ class Bound(ABC):
 
 @dataclass(frozen=True, slots=True)
 class BoundArrays(Bound):
-    """A call over arrays: the flat shape and dtype of each input; the shape, flat shape and dtype of each output."""
+    """A call over arrays: the flat shape and dtype of each input; the shape, flat shape and dtype of each output.
 
-    inputs: tuple[tuple[Shape, Any], ...]
-    outputs: tuple[tuple[Shape, Shape, Any], ...]
+    The flat shape of an array that is flat already is None, since `reshape` takes 0.4 µs.
+    """
+
+    inputs: tuple[tuple[Shape | None, Any], ...]
+    outputs: tuple[tuple[Shape, Shape | None, Any], ...]
     dtypes: Mapping[Base, Any]
 
     def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran | None:
         """Run over arrays of the signature."""
         flat = [
-            array.reshape(shape) if type(array) is np.ndarray else np.full(shape, array, dtype)
+            array
+            if shape is None
+            else array.reshape(shape)
+            if type(array) is np.ndarray
+            else np.full(shape, array, dtype)
             for array, (shape, dtype) in zip(inputs, self.inputs, strict=True)
         ]
         layout = self.recorded.output
@@ -92,9 +99,12 @@ class BoundArrays(Bound):
             if not fits or not out.flags.carray or any(np.may_share_memory(out, array) for array in flat):
                 return None
             arrays = [out]
-        written = tuple(a.reshape(shape) for a, (_, shape, _) in zip(arrays, self.outputs, strict=True))
+        written = [
+            array if shape is None else array.reshape(shape)
+            for array, (_, shape, _) in zip(arrays, self.outputs, strict=True)
+        ]
         data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
-        call = Call(self.shape, tuple(flat), written, params, data)
+        call = Call(self.shape, tuple(flat), tuple(written), params, data)
         status = self.executable.run(call)
         # Only now: the rows of a matrix are copied into one array.
         result = arrays[0] if type(layout) is Leaf else build_arrays(layout, iter(arrays))
@@ -137,7 +147,7 @@ def bound_of(
         return BoundStreams(recorded, executable, common, place) if streams else None
     if not common or 0 in common:
         return None
-    flat = []
+    flat: list[tuple[Shape | None, Any]] = []
     for array, type_ in zip(inputs, types, strict=True):
         assert isinstance(type_, Leaf)
         cls = type_.cls
@@ -152,9 +162,10 @@ def bound_of(
         count = math.prod(shape)
         if array.dtype != dtype or array.shape[len(shape) :] != tail or (shape != common and count != 1):
             return None
-        flat.append(((count, *tail), dtype))
+        flat.append((None if array.shape == (count, *tail) else (count, *tail), dtype))
     outputs = []
     for _, _, cls in leaves(recorded.output, ""):
         tail = (cls.size,) if cls.size > 1 else ()
-        outputs.append(((*common, *tail), (math.prod(common), *tail), np.dtype(dtypes[cls.base])))
+        elements = None if len(common) == 1 else (math.prod(common), *tail)
+        outputs.append(((*common, *tail), elements, np.dtype(dtypes[cls.base])))
     return BoundArrays(recorded, executable, common, tuple(flat), tuple(outputs), dtypes)

@@ -60,6 +60,18 @@ def test_an_output_may_be_an_input():
     np.testing.assert_array_equal(other, before)
 
 
+@pytest.mark.parametrize("count", [3, 10])
+def test_two_outputs_may_exchange_their_inputs(count):
+    b = Builder("exchanged")
+    x, y = b.input(F, "x"), b.input(F, "y")
+    b.store(b.output(F, "first"), y)
+    b.store(b.output(F, "second"), x)
+    x, y = np.arange(count, dtype=np.float32), np.full(count, 7, np.float32)
+    run(module_of(b), count, [x, y], [x, y])
+    np.testing.assert_array_equal(x, np.full(count, 7))
+    np.testing.assert_array_equal(y, np.arange(count))
+
+
 def test_a_discarded_element_keeps_what_the_output_held():
     b = Builder("positive")
     x, y = b.input(F, "x"), b.output(F2, "y")

@@ -49,6 +49,8 @@ class Place:
     lines: tuple[int, int] = field(init=False)
     columns: tuple[int, int] = field(init=False)
     skipped: int = field(init=False)
+    lanes: Any = field(init=False)
+    """The shape of a tile's arrays: a number of lanes, or the extents of a block."""
 
     def __post_init__(self) -> None:
         """Derive the `extents`, the shape (lanes,) or (rows, columns) of the tile's varying values, and its place.
@@ -60,14 +62,10 @@ class Place:
         left, right = (self.start - top * row, self.stop - bottom * row) if top == bottom else (0, row)
         object.__setattr__(self, "part", slice(self.start, self.stop))
         object.__setattr__(self, "extents", (lanes // row, row) if self.block else (lanes,))
+        object.__setattr__(self, "lanes", self.extents if self.block else lanes)
         object.__setattr__(self, "lines", (top, bottom + 1))
         object.__setattr__(self, "columns", (left, right))
         object.__setattr__(self, "skipped", 0 if top == bottom else self.start - top * row)
-
-    @property
-    def lanes(self) -> Any:
-        """Return the shape of a tile's arrays: a number of lanes, or the extents of a block."""
-        return self.extents if self.block else self.extents[0]
 
     @property
     def index(self) -> Any:

@@ -9,9 +9,10 @@ Python's own time does not matter. Tiles are read before they are written, so an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
@@ -51,8 +52,8 @@ _FEWEST: Final = 64
 """Lanes of a tile whose arrays take more, so that Python's own time stays in proportion."""
 _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
     ("place", ""): lambda place: place,
-    ("grid_index", ""): lambda place: place.index,
-    ("lanes", ""): lambda place: place.lanes,
+    ("grid_index", ""): attrgetter("index"),
+    ("lanes", ""): attrgetter("lanes"),
 }
 """The arguments of a text that depend on the tile."""
 _KEPT_MEMORY: Final = 1 << 24
@@ -150,11 +151,16 @@ class NumpyExecutable:
     """The functions that this version of numpy gets wrong; it keeps denormals and has every precision."""
     rejection: NumpyExecutable | None = None
     views: WeakKeyDictionary[TableData, tuple[int, TableView]] = field(default_factory=WeakKeyDictionary)
-    ports: tuple[Type, ...] = field(init=False)
+    ports: tuple[tuple[bool, Any], ...] = field(init=False)
+    """For each input: whether it is a vector, and its dtype."""
+    of_place: tuple[tuple[tuple[str, str], Callable[[Place], Any]], ...] = field(init=False)
+    """The arguments of the text that depend on the tile."""
 
     def __post_init__(self) -> None:
-        """Derive the types of the inputs."""
-        self.ports = tuple(port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
+        """Derive the ports and the arguments."""
+        types = (port.type for port in self.prepared.module.entry.inputs if isinstance(port, Value))
+        self.ports = tuple((type.size > 1, np.dtype(DTYPES[type.base])) for type in types)
+        self.of_place = tuple((key, _OF_PLACE[key]) for key in self.printed.arguments if key in _OF_PLACE)
 
     @property
     def source(self) -> str:
@@ -175,6 +181,7 @@ class NumpyExecutable:
         """Run it; return the status of each element, or None when every element was written."""
         return self.run_until(call, lambda done: False)[1]
 
+    @np.errstate(all="ignore")
     def run_until(self, call: Call, stop: Callable[[int], bool]) -> tuple[bool, Array | None]:
         """Run it, unless `stop`, called with the elements done so far between two tiles, returns True.
 
@@ -183,13 +190,12 @@ class NumpyExecutable:
         status = np.empty(call.count, np.int32) if self.prepared.status else None
         uniforms = self._uniforms(call)
         live = None if status is None else self._live(call)
-        with np.errstate(all="ignore"):
-            if live is not None:
-                return True, self._run_listed(call, live, uniforms)
-            for place in places_of(call.shape, self.tile, grid=self.layout.grid):
-                if place.part.start and stop(place.part.start):
-                    return False, None
-                self._run_tile(call, place, uniforms, status)
+        if live is not None:
+            return True, self._run_listed(call, live, uniforms)
+        for place in places_of(call.shape, self.tile, grid=self.layout.grid):
+            if place.start and stop(place.start):
+                return False, None
+            self._run_tile(call, place, uniforms, status)
         return True, None if status is None or np.all(status == Status.WRITTEN) else status
 
     def ready(self, call: DeviceCall, *, once: bool = False) -> Callable[[], None]:
@@ -219,12 +225,13 @@ class NumpyExecutable:
 
     def _run_tile(self, call: Call, place: Place, uniforms: dict[tuple[str, str], Any], status: Array | None) -> None:
         part, extents = place.part, place.extents
-        inputs = [_tile(x, type_, part, call.outputs) for x, type_ in zip(call.inputs, self.ports, strict=True)]
+        outputs = self._outputs(call, place)
+        inputs = [_tile(x, *port, place, outputs) for x, port in zip(call.inputs, self.ports, strict=True)]
         if place.block:
             inputs = [tile.reshape(*tile.shape[:-1], *extents) for tile in inputs]
-        arguments = [_OF_PLACE[key](place) if key in _OF_PLACE else uniforms[key] for key in self.printed.arguments]
-        outputs = self._outputs(call, part)
-        results = self.entry(*inputs, *arguments)
+        for key, function in self.of_place:
+            uniforms[key] = function(place)
+        results = self.entry(*inputs, *map(uniforms.__getitem__, self.printed.arguments))
         results = results if isinstance(results, tuple) else (results,)
         written: Array | None = None
         if status is not None:
@@ -236,9 +243,9 @@ class NumpyExecutable:
         for out, result in zip(outputs, results, strict=True):
             _write(out, result, written, extents)
 
-    def _outputs(self, call: Call, part: slice) -> list[Array]:
+    def _outputs(self, call: Call, place: Place) -> Sequence[Array]:
         """Return the arrays for the results: one for an output, or one for each component of it."""
-        outputs = [out[part] for out in call.outputs]
+        outputs = call.outputs if call.shape == place.extents else [out[place.part] for out in call.outputs]
         if not self.layout.apart:
             return outputs
         return [column for out in outputs for column in ([out] if out.ndim == 1 else out.T)]
@@ -274,14 +281,18 @@ def _uniform(value: Array, type: Type) -> Any:
     return typed.reshape(())[()] if type.size == 1 else typed.reshape(type.size, 1)
 
 
-def _tile(array: Array, type: Type, part: slice, outputs: tuple[Array, ...]) -> Array:
-    """Return the tile of an input: (lanes,) or (size, lanes), not in memory that will be written."""
-    lanes = part.stop - part.start
-    rows = array[part] if array.shape[0] != 1 else np.broadcast_to(array, (lanes, *array.shape[1:]))
-    tile = (
-        np.ascontiguousarray(rows.T, DTYPES[type.base]) if type.size > 1 else rows.astype(DTYPES[type.base], copy=False)
-    )
-    return tile.copy() if any(np.may_share_memory(tile, out) for out in outputs) else tile
+def _tile(array: Array, vector: bool, dtype: Any, place: Place, outputs: Sequence[Array]) -> Array:
+    """Return the tile of an input: (lanes,) or (size, lanes).
+
+    A result may be a view of a tile. Where a tile has several results, writing the first must not change the second.
+    """
+    part = place.part
+    if len(array) != part.stop:
+        array = array[part] if len(array) != 1 else np.broadcast_to(array, (part.stop - part.start, *array.shape[1:]))
+    elif part.start:
+        array = array[part]
+    tile = np.ascontiguousarray(array.T, dtype) if vector else array if array.dtype == dtype else array.astype(dtype)
+    return tile.copy() if len(outputs) > 1 and any(np.may_share_memory(tile, out) for out in outputs) else tile
 
 
 def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, ...]) -> None:
@@ -289,7 +300,8 @@ def _write(out: Array, result: Any, written: Array | None, extents: tuple[int, .
     if out.ndim == 2:
         rows, where = np.asarray(result).T, None if written is None else written[:, None]
     else:
-        out, rows, where = out.reshape(extents), result, None if written is None else written.reshape(extents)
+        out = out if out.shape == extents else out.reshape(extents)
+        rows, where = result, None if written is None else written.reshape(extents)
     if where is None:
         out[...] = rows
     else:
