@@ -79,6 +79,7 @@ _LATER = {
         "argsort compact expand gather histogram reduce scan scatter sort top_k unique".split(), "collectives"
     ),
     **dict.fromkeys(("map_blocks", "map_overlap"), "cluster"),
+    **dict.fromkeys(("gradient", "jacobian", "jvp"), "gradients.functions"),
     "ChainResult": "chains.running",
     "animate": "pictures.animation",
     "choice": "choices",

@@ -34,6 +34,9 @@ from shpy.chains.chain import sequence as sequence
 from shpy.chains.running import ChainResult as ChainResult
 from shpy.chains.share import share as share
 from shpy.choices import choice as choice
+from shpy.gradients.functions import gradient as gradient
+from shpy.gradients.functions import jacobian as jacobian
+from shpy.gradients.functions import jvp as jvp
 from shpy.cluster import map_blocks as map_blocks
 from shpy.cluster import map_overlap as map_overlap
 from shpy.collectives.choosing import top_k as top_k
@@ -7152,6 +7155,7 @@ __all__ = [
     "fma",
     "fract",
     "gather",
+    "gradient",
     "grid_index",
     "grid_shape",
     "histogram",
@@ -7164,6 +7168,8 @@ __all__ = [
     "ivec2",
     "ivec3",
     "ivec4",
+    "jacobian",
+    "jvp",
     "ldexp",
     "length",
     "log",

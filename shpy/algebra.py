@@ -33,7 +33,7 @@ from shpy.lang.values.value import CLASSES
 _Part = tuple[str | None, Layout]
 
 
-def _parts(layout: Layout, *, fields: bool = False) -> list[_Part]:
+def parts_of(layout: Layout, *, fields: bool = False) -> list[_Part]:
     """Return the outputs one by one, with their names where they have any; a struct by its `fields` or whole."""
     if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
         return [(None, layout)]
@@ -41,8 +41,8 @@ def _parts(layout: Layout, *, fields: bool = False) -> list[_Part]:
     return list(zip(names, layout.parts, strict=True))
 
 
-def _values(layout: Layout, result: Any, *, fields: bool = False) -> list[Any]:
-    """Return the values of `_parts`."""
+def values_of(layout: Layout, result: Any, *, fields: bool = False) -> list[Any]:
+    """Return the values of `parts_of`."""
     if not isinstance(layout, Group) or (layout.form == "struct" and not fields):
         return [result]
     if layout.form == "struct":
@@ -56,7 +56,7 @@ def _join(parts: list[_Part]) -> Layout:
         return parts[0][1]
     names = tuple(name for name, _ in parts if name is not None)
     if len(names) == len(parts) == len(set(names)):
-        return Group("namedtuple", names, tuple(p for _, p in parts), _tuple_class("Outputs", names))
+        return Group("namedtuple", names, tuple(p for _, p in parts), tuple_class("Outputs", names))
     return Group("tuple", tuple(map(str, range(len(parts)))), tuple(p for _, p in parts))
 
 
@@ -79,18 +79,18 @@ def compose(g: RecordedProgram, f: RecordedProgram) -> RecordedProgram:
             extra[name] = free(name, types)
             types[extra[name]] = type_
     left_over = [part for part, name in zip(parts, fed, strict=True) if name is None]
-    layout = g.output if not left_over else _join(_parts(g.output) + left_over)
+    layout = g.output if not left_over else _join(parts_of(g.output) + left_over)
 
     def body(arguments: Mapping[str, Any]) -> Any:
         result = call_recorded(f, {n: arguments[n] for n in f.inputs})
-        results = [result] if whole else _values(f.output, result, fields=True)
+        results = [result] if whole else values_of(f.output, result, fields=True)
         to_g = {name: value for name, value in zip(fed, results, strict=True) if name is not None}
         to_g |= {name: arguments[fresh] for name, fresh in extra.items()}
         last = call_recorded(g, to_g)
         if not left_over:
             return last
         rest = [value for value, name in zip(results, fed, strict=True) if name is None]
-        return tuple(_values(g.output, last) + rest)
+        return tuple(values_of(g.output, last) + rest)
 
     defaults = f.defaults | _under(g.defaults, extra)
     return rerecorded(f"{g.module.name}_{f.module.name}", g, types, layout, body, defaults)
@@ -99,7 +99,7 @@ def compose(g: RecordedProgram, f: RecordedProgram) -> RecordedProgram:
 def _connection(g: RecordedProgram, f: RecordedProgram) -> tuple[bool, list[_Part], list[str | None]]:
     """Return whether f's output goes to g as one; its parts; and the input of g that each part goes to."""
     inputs = {name: type_ for name, type_ in g.inputs.items() if not isinstance(type_, TableType | TextureType)}
-    parts = _parts(f.output, fields=True)
+    parts = parts_of(f.output, fields=True)
     fed = [name if name in inputs else None for name, _ in parts]
     first = next(iter(inputs), None)
     whole = isinstance(f.output, Group) and first is not None and alike(f.output, inputs[first])
@@ -194,9 +194,9 @@ def signature(p: RecordedProgram) -> str:
     """Return the text `f(x: Attrib1f) -> (a: Point3f, b: Attrib1f)`."""
     inputs = ", ".join(f"{name}: {type_name(type_)}" for name, type_ in p.inputs.items())
     outputs = [
-        f"{name}: {type_name(part)}" if name else type_name(part) for name, part in _parts(p.output, fields=True)
+        f"{name}: {type_name(part)}" if name else type_name(part) for name, part in parts_of(p.output, fields=True)
     ]
-    named = len(outputs) > 1 or _parts(p.output, fields=True)[0][0] is not None
+    named = len(outputs) > 1 or parts_of(p.output, fields=True)[0][0] is not None
     return f"{p.module.name}({inputs}) -> {'(' * named}{', '.join(outputs)}{')' * named}"
 
 
@@ -210,11 +210,11 @@ def beside(f: RecordedProgram, g: RecordedProgram, share: bool) -> RecordedProgr
         else:
             names[name] = free(name, types)
             types[names[name]] = type_
-    layout = _join(_parts(f.output) + _parts(g.output))
+    layout = _join(parts_of(f.output) + parts_of(g.output))
 
     def body(arguments: Mapping[str, Any]) -> Any:
-        first = _values(f.output, call_recorded(f, {n: arguments[n] for n in f.inputs}))
-        second = _values(g.output, call_recorded(g, {n: arguments[fresh] for n, fresh in names.items()}))
+        first = values_of(f.output, call_recorded(f, {n: arguments[n] for n in f.inputs}))
+        second = values_of(g.output, call_recorded(g, {n: arguments[fresh] for n, fresh in names.items()}))
         return tuple(first + second)
 
     defaults = _under(g.defaults, names) | f.defaults
@@ -223,7 +223,7 @@ def beside(f: RecordedProgram, g: RecordedProgram, share: bool) -> RecordedProgr
 
 def renamed(p: RecordedProgram, names: Mapping[str, str]) -> RecordedProgram:
     """Rename inputs and named outputs; outputs with new names become a NamedTuple."""
-    parts = _parts(p.output, fields=True)
+    parts = parts_of(p.output, fields=True)
     outputs = [name for name, _ in parts if name is not None]
     _check_names(p, names, [*p.inputs, *outputs], "input or output")
     for name in names.values():
@@ -239,11 +239,11 @@ def renamed(p: RecordedProgram, names: Mapping[str, str]) -> RecordedProgram:
     changed = fresh != tuple(outputs)
     layout = p.output
     if changed:
-        layout = Group("namedtuple", fresh, tuple(part for _, part in parts), _tuple_class("Outputs", fresh))
+        layout = Group("namedtuple", fresh, tuple(part for _, part in parts), tuple_class("Outputs", fresh))
 
     def body(arguments: Mapping[str, Any]) -> Any:
         result = call_recorded(p, {n: arguments[names.get(n, n)] for n in p.inputs})
-        return tuple(_values(p.output, result, fields=True)) if changed else result
+        return tuple(values_of(p.output, result, fields=True)) if changed else result
 
     return rerecorded(p.module.name, p, types, layout, body, _under(p.defaults, {n: names.get(n, n) for n in p.inputs}))
 
@@ -340,12 +340,12 @@ def _tree(ports: tuple[Port, ...]) -> dict[str, Layout]:
         else:
             inner = _tree(tuple(Port(m.name.partition(".")[2], m.kind) for m in members))
             names = tuple(inner)
-            cls = _tuple_class(head, names)
+            cls = tuple_class(head, names)
             layouts[head] = Group("namedtuple", names, tuple(inner.values()), cls)
     return layouts
 
 
-def _tuple_class(name: str, names: tuple[str, ...]) -> Any:
+def tuple_class(name: str, names: tuple[str, ...]) -> Any:
     """Return a named tuple class with these fields; a name that the IR allows and Python refuses becomes its number."""
     make: Any = namedtuple
     return make(name if name.isidentifier() and not iskeyword(name) else "Parts", names, rename=True)

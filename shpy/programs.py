@@ -273,6 +273,31 @@ class Program(Unchanging, Generic[_P, _R]):
         """Make inputs or params constants, which are folded into the program."""
         return Program(algebra.specialized(self.recorded, values))
 
+    # Derivatives
+
+    def gradient(self, *wrt: Any, value: bool = False) -> Program:
+        """Return the program of the derivatives of the only output, a float: an output d_x for each x of `wrt`.
+
+        `wrt` are inputs and Params, by name or the Params themselves; the first input by default. d_x has the type of
+        x. With `value` the output comes first, as `value`. See `sh.gradient`.
+
+        Raises ShpyTypeError for a program with other outputs, and for a name that is no input or Param; RecordError
+        where the output does not depend on one.
+        """
+        from shpy.gradients.programs import gradient_of  # here: few programs are differentiated
+
+        return Program(gradient_of(self.recorded, wrt, value=value))
+
+    def jvp(self, *wrt: Any) -> Program:
+        """Return the program that also gives the derivatives of its outputs along a direction.
+
+        It has an input d_x for each x of `wrt`, inputs and Params as in `gradient`, and an output d_y for each output
+        y, after them all; a single output without a name is called `value`. See `sh.jvp`.
+        """
+        from shpy.gradients.programs import jvp_of  # here: few programs are differentiated
+
+        return Program(jvp_of(self.recorded, wrt))
+
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows, of a program of pixels; None for others, which show their text."""
         return picture(self)

@@ -26,6 +26,7 @@ from typing import Any, Final
 import numpy as np
 
 from shpy.ir import exact, meaning as m
+from shpy.ir.tangents import TANGENTS, Rule
 from shpy.ir.types import FLOATS, INTS, Base, Type, vec
 
 _BASES: Final[Mapping[str, frozenset[Base]]] = {
@@ -73,6 +74,8 @@ class Op:
     alone. `commutative`: operands may change places without changing a bit, save those of a NaN. `exact`: of binary16
     numbers it gives a binary16 without rounding.
 
+    `tangent` is the rule by which it is differentiated (see `tangents.py`); None where the result has no derivative.
+
     `says` is the docstring of the function that users call, "" where an operator of Python is all they have;
     `parameters` are its names.
     """
@@ -93,6 +96,7 @@ class Op:
     componentwise: bool = True
     commutative: bool = False
     exact: bool = False
+    tangent: Rule | None = None
 
     def bound(self, math: str) -> Tolerance:
         """Return the error that is allowed at f32 in "strict", "portable" or "relaxed" mode."""
@@ -138,7 +142,7 @@ OPS: Final[dict[str, Op]] = {}
 def _op(name: str, signature: str, meaning: Callable[..., Any], doc: str, says: str = "", **traits: Any) -> None:
     """Add a row; `parameters` are written in one string."""
     parameters = tuple(str(traits.pop("parameters", "x" if says else "")).split())
-    OPS[name] = Op(name, signature, meaning, doc, says, parameters, **traits)
+    OPS[name] = Op(name, signature, meaning, doc, says, parameters, tangent=TANGENTS.get(name), **traits)
 
 
 def _composite(

@@ -43,6 +43,10 @@ _SHADING = {
     "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))",
     "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
     "kernel": "program", "func": "program", "function": "subroutine",
+    **dict.fromkeys(("grad", "autodiff", "backward", "bwd_diff"), "gradient(f)(x), or program.gradient(\"x\")"),
+    **dict.fromkeys(("fwd_diff", "forward_diff", "pushforward"), "jvp(f, [x], [dx]), or program.jvp(\"x\")"),
+    **dict.fromkeys(("jacfwd", "jacrev"), "jacobian(f)(x)"), "value_and_grad": "gradient(f, value=True)(x)",
+    "hessian": "jacobian(sh.gradient(f))(x)", "derivative": "gradient(f)(x)",
     "uniform": "Param(type, value)", "buffer": "Table(array, type)", "Uniform": "Param(type, value)",
 }  # fmt: skip
 SPELLED_OUT = {

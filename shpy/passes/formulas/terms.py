@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, Self
 
 from shpy.ir.builder import Builder
 from shpy.ir.formula import Formula
@@ -19,27 +19,30 @@ from shpy.ir.traverse import rewrite
 from shpy.ir.types import Base, Type, vec
 
 
-class _Definition(Builder):
+class DefinitionBuilder(Builder):
     """Builds a definition; `names` are the names of its values. `fused`: `mul_add` rounds once."""
 
-    def __init__(self, name: str, *, fused: bool = False) -> None:
-        super().__init__(name)
-        self.pure = True
+    def __init__(self, name: str = "main", *, fused: bool = False, function: Function | None = None) -> None:
+        super().__init__(name, function=function)
+        self.pure = function is None
         self.fused = fused
         self.names: dict[int, str] = {}
 
     def finish(self) -> Function:
+        """Return the function, with the names that its terms have."""
         function = super().finish()
         return replace(function, body=rewrite(function.body, self._named))
 
     def _named(self, s: Stmt) -> Stmt:
-        return replace(s, value=replace(s.value, name=self.names.get(s.value.id))) if isinstance(s, Let) else s
+        if not isinstance(s, Let) or s.value.id not in self.names:
+            return s
+        return replace(s, value=replace(s.value, name=self.names[s.value.id]))
 
 
 class Term(Formula):
     """A value that is written with Python's operators; numbers and scalars broadcast to the other operand's type."""
 
-    def __init__(self, builder: _Definition, value: Value) -> None:
+    def __init__(self, builder: DefinitionBuilder, value: Value) -> None:
         self.builder = builder
         self.value = value
 
@@ -58,10 +61,14 @@ class Term(Formula):
         """The base of arithmetic: "d" for binary64, else "f", since an earlier pass has lowered binary16."""
         return "d" if self.type.base is Base.D else "f"
 
+    def _like(self, value: Value) -> Self:
+        """Return a value as a term of this class."""
+        return self.__class__(self.builder, value)
+
     def op(self, name: str, *others: Term | float, type: Type | None = None) -> Term:
         """Return the operation `name` applied to this term and the others."""
         terms = [o if isinstance(o, Term) else self.constant(o) for o in others]
-        return Term(self.builder, self.builder.let(name, self.value, *(t.value for t in terms), type=type))
+        return self._like(self.builder.let(name, self.value, *(t.value for t in terms), type=type))
 
     def binary(self, name: str, other: Term | float) -> Term:
         """Return the operation on two operands; a scalar beside a vector is splatted."""
@@ -77,12 +84,12 @@ class Term(Formula):
 
     def constant(self, number: float) -> Term:
         """Return a constant of this term's type."""
-        scalar = Term(self.builder, self.builder.const(self.type.scalar, [number]))
+        scalar = self._like(self.builder.const(self.type.scalar, [number]))
         return scalar.wide(self.size)
 
-    def wide(self, size: int) -> Term:
+    def wide(self, size: int) -> Self:
         """Return a scalar as a vector of `size` components; a vector as it is."""
-        return Term(self.builder, self.builder.splat(self.value, size)) if self.size < size else self
+        return self._like(self.builder.splat(self.value, size)) if self.size < size else self
 
     def choose(self, a: Term | float, b: Term | float) -> Term:
         """`where(self, a, b)`."""
@@ -92,7 +99,7 @@ class Term(Formula):
         """Return a component; a swizzle of several."""
         if self.size == 1:
             return self
-        return Term(self.builder, self.builder.swizzle(self.value, (key,) if isinstance(key, int) else key))
+        return self._like(self.builder.swizzle(self.value, (key,) if isinstance(key, int) else key))
 
     def __lshift__(self, count: int) -> Term:
         return self.binary("shl", count)
@@ -154,7 +161,7 @@ def define(name: str, meaning: Callable[..., Term], types: tuple[Type, ...], *, 
 
     `fused`: `Term.mul_add` rounds once.
     """
-    builder = _Definition(name, fused=fused)
+    builder = DefinitionBuilder(name, fused=fused)
     names = inspect.signature(meaning).parameters
     terms = [Term(builder, builder.input(t, n)) for n, t in zip(names, types, strict=True)]
     result = meaning(*terms)

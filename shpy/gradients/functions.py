@@ -1,0 +1,351 @@
+"""Derivatives of functions: the gradient, the Jacobian, and the derivative along a direction.
+
+Stage: record, and above.
+
+    n = sh.normalize(sh.gradient(distance)(p))              # the normal of an implicit surface
+    J = sh.jacobian(f)(p)                                   # for a step of Newton's method
+    z, dz = sh.jvp(iterate, [c], [sh.Attrib2f(1, 0)])       # the value and the derivative along a direction
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from shpy.backend.base import Options
+from shpy.errors import RecordError, ShpyTypeError
+from shpy.ir.collector import uncollected
+from shpy.ir.nodes import Discard, Function, Module, Value as IrValue, Variable
+from shpy.ir.traverse import is_straight, uses, walk
+from shpy.ir.types import Type
+from shpy.lang.programs.outline import DerivedArgument, Outline, Place, called, outlined, parameters
+from shpy.lang.programs.record import record_body
+from shpy.lang.recording.location import here
+from shpy.lang.recording.recorder import current_frame, recording
+from shpy.lang.values import arithmetic
+from shpy.lang.values.matrix import MATRICES
+from shpy.lang.values.structure import Leaf, build_values, flatten, layout_from, leaves
+from shpy.passes.dead import remove_dead
+from shpy.passes.derivatives.forward import ForwardFunctions, Seed
+from shpy.passes.derivatives.linear import TangentBuilder
+from shpy.passes.pipeline import optimise
+from shpy.passes.promote import promote
+from shpy.run.kernel import Kernel
+
+_OF_PLACES = {"Point": "Normal", "Vector": "Normal", "Normal": "Vector"}
+"""The kind of the gradient by a place or a direction: a matrix maps it as it maps normals."""
+
+_LETTERS = "xyzw"
+
+
+def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Callable[..., Any]:
+    """Return the function that computes the gradient of f: its derivative by the argument `wrt`, by default the first.
+
+    f gives one float; it is a Python function, a subroutine or a program. `wrt` is the position or name of an argument,
+    or a tuple of them for a tuple of gradients. A gradient has the type of its argument: a float, a vector, a matrix or
+    a struct. That by a Point or a Vector is a Normal. With `value` the function gives the value of f first, then the
+    gradient. Docs/gradients.md lists the derivatives at kinks.
+
+    Raises ShpyTypeError for a function of another type and for an argument of ints or bools, RecordError where f does
+    not depend on the argument.
+    """
+
+    @functools.wraps(f, updated=())
+    def derived(*args: Any, **named: Any) -> Any:
+        if current_frame() is None:
+            return _at_once(derived, args, named)
+        what = "sh.gradient"
+        outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
+        _check_scalar(outline)
+        type, results = _result_type(outline), [0] if value else []
+        world, forward, rows = _seeded(outline, what)
+        packed = _packed(forward, rows, results, _named_types(outline))
+        handles = iter(_call(outline, world, packed, (), "gradient"))
+        first = [arithmetic.make_value("Attrib", type, outline.frame, next(handles)) for _ in results]
+        gradients = [_of_argument(outline, m, handles) for m in outline.moved]
+        result = tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
+        return (first[0], result) if value else result
+
+    derived.__name__ = _derived_name(called(f), "gradient")
+    return derived
+
+
+def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
+    """Return the function that computes the Jacobian of f, the derivative of a vector by the argument `wrt`.
+
+    Entry [r, c] is d f_r / d x_c. It is a matrix where the argument has as many components as the result, a vector
+    where the argument is a float, and else a tuple of columns, one for each component of the argument.
+
+    Raises as `sh.gradient` does.
+    """
+
+    @functools.wraps(f, updated=())
+    def derived(*args: Any, **named: Any) -> Any:
+        if current_frame() is None:
+            return _at_once(derived, args, named)
+        what = "sh.jacobian"
+        outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
+        if not isinstance(outline.layout, Leaf) or len(outline.moved) != 1 or len(outline.moved[0].inputs) != 1:
+            raise ShpyTypeError(
+                f"sh.jacobian takes a function that gives one vector, and one vector as the argument; {outline.spoken} "
+                f"has other types",
+                loc=here(),
+                cure="sh.gradient for a float by several arguments, sh.jvp for structs",
+            )
+        cls, frame = outline.layout.cls, outline.frame
+        world, forward, rows = _seeded(outline, what)
+        handles = _call(outline, world, forward, (), "jacobian")
+        places = {v.id: handle for v, handle in zip(forward.outputs, handles, strict=True)}
+        columns = [
+            arithmetic.make_value(
+                "Attrib", cls.type, frame, _zero(outline, cls.type) if row is None else places[row.id]
+            )
+            for row in rows
+        ]
+        if len(columns) == 1:
+            return columns[0]
+        same = cls.size == len(columns)
+        return MATRICES[f"Matrix{cls.size}f"].from_columns(*columns) if same else tuple(columns)
+
+    derived.__name__ = _derived_name(called(f), "jacobian")
+    return derived
+
+
+def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
+    """Return f at the primals, and its derivative there along the tangents.
+
+    `tangents` has an entry for each of `primals`, of its type; None stands for zero. Both results have the type of f's.
+    The name and the order are JAX's.
+
+    Raises ShpyTypeError for tangents that do not fit, and as `sh.gradient` does.
+    """
+    if current_frame() is None:
+        both = _at_once(lambda *args: jvp(f, args[: len(primals)], args[len(primals) :]), (*primals, *tangents), {})
+        return both[0], both[1]
+    what = "sh.jvp"
+    if len(primals) != len(tangents) or all(t is None for t in tangents):
+        raise ShpyTypeError(
+            f"sh.jvp takes a tangent for each of {len(primals)} arguments, None for one that stays, and not all None",
+            loc=here(),
+            cure="sh.jvp(f, [x, y], [dx, None])",
+        )
+    places = [k for k, t in enumerate(tangents) if t is not None]
+    outline = outlined(what, f, primals, {}, places)
+    frame = outline.frame
+    more = [
+        arithmetic.convert(frame, entry, v.type, f"the tangent of {m.name}")
+        for m, k in zip(outline.moved, places, strict=True)
+        for entry, v in zip(flatten(m.layout, tangents[k], f"the tangent of {m.name}"), m.inputs, strict=True)
+    ]
+    simple, world = _forwards(outline, what, [""])
+    moving = _moving(outline, simple)
+    forward = world.seeded(simple, moving, {})
+    moves = world.activities.in_function(simple, moving).outputs
+    handles = _call(outline, world, forward, more, "forward")
+    values, rest = handles[: len(moves)], iter(handles[len(moves) :])
+    classes = [cls for _, _, cls in leaves(outline.layout, "")]
+    changes = [next(rest) if m else _zero(outline, c.type) for m, c in zip(moves, classes, strict=True)]
+    kinds = ["Vector" if c.kind == "Point" and isinstance(outline.layout, Leaf) else c.kind for c in classes]
+    return (
+        build_values(
+            outline.layout,
+            iter([arithmetic.make_value(c.kind, c.type, frame, v) for c, v in zip(classes, values, strict=True)]),
+        ),
+        build_values(
+            outline.layout,
+            iter([arithmetic.make_value(k, c.type, frame, v) for k, c, v in zip(kinds, classes, changes, strict=True)]),
+        ),
+    )
+
+
+def _places(what: str, f: Any, args: Sequence[Any], named: Mapping[str, Any], wrt: Any) -> list[Place]:
+    """Return the arguments that `wrt` names, as positions among `args` or keywords of `named`."""
+    names = parameters(f)
+    places: list[Place] = []
+    for w in wrt if isinstance(wrt, tuple | list) else (wrt,):
+        place = w
+        if isinstance(w, str) and w not in named and w in names:
+            place = names.index(w)
+        elif isinstance(w, int) and not isinstance(w, bool) and len(args) <= w < len(names):
+            place = names[w]
+        in_place = place in named if isinstance(place, str) else isinstance(place, int) and 0 <= place < len(args)
+        if not in_place:
+            choices = [*names[: len(args)], *named]
+            raise ShpyTypeError(
+                f"wrt={w!r} names no argument of this call of {called(f) or 'the function'}",
+                loc=here(),
+                cure=f"wrt= one of {', '.join(map(repr, choices or range(len(args))))}",
+            )
+        places.append(place)
+    return places
+
+
+def _derived_name(name: str, suffix: str) -> str:
+    return f"{name}_{suffix}" if name else suffix
+
+
+def _check_scalar(outline: Outline) -> None:
+    if isinstance(outline.layout, Leaf) and outline.layout.cls.size == 1 and outline.layout.cls.type.is_float:
+        return
+    if isinstance(outline.layout, Leaf) and not outline.layout.cls.type.is_float:
+        text, cure = f"{outline.spoken} gives an {outline.layout.cls.__name__}, which has no derivative", "a float"
+    else:
+        spoken = f"an {outline.layout.cls.__name__}" if isinstance(outline.layout, Leaf) else "several values"
+        text = f"sh.gradient takes a function that gives one float, and {outline.spoken} gives {spoken}"
+        cure = "sh.jacobian for a vector, sh.jvp for a derivative along a direction"
+    raise ShpyTypeError(text, loc=here(), cure=cure)
+
+
+def _result_type(outline: Outline) -> Type:
+    assert isinstance(outline.layout, Leaf)
+    return outline.layout.cls.type
+
+
+# The derived function
+
+
+def _forwards(outline: Outline, what: str, labels: Sequence[str]) -> tuple[Function, ForwardFunctions]:
+    """Return the outline without most of its slots, whose tangents would hide the zeros, and the makers of tangents."""
+    module = Module("m", (), (), (), (), (*outline.reached, outline.function))
+    _check_dependence(outline, what, remove_dead(promote(module)).entry)
+    module = optimise(module, fixed=False)
+    simple = {g.name: g for g in module.functions[:-1]}
+    find: Callable[[str], Function] = lambda name: simple.get(name) or outline.callees[name]  # noqa: E731
+    return module.entry, ForwardFunctions(labels, find, outline.frame.recording.function_name)
+
+
+def _check_dependence(outline: Outline, what: str, needed: Function) -> None:
+    """Raise RecordError for an argument that no statement which the result needs reads."""
+    read = {u for s in walk(needed.body) for u in uses(s)}
+    for m in outline.moved:
+        if not any(v.id in read for v in m.inputs):
+            raise RecordError(
+                f"{what} by {m.name}: {outline.spoken} does not depend on {m.name}",
+                loc=here(),
+                cure=f"use the argument {m.name} in {outline.spoken}, not a value from around it; or wrt= another one",
+            )
+
+
+def _moving(outline: Outline, function: Function) -> tuple[bool, ...]:
+    ids = {v.id for m in outline.moved for v in m.inputs}
+    return tuple(isinstance(p, IrValue) and p.id in ids for p in function.inputs)
+
+
+def _seeded(outline: Outline, what: str) -> tuple[ForwardFunctions, Function, list[Variable | None]]:
+    """Return the forward function along each component of the arguments, and its tangents, None for zero."""
+    count = sum(v.type.size for m in outline.moved for v in m.inputs)
+    several = len(outline.moved) > 1 or len(outline.moved[0].inputs) > 1
+    labels: list[str] = []
+    seeds: dict[int, Seed] = {}
+    for v in (v for m in outline.moved for v in m.inputs):
+        seeds[v.id] = [k - len(labels) if 0 <= k - len(labels) < v.type.size else None for k in range(count)]
+        letters = [""] if v.type.size == 1 else [f"_{c}" if several else c for c in _LETTERS[: v.type.size]]
+        labels += [f"d{_plain(v.name)}{c}" if several or not c else f"d{c}" for c in letters]
+    simple, world = _forwards(outline, what, labels)
+    moving = _moving(outline, simple)
+    forward = world.seeded(simple, moving, seeds)
+    moves = world.activities.in_function(simple, moving).outputs[0]
+    rows: list[Variable | None] = list(forward.outputs[1:]) if moves else [None] * count
+    return world, forward, rows
+
+
+def _call(outline: Outline, world: ForwardFunctions, forward: Function, more: Sequence[int], suffix: str) -> list[int]:
+    """Add a derived function and those that it calls to the recording, simplified, and call it."""
+    frame = outline.frame
+    recording = frame.recording
+    name = recording.function_name(_derived_name(outline.name, suffix))
+    others = outline.reached
+    module = optimise(Module("m", (), (), (), (), (*others, *world.callees, replace(forward, name=name))), fixed=False)
+    *callees, forward = module.functions[len(others) :]
+    values = not any(isinstance(p, Variable) for p in forward.inputs)
+    forward = replace(forward, pure=is_straight(forward.body) and len(forward.outputs) == 1 and values)
+    recording.functions += [*callees, forward]
+    args = [*outline.arguments, *more]
+    for port in forward.inputs[len(args) :]:  # the tangents of variables around the function, which it stores into
+        assert isinstance(port, Variable)
+        if port.length is not None:
+            raise RecordError(
+                f"{outline.spoken} stores what it derives into an array from outside of it",
+                loc=here(),
+                cure=f"the sh.Array inside of {outline.spoken}",
+            )
+        slot = frame.variable(port.type, name=port.name, loc=here())
+        frame.store(slot, _zero(outline, port.type))
+        args.append(slot)
+    return frame.call(forward, tuple(args))
+
+
+def _named_types(outline: Outline) -> list[tuple[str, Type]]:
+    """Return the name and the type of the gradient by each leaf of the arguments."""
+    inputs = [v for m in outline.moved for v in m.inputs]
+    alone = len(inputs) == 1
+    return [("gradient" if alone else f"d_{_plain(v.name)}", v.type) for v in inputs]
+
+
+def _plain(name: str | None) -> str:
+    """Return a leaf's name as an identifier: `ray_o` for `ray.o`, `m_0` for `m[0]`."""
+    return (name or "x").replace(".", "_").replace("[", "_").replace("]", "")
+
+
+def _packed(
+    forward: Function, rows: Sequence[Variable | None], kept: Sequence[int], types: Sequence[tuple[str, Type]]
+) -> Function:
+    """Return a derived function that gives the outputs `kept` and, for each type, a vector of the next of `rows`."""
+    b = TangentBuilder(replace(forward, outputs=(), variables=(*forward.variables, *forward.outputs)))
+    b.loc = forward.loc
+    b.extend(forward.body)
+    results = [(b.output(forward.outputs[k].type, forward.outputs[k].name), forward.outputs[k]) for k in kept]
+    gradients = [b.output(type, name) for name, type in types]
+    if forward.body and isinstance(forward.body[-1], Discard):  # nothing after it is reached
+        return b.finish()
+    for new, old in results:
+        b.store(new, b.load(old))
+    rest = iter(rows)
+    for (_, type), gradient in zip(types, gradients, strict=True):
+        parts = []
+        for slot in (next(rest) for _ in range(type.size)):
+            part = b.load(slot) if slot is not None else b.const(forward.outputs[0].type, [0])
+            parts.append(part if part.type is type.scalar else b.let("convert", part, type=type.scalar))
+        b.store(gradient, parts[0] if len(parts) == 1 else b.let("construct", *parts, type=type))
+    return b.finish()
+
+
+def _of_argument(outline: Outline, moved: DerivedArgument, handles: Any) -> Any:
+    """Return the gradient by an argument: of the same layout, of a vector with the kind of a gradient."""
+    parts = []
+    for _, _, cls in leaves(moved.layout, ""):
+        kind = _OF_PLACES.get(cls.kind, "Attrib") if isinstance(moved.layout, Leaf) else cls.kind
+        parts.append(arithmetic.make_value(kind, cls.type, outline.frame, next(handles)))
+    return build_values(moved.layout, iter(parts))
+
+
+def _zero(outline: Outline, type: Type) -> int:
+    return outline.frame.const(type, (0,) * type.size)
+
+
+# Outside of a program
+
+
+def _at_once(derived: Callable[..., Any], args: Sequence[Any], named: Mapping[str, Any]) -> Any:
+    """Return the derivative at constants, computed on numpy at f32 in strict mode as a program of one element."""
+    layouts = []
+
+    def body(arguments: Any) -> Any:
+        result = derived(*args, **named)
+        layouts.append(layout_from(result, "a derivative"))
+        return tuple(flatten(layouts[0], result, "a derivative"))
+
+    with uncollected(), recording("derivative", here()) as context:
+        recorded = record_body(context, {}, None, body)
+    if recorded.params:
+        raise RecordError(
+            f"a derivative outside of a program does not follow the Param {next(iter(recorded.params))}",
+            loc=here(),
+            cure="the derivative inside of a program, or the Param's value, p.value",
+        )
+    arrays = Kernel.on(recorded, "numpy", Options())()
+    classes = [cls for _, _, cls in leaves(layouts[0], "")]
+    values = [cls(*([array] if cls.size == 1 else array)) for cls, array in zip(classes, arrays, strict=True)]
+    return build_values(layouts[0], iter(values))

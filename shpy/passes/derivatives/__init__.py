@@ -1,0 +1,1 @@
+"""Derivatives: functions of the IR that also compute how their results change with their inputs."""

@@ -1,0 +1,91 @@
+"""Activity: the values and variables that change with the moving inputs of a function, and so need a tangent.
+
+Stage: improve; for `forward` and `reverse`. A value moves if it is of floats and depends on an input that moves by
+operations that are not flat. A variable that moves anywhere in a function moves everywhere in it. The activity of a
+callee is computed once for each set of its inputs that move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+
+from shpy.ir.nodes import Call, Function, Let, Store, Value, Variable
+from shpy.ir.ops import LANE_OPS, OPS
+from shpy.ir.tangents import flat
+from shpy.ir.traverse import variables_of, walk
+
+Moving = tuple[bool, ...]
+"""For each input or output of a function, whether it moves: a value, or the contents of a variable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """The ids of the values and variables of a function that move, and the inputs and outputs that do."""
+
+    values: frozenset[int]
+    variables: frozenset[int]
+    inputs: Moving
+    outputs: Moving
+
+
+class Activities:
+    """The activities of a module's functions; `functions` returns a function by name."""
+
+    def __init__(self, functions: Callable[[str], Function]) -> None:
+        self.functions = functions
+        self._kept: dict[tuple[str, Moving], Activity] = {}
+
+    def of(self, name: str, moving: Iterable[bool]) -> Activity:
+        """Return the activity of a function by name."""
+        key = name, tuple(moving)
+        if key not in self._kept:
+            self._kept[key] = self.in_function(self.functions(name), key[1])
+        return self._kept[key]
+
+    def in_function(self, function: Function, moving: Moving) -> Activity:
+        """Return the activity of a function whose inputs move as `moving` says."""
+        values: set[int] = set()
+        variables: set[int] = set()
+        for port, moves in zip(function.inputs, moving, strict=True):
+            if moves:
+                (values if isinstance(port, Value) else variables).add(port.id)
+        count = -1
+        while count != len(variables):  # a loop may store what its next iteration loads
+            count = len(variables)
+            for s in walk(function.body):
+                if isinstance(s, Let) and self._moves(s, values, variables):
+                    values.add(s.value.id)
+                elif isinstance(s, Store) and s.value in values:
+                    variables.add(s.variable)
+                elif isinstance(s, Call):
+                    self._call(s, values, variables)
+        variables &= {v.id for v in variables_of(function) if v.type.is_float}
+        inputs = tuple(p.id in (values if isinstance(p, Value) else variables) for p in function.inputs)
+        outputs = tuple(v.id in variables for v in function.outputs)
+        return Activity(frozenset(values), frozenset(variables), inputs, outputs)
+
+    def arguments(self, call: Call, values: Collection[int], variables: Collection[int]) -> Moving:
+        """Return which arguments of a call move."""
+        ports = self.functions(call.function).inputs
+        return tuple(
+            a in (values if isinstance(port, Value) else variables) for a, port in zip(call.args, ports, strict=True)
+        )
+
+    def _moves(self, let: Let, values: set[int], variables: set[int]) -> bool:
+        if not let.value.type.is_float or let.op in LANE_OPS:
+            return False
+        if let.op == "load":
+            return let.attr in variables
+        if let.op == "call":
+            return self.of(str(let.attr), (a in values for a in let.args)).outputs[0]
+        row = OPS.get(let.op)
+        return (row is None or row.tangent is not flat) and any(a in values for a in let.args)
+
+    def _call(self, call: Call, values: set[int], variables: set[int]) -> None:
+        activity = self.of(call.function, self.arguments(call, values, variables))
+        ports = self.functions(call.function).inputs
+        for arg, port, moves in zip(call.args, ports, activity.inputs, strict=True):
+            if moves and isinstance(port, Variable):
+                variables.add(arg)
+        values.update(r.id for r, moves in zip(call.results, activity.outputs, strict=True) if moves)

@@ -1,0 +1,241 @@
+"""Programs of derivatives, `sh.jvp` and `sh.jacobian`, precisions, streams and chains, immediate mode, and errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_FOR, SH_IF
+from tests.backends.running import TARGETS, differs, run
+
+GAIN = sh.Param(sh.Attrib1f, 2.0, name="gain")
+SQUARE = GAIN * GAIN
+LIGHT = sh.Param(sh.Vector3f, (0, 0.6, 0.8), name="light")
+TURN = sh.Param(sh.Matrix3f, np.eye(3), name="turn")
+
+
+@sh.subroutine
+def lit(n: sh.Normal3f) -> sh.Attrib1f:
+    return sh.max(sh.dot(TURN @ sh.Vector3f(n), LIGHT), 0) * SQUARE
+
+
+@sh.program
+def shade(p: sh.Point3f, n: sh.Normal3f, k: sh.Attrib1f = 3.0) -> sh.Attrib1f:
+    return lit(n) * p.x + k
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    d: sh.Vector3f
+
+
+def test_a_program_by_inputs_and_params() -> None:
+    """A Param, one that others follow, and a matrix, read in a subroutine; their values can change between runs."""
+    slopes = shade.gradient("p", GAIN, "light", TURN, value=True)
+    assert list(slopes.inputs) == ["p", "n", "k"]
+    assert list(slopes.outputs) == ["value", "d_p", "d_gain", "d_light", "d_turn[0]", "d_turn[1]", "d_turn[2]"]
+    assert slopes.outputs["d_p"] is sh.Normal3f
+    try:
+        for gain in (2.0, 3.0):
+            GAIN.value = gain
+            for target in TARGETS:
+                value, d_p, d_gain, d_light, d_turn = run(slopes, target, [2, 0, 0], [0, 0, 1]).outputs
+                dot = np.float32(0.8)
+                assert value == shade.compile("numpy")([2, 0, 0], [0, 0, 1])
+                assert d_p.tolist() == [dot * np.float32(gain * gain), 0, 0]
+                assert d_gain == dot * np.float32(4 * gain)
+                assert d_light.tolist() == [0, 0, 2 * gain * gain]
+                assert np.allclose(d_turn, np.outer([0, 0.6, 0.8], [0, 0, 1]) * 2 * gain * gain)
+    finally:
+        GAIN.value = 2.0
+    assert list(shade.gradient().outputs) == ["d_p"]
+
+
+def test_a_program_along_a_direction() -> None:
+    along = shade.jvp("p", GAIN)
+    assert list(along.inputs) == ["p", "n", "k", "d_p", "d_gain"]
+    value, change = along([2, 0, 0], [0, 0, 1], d_p=[1, 0, 0], d_gain=0.5)
+    assert value == shade([2, 0, 0], [0, 0, 1])
+    assert np.isclose(change, 0.8 * 4 + 0.8 * 2 * 4 * 0.5)
+
+    @sh.program
+    def moved(r: Ray, t: sh.Attrib1f):
+        return {"end": r.o + r.d * t, "ray": Ray(r.o, r.d * t)}
+
+    along = moved.jvp("r")
+    result = along({"o": (0, 0, 0), "d": (0, 0, 1)}, 2, d_r={"o": (1, 0, 0), "d": (0, 1, 0)})
+    assert result._fields == ("end", "ray", "d_end", "d_ray")
+    assert result.d_end.tolist() == [1, 2, 0]
+    assert result.d_ray.d.tolist() == [0, 2, 0]
+
+
+def test_types_of_derivatives() -> None:
+    @sh.program
+    def types(p: sh.Point3f, x: sh.Attrib1f, r: Ray):
+        g = sh.gradient(sh.length)(p)
+        ray = sh.gradient(lambda r: sh.dot(r.o, r.d))(r)
+        v, dv = sh.jvp(lambda q: q * x, [p], [sh.Vector3f(1, 0, 0)])
+        j = sh.jacobian(lambda t: p * t)(x)
+        columns = sh.jacobian(lambda q: sh.vec2(q.x * q.y, q.z))(p)
+        square = sh.jacobian(lambda q: q * q)(p)
+        assert (type(g), type(ray), type(ray.o)) == (sh.Normal3f, Ray, sh.Point3f)
+        assert (type(v), type(dv), type(j), type(square)) == (sh.Point3f, sh.Vector3f, sh.Attrib3f, sh.Matrix3f)
+        return *columns, square, j, ray
+
+    first, second, third, square, j, ray = types([1, 2, 3], 4, {"o": (1, 2, 3), "d": (4, 5, 6)})
+    assert [first.tolist(), second.tolist(), third.tolist()] == [[2, 0], [1, 0], [0, 1]]
+    assert square.tolist() == [[2, 0, 0], [0, 4, 0], [0, 0, 6]]
+    assert j.tolist() == [1, 2, 3]
+    assert (ray.o.tolist(), ray.d.tolist()) == ([4, 5, 6], [1, 2, 3])
+
+
+def test_precisions() -> None:
+    """Values of f16 and f64 inside of a program, and a program compiled at these precisions."""
+
+    def f(x: Any, y: Any) -> Any:
+        return sh.sin(x * y) * y + sh.distance(sh.vec2(x, 0), sh.vec2(0, y))
+
+    @sh.program
+    def mixed(x: sh.Attrib1h, y: sh.Attrib1d):
+        return sh.gradient(f, (0, 1))(sh.Attrib1d(x), y), sh.gradient(lambda h: h * h * sh.exp(h))(x)
+
+    x, y = np.float16([0.5, 1.25]), np.float64([0.7, 2.1])
+    (d_x, d_y), half = mixed.compile("numpy")(x, y)
+    assert (d_x.dtype, half.dtype) == (np.float64, np.float16)
+    wide, root = x.astype(float), np.hypot(x.astype(float), y)
+    assert np.allclose(d_x, np.cos(wide * y) * y * y + wide / root, rtol=1e-14)
+    assert np.allclose(d_y, np.cos(wide * y) * wide * y + np.sin(wide * y) + y / root, rtol=1e-14)
+    assert np.allclose(half, (2 * wide + wide * wide) * np.exp(wide), rtol=4e-3)
+
+    @sh.program
+    def slopes(x: sh.Attrib1f, y: sh.Attrib1f):
+        return sh.gradient(f, (0, 1))(x, y)
+
+    expected = run(slopes, "numpy", x, y.astype(np.float16), precision="f16").outputs
+    for a, b in zip(run(slopes, "opencl", x, y.astype(np.float16), precision="f16").outputs, expected, strict=True):
+        assert not differs(a, b).any()
+    assert np.allclose(expected[0], d_x, rtol=2e-2)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_streams_and_chains(target: str) -> None:
+    """Gradient descent as a chain, on the device: x goes to the minimum of (x - 3)² + y²."""
+
+    @sh.program
+    def step(p: sh.Attrib2f):
+        return {"p": p - 0.25 * sh.gradient(lambda q: (q.x - 3) * (q.x - 3) + q.y * q.y)(p)}
+
+    start = sh.Stream(np.float32([[0, 1], [5, -2]]), sh.Attrib2f, target)
+    ends = sh.repeat(step, 30).run(p=start).streams["p"].numpy()
+    assert np.allclose(ends, [3, 0], atol=1e-6)
+
+
+def test_immediate_mode_computes_what_a_program_does() -> None:
+    f = lambda p, s: sh.length(p * s) + sh.noise(p)  # noqa: E731
+    p = sh.Point3f(0.3, 0.4, 0.5)
+
+    @sh.program
+    def slopes(p: sh.Point3f) -> sh.Normal3f:
+        return sh.gradient(f)(p, 2.0)
+
+    at_once = sh.gradient(f)(p, 2.0)
+    assert type(at_once) is sh.Normal3f
+    assert np.array_equal(np.asarray(at_once), slopes([0.3, 0.4, 0.5]))
+    value, slope = sh.gradient(lambda x: x * x, value=True)(3.0)
+    assert (float(value), float(slope)) == (9, 6)
+
+
+def test_names_of_traces() -> None:
+    def f(x: Any) -> Any:
+        total = sh.Attrib1f(0)
+        with SH_FOR(0, 2):
+            total += x * x
+        return total
+
+    @sh.program
+    def traced(x: sh.Attrib1f) -> sh.Attrib1f:
+        slope = sh.gradient(f)(x)
+        return slope
+
+    steps = {(step.name, float(step.value)) for step in traced.trace(3.0) if step.name}
+    assert {("total", 9.0), ("total_dx", 6.0), ("total_dx", 12.0), ("slope", 12.0)} <= steps
+    assert "f_gradient(" in traced.compile("glsl").source
+
+
+def doubled(x: Any) -> Any:
+    return x * 2
+
+
+def stepped(x: Any) -> Any:
+    return sh.Attrib1i(x)
+
+
+MISTAKES = {
+    "sh.gradient(lambda q: doubled(x))(x)": (
+        "sh.gradient by q: the function does not depend on q",
+        "use the argument q in the function, not a value from around it; or wrt= another one",
+    ),
+    "sh.gradient(doubled)(sh.Attrib1i(x))": (
+        "sh.gradient by x: an Attrib1i has no derivative, it moves in steps",
+        "sh.Attrib1f(x) as the argument, or wrt= another one",
+    ),
+    "sh.gradient(stepped)(x)": ("stepped gives an Attrib1i, which has no derivative", "a float"),
+    "sh.gradient(doubled)(sh.vec2(x, x))": (
+        "sh.gradient takes a function that gives one float, and doubled gives an Attrib2f",
+        "sh.jacobian for a vector, sh.jvp for a derivative along a direction",
+    ),
+    "sh.gradient(doubled, wrt='y')(x)": ("wrt='y' names no argument of this call of doubled", "wrt= one of 'x'"),
+    "sh.gradient(doubled, wrt=1)(x)": ("wrt=1 names no argument of this call of doubled", "wrt= one of 'x'"),
+    "sh.jvp(doubled, [x], [None])": (
+        "sh.jvp takes a tangent for each of 1 arguments, None for one that stays, and not all None",
+        "sh.jvp(f, [x, y], [dx, None])",
+    ),
+    "sh.jvp(doubled, [x], [sh.vec2(1, 2)])": ("the tangent of x takes one component, not 2", "pick one, as in v.x"),
+    "sh.grad(doubled)(x)": ("shpy has no 'grad'", 'sh.gradient(f)(x), or program.gradient("x")'),
+    "sh.fwd_diff(doubled)(x)": ("shpy has no 'fwd_diff'", 'sh.jvp(f, [x], [dx]), or program.jvp("x")'),
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES)
+def test_mistakes(text: str) -> None:
+    space: dict[str, Any] = {"sh": sh, "doubled": doubled, "stepped": stepped}
+    with pytest.raises(sh.ShpyError) as caught:
+        exec(compile(f"@sh.program\ndef wrong(x: sh.Attrib1f):\n    return {text}\n", "wrong.py", "exec"), space)
+    message, cure = MISTAKES[text]
+    assert (caught.value.message, caught.value.cure) == (message, cure)
+    assert str(caught.value.loc).endswith("wrong.py:3")
+
+
+def test_mistakes_of_programs() -> None:
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        shade.gradient("q")
+    assert caught.value.message == "'q' is no input or Param of shade"
+
+    @sh.program
+    def other(p: sh.Attrib1f, k: sh.Attrib1f) -> sh.Attrib1f:
+        return p * p
+
+    with pytest.raises(sh.RecordError, match="does not depend on k"):
+        other.gradient("k")
+    with pytest.raises(sh.RecordError, match="does not follow the Param gain"):
+        sh.gradient(lambda x: x * GAIN)(1.0)
+
+
+def test_a_block_that_the_derivative_is_in() -> None:
+    """A gradient in a branch of a loop reads what the loop changes."""
+
+    @sh.program
+    def descent(x: sh.Attrib1f) -> sh.Attrib1f:
+        y = sh.Attrib1f(x)
+        with SH_FOR(0, 20), SH_IF(y > 1.5):
+            y -= 0.1 * sh.gradient(lambda q: q * q - x * q * 0.0)(y)
+        return y
+
+    x = np.float32([1, 2, 4])
+    expected = run(descent, "numpy", x).outputs
+    assert ((expected <= 1.5) & (expected >= 1)).all()
+    assert not differs(run(descent, "opencl", x).outputs, expected).any()
