@@ -97,7 +97,7 @@ def test_precisions() -> None:
     """Values of f16 and f64 inside of a program, and a program compiled at these precisions."""
 
     def f(x: Any, y: Any) -> Any:
-        return sh.sin(x * y) * y + sh.distance(sh.vec2(x, 0), sh.vec2(0, y))
+        return sh.sin(x * y) * y + sh.hypot(x, y)
 
     @sh.program
     def mixed(x: sh.Attrib1h, y: sh.Attrib1d):
@@ -162,7 +162,7 @@ def test_names_of_traces() -> None:
         return slope
 
     steps = {(step.name, float(step.value)) for step in traced.trace(3.0) if step.name}
-    assert {("total", 9.0), ("total_dx", 6.0), ("total_dx", 12.0), ("slope", 12.0)} <= steps
+    assert {("total_dx", 6.0), ("total_dx", 12.0), ("slope", 12.0)} <= steps
     assert "f_gradient(" in traced.compile("glsl").source
 
 
