@@ -168,6 +168,13 @@ class Counts:
         return cls(int(np.count_nonzero(status == Status.WRITTEN)), stopped.size, first)
 
 
+FoldPlaces = Callable[[Sequence[Any], Any, Sequence[Any]], None]
+"""fold(values, index, targets): combine the leaves of the values of each place in their order; store it in `targets`.
+
+Places without a value stay as they are, and values whose index is out of range are dropped.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class Collectives:
     """Collective operations that a device does itself; programs do those that are None.
@@ -199,6 +206,11 @@ class Collectives:
 
     Its inputs are the leaves of two elements of `types.part`, and its outputs those of one. With `types.lifted`, the
     leaves of an element of the stream and its index come before the inputs, and what these give before the outputs.
+    """
+    fold_places: Callable[[Module, Precision], FoldPlaces | None] | None = None
+    """fold_places(module, precision): a fold by place with a recorded program of two elements; None where programs do.
+
+    Its inputs are the leaves of two elements, and its outputs those of one.
     """
 
 

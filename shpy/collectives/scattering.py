@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backend.base import Memory
+from shpy.backend.base import FoldPlaces, Memory, overlap
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.chunk_places import gather_chunks, scatter_chunks
 from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
 from shpy.collectives.programs import annotated, store
 from shpy.collectives.scanning import scan
-from shpy.collectives.trees import check_combination, retyped
+from shpy.collectives.trees import check_combination, memories_of, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.types import Base
@@ -31,7 +31,7 @@ from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves,
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.programs import Program
 from shpy.streams.elements import given_shape
-from shpy.streams.stream import Stream
+from shpy.streams.stream import Place, Stream
 
 _AT_ONCE = 1 << 14
 """The most values of a place that one run combines, since a driver may end longer loops."""
@@ -78,8 +78,8 @@ def scatter(
     value whose index is out of range is dropped. Places without a value hold zeros, or keep the values of `out`. Of
     several values for a place the last one stays: that with the largest position, in C order, among the values.
     `combine`, a program (a, b) -> a, combines them instead: first with second, the result with the third, and so on in
-    the order of their positions, a left fold. The previous values of `out` are not combined. The values of one place
-    are combined one after the other, so a place with many values takes long. Of a Dask array of scalars or vectors,
+    the order of their positions, a left fold. The previous values of `out` are not combined. On GLSL
+    the values of one place take a loop, so a place with many values takes long. Of a Dask array of scalars or vectors,
     with an index that is one or an array of numpy, and a shape, it returns a Dask array, for any chunks with the bits
     of one Stream. A worker holds all values that go to a block of it. Raises ShpyTypeError for an index of another
     type, shape or device, a program of other types, and for an `out` of another type, shape or device.
@@ -123,10 +123,16 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
 
 
 def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
-    """Combine the values for each element of `target`, in their order.
+    """Combine the values for each element of `target`, in their order, by the device itself or by programs.
 
-    A stable sort by index makes the values of an element adjacent.
+    For the programs, a stable sort by index makes the values of an element adjacent.
     """
+    own = _own_fold(values.place, combine)
+    if own is not None:
+        targets = memories_of(target)
+        taken = [_apart(memory, targets, values.place) for memory in (index, *memories_of(values))]
+        own(taken[1:], taken[0], targets)
+        return
     place, leaves_at = values.place, Leaves(values.place)
     keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
     counts = over_leaf(place, leaves_at.tally(index, target.size))
@@ -143,6 +149,20 @@ def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> No
     for now, then in zip(out.leaf_entries(), target.leaf_entries(), strict=True):
         if now.memory is not then.memory:
             then.replace(now.memory)
+
+
+@lru_cache(maxsize=256)
+def _own_fold(place: Place, combine: Program) -> FoldPlaces | None:
+    """Return the device's own fold by place with a program; None if it has none."""
+    fold_places = place.space.collectives.fold_places
+    return None if fold_places is None else fold_places(combine.ir, place.precision)
+
+
+def _apart(memory: Memory, targets: list[Memory], place: Place) -> Memory:
+    """Return the memory, or a copy of it where it overlaps a target."""
+    if not any(overlap(memory, target) for target in targets):
+        return memory
+    return over_leaf(place, memory).copy().leaf_entries()[0].memory
 
 
 @cache

@@ -121,6 +121,55 @@ def test_structs_are_folded(computed):
     assert_same_bits(found.numpy().weight.reshape(8), wanted)
 
 
+@sh.program
+def added(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+@sh.program
+def added_counts(a: sh.Attrib2i, b: sh.Attrib2i) -> sh.Attrib2i:
+    return b + a
+
+
+@sh.program
+def added_ints(a: sh.Attrib1i, b: sh.Attrib1i) -> sh.Attrib1i:
+    return a + b
+
+
+@sh.program
+def doubled(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + a
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64", "f16"])
+def test_sums_are_folded(computed, precision):
+    if (computed, precision) == ("glsl", "f64"):
+        with pytest.raises(sh.ShpyTypeError, match="GLSL 3.30 has no f64"):
+            sh.Stream([1], sh.Attrib1f, computed, precision=precision)
+        return
+    rng, dtype = np.random.default_rng(8), np.dtype(f"f{int(precision[1:]) // 8}")
+    x = rng.standard_normal(300).astype(dtype)
+    x[:40] = rng.choice([-0.0, 0.0, np.inf, np.nan, 6e4, 6e-8], 40)
+    index = places(rng, 300, 50)
+    values = sh.Stream(x, sh.Attrib1f, computed, precision=precision)
+    for program, combine in ((added, np.add), (doubled, lambda a, _: a + a)):
+        with np.errstate(all="ignore"):
+            expected = left_folds(x, index, np.zeros(50, dtype), combine)
+        folded = sh.scatter(values, index, 50, combine=program).numpy()
+        for array in (folded, expected):
+            array[np.isnan(array)] = np.nan  # of one sign
+        assert_same_bits(folded, expected)
+
+
+def test_sums_of_ints_wrap_and_may_be_written_among_their_values(computed):
+    values = stream([[2**31 - 1, 1], [1, 2], [5, 6], [7, 8]], sh.Attrib2i, computed)
+    sh.scatter(values, [3, 3, -1, 0], combine=added_counts, out=values)
+    assert values.numpy().tolist() == [[7, 8], [1, 2], [5, 6], [-(2**31), 3]]
+    index = stream([1, 1, 1, 9], sh.Attrib1i, computed)
+    sh.scatter(stream([5, 6, 7, 8], sh.Attrib1i, computed), index, combine=added_ints, out=index)
+    assert index.numpy().tolist() == [1, 18, 1, 9]
+
+
 def test_out_keeps_its_elements_and_takes_no_part_in_folds(computed):
     out = stream([10, 20, 30, 40], sh.Attrib1f, computed)
     values = stream([1, 2, 4], sh.Attrib1f, computed)

@@ -233,16 +233,13 @@ class PacketMaker(KernelMaker):
 
     def kernels_around(self, text: Callable[[str], str]) -> KernelText:
         """Return kernels that call the entry as a function of packets; `text` returns their source for its name."""
-        entry = self.module.entry
-        self.place = {}
-        self.add_functions()
-        self.prologue.packet()
-        inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
-        self.add(entry, inner)
-        around = text(inner)
-        self.words.add_text(around)
-        self.speller.paragraph(around)
-        return self.finished(())
+
+        def noted(inner: str) -> str:
+            around = text(inner)
+            self.words.add_text(around)
+            return around
+
+        return super().kernels_around(noted)
 
     def finished(self, inputs: tuple[int, ...]) -> KernelText:
         """Return the kernel with the whole text that was added."""

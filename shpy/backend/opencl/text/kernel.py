@@ -9,7 +9,7 @@ need them. An entry that returns early becomes a function that the kernel calls.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -119,6 +119,17 @@ class KernelMaker(ClUnit):
         self.add_functions()
         entry = self.module.entry
         return self.finished(self.add_kernel(entry, self.functions[entry.name]))
+
+    def kernels_around(self, text: Callable[[str], str]) -> KernelText:
+        """Return kernels that call the entry as a function; `text` returns their source for its name."""
+        entry = self.module.entry
+        self.place = {}
+        self.add_functions()
+        self.begin_kernel()
+        inner = self.globals.take(f"{self.functions[entry.name]}_pairs")
+        self.add(entry, inner)
+        self.speller.paragraph(text(inner))
+        return self.finished(())
 
     def add_functions(self) -> None:
         """Add all functions but the entry."""
