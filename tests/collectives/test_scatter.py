@@ -144,7 +144,7 @@ def doubled(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
 @pytest.mark.parametrize("precision", ["f32", "f64", "f16"])
 def test_sums_are_folded(computed, precision):
     if (computed, precision) == ("glsl", "f64"):
-        with pytest.raises(sh.ShpyTypeError, match="GLSL 3.30 has no f64"):
+        with pytest.raises(sh.ShpyTypeError, match="no f64"):
             sh.Stream([1], sh.Attrib1f, computed, precision=precision)
         return
     rng, dtype = np.random.default_rng(8), np.dtype(f"f{int(precision[1:]) // 8}")
