@@ -253,14 +253,7 @@ def starts(results: Results) -> list[str | Rows]:
         "process that finds nothing kept, warm in a later one. Imports without bytecode (with it): "
         f"{', '.join(imports)}.",
         [head, *([name, *cells] for name, cells in rows.items())],
-        *([small_calls(results)] if any("small-calls" in run["tables"] for run in results.runs.values()) else []),
     ]
-
-
-def small_calls(results: Results) -> str:
-    """Return what a process of plain calls costs beside the same one with a backend pinned."""
-    rows = [f"{ratio} of numpy's with `{name}`" for name, *_, ratio in results.part("small-calls")]
-    return f"{results.table('small-calls')['note']} Shares of the least: {', '.join(rows)}."
 
 
 def write_page(folder: Path = FOLDER) -> None:

@@ -60,7 +60,6 @@ STUDIES = studies.STUDIES | {
     "starting": startup.starting,
     "importing": startup.importing,
     "sessions": startup.sessions,
-    "small-calls": startup.small_calls,
     "calls": calls.calls,
     "features": features.features,
     "fused": lambda mesh, quick: fused.fused(quick),
@@ -68,8 +67,6 @@ STUDIES = studies.STUDIES | {
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
 }
 """Studies of shpy, most of them without a peer."""
-
-
 WHAT = "page: write docs/benchmarks.md from benchmarks/results, and measure nothing"
 WRITE = "keep the results there (benchmarks/results), and write the page of answers (docs/benchmarks.md)"
 

@@ -37,20 +37,12 @@ from shpy.passes.size import count_ops
 LINES = (450, 900, 1_800, 3_600, 7_200)
 
 
-def numpy_text(module: Module) -> str:
-    return print_python(lay_out(prepare(module, Options(), NUMPY).module).vector).text
-
-
-def opencl_text(module: Module) -> str:
-    return print_kernel(prepare(module, Options(), OPENCL).module).text
-
-
-def glsl_text(module: Module) -> str:
-    """Return the text for a device without faults, which has binary64."""
-    return text_for(module, Options(), Limits(doubles=True))
-
-
-TEXTS: dict[str, Callable[[Module], str]] = {"numpy": numpy_text, "opencl": opencl_text, "glsl": glsl_text}
+TEXTS: dict[str, Callable[[Module], str]] = {
+    "numpy": lambda module: print_python(lay_out(prepare(module, Options(), NUMPY).module).vector).text,
+    "opencl": lambda module: print_kernel(prepare(module, Options(), OPENCL).module).text,
+    "glsl": lambda module: text_for(module, Options(), Limits(doubles=True)),
+}
+"""The text of each target, on GLSL for a device without faults, which has binary64."""
 
 
 def straight(count: int) -> sh.Program:

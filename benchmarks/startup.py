@@ -95,32 +95,10 @@ def starting(mesh: Mesh, quick: bool) -> Table:
         with tempfile.TemporaryDirectory() as cache:
             command = [part.format(backend=backend, out=os.path.join(cache, "boxes.png")) for part in RENDER]
             cold, *warm = [_run(command, cache)[1] for _ in range(2 if quick else 4)]
-            if not os.path.exists(command[-1]):
-                raise RuntimeError(f"no picture was made by {command}")
         rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
         rounds[backend] = [cold, *warm]
     note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
     return Table("starting", note, ["target", "cold", "warm"], rows, rounds)
-
-
-def small_calls(mesh: Mesh, quick: bool) -> Table:
-    """Measure a new process of plain calls of x + 1 over 64 numbers beside the same one with each backend pinned."""
-    count, turns = (10, 2) if quick else (5000, 9)
-    seconds: dict[str, list[float]] = {name: [] for name in ("auto", *_backends())}
-    with tempfile.TemporaryDirectory() as cache:
-        for number in range(turns + 1):
-            for name, own in seconds.items():
-                output, _ = _run(["-c", SMALL.format(count=count)], cache, {"SHPY_BACKEND": name})
-                own += [float(output)] * bool(number)  # the first one fills the caches
-    least = {name: min(own) for name, own in seconds.items()}
-    rows = [
-        [f"SHPY_BACKEND={name}", f"{least[name]:.3f}", f"{np.median(own):.3f}", f"{least[name] / least['numpy']:.2f}"]
-        for name, own in seconds.items()
-    ]
-    note = (
-        f"CPU seconds of a process of {count:,} plain calls of x + 1 over 64 numbers; the least of {turns}, the median."
-    )
-    return Table("small-calls", note, ["backend", "least", "median", "of numpy's"], rows, seconds)
 
 
 def session(largest: int) -> None:
@@ -140,27 +118,29 @@ def session(largest: int) -> None:
 
 
 def sessions(mesh: Mesh, quick: bool) -> Table:
-    """Measure processes of five programs by plain calls, cold and then warm, beside those with each backend pinned.
+    """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
 
     The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
     Each backend fills its own here: after a process in which no program paid for its compilation, "auto" has nothing
     in its cache. Up to 2,000,000 elements, cold: 5.1 s of CPU, numpy 4.1 and OpenCL 3.3; warm: 3.3, 4.3 and 0.6.
     """
+    sizes = (1_000,) if quick else (10_000, 200_000, 2_000_000)
+    texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}
+    texts["5,000 calls, 64"] = SMALL.format(count=10 if quick else 5000)
     rows, rounds = [], {}
-    for largest in (1_000,) if quick else (10_000, 200_000, 2_000_000):
+    for name, text in texts.items():
         seconds: dict[str, list[float]] = {}
-        for name in ("numpy", "auto") if quick else ("numpy", "opencl", "auto"):
+        for backend in ("numpy", "auto") if quick else ("numpy", "opencl", "auto"):
             with tempfile.TemporaryDirectory() as cache:
-                command = ["-c", f"from benchmarks.startup import session; session({largest})"]
-                own = [float(_run(command, cache, {"SHPY_BACKEND": name})[0]) for _ in range(2 if quick else 3)]
-            seconds[name] = [own[0], min(own[1:])]
-            rounds[f"{largest}, {name}"] = own
+                own = [float(_run(["-c", text], cache, {"SHPY_BACKEND": backend})[0]) for _ in range(2 if quick else 4)]
+            seconds[backend] = [own[0], min(own[1:])]
+            rounds[f"{name}, {backend}"] = own
         for k, state in enumerate(("cold", "warm")):
-            better = min(both[k] for name, both in seconds.items() if name != "auto")
+            better = min(both[k] for backend, both in seconds.items() if backend != "auto")
             numbers = [f"{both[k]:.2f}" for both in seconds.values()]
-            rows.append([f"{largest:,}, {state}", *numbers, f"{seconds['auto'][k] / better:.2f}"])
-    note = "CPU seconds of a process of five programs, each called with 100 elements to as many as the row says."
-    return Table("sessions", note, ["elements", *seconds, "auto, of the better"], rows, rounds)
+            rows.append([f"{name}, {state}", *numbers, f"{seconds['auto'][k] / better:.2f}"])
+    note = "CPU seconds of a process of plain calls, with 100 elements to as many as the row says, or of x + 1 with 64."
+    return Table("sessions", note, ["programs, elements", *seconds, "auto, of the better"], rows, rounds)
 
 
 def importing(mesh: Mesh, quick: bool) -> Table:

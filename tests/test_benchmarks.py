@@ -204,7 +204,7 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.parametrize(
     "name",
-    ["lights", "small-calls", *(pytest.param(name, marks=SLOW) for name in ("importing", "calls", "equal-error"))],
+    ["lights", *(pytest.param(name, marks=SLOW) for name in ("importing", "calls", "equal-error"))],
 )
 def test_each_study_keeps_the_seconds_of_its_rounds(name, mesh):
     table = command.STUDIES[name](mesh, True)

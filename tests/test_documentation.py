@@ -20,7 +20,7 @@ from operation_tables import table_of_functions, table_of_operations
 from PIL import Image as pillow
 
 import shpy as sh
-from benchmarks.record import glsl_text
+from benchmarks.record import TEXTS
 from raytracer.meshes.shapes import knot
 
 ROOT = Path(__file__).parents[1]
@@ -61,7 +61,7 @@ class Document:
         info, text = match["info"].split(), match["text"]
         if info[1:2] == ["emitted"]:
             program = self.last_program()
-            return glsl_text(program.ir) if info[2] == "glsl" else program.compile(info[2], lanes=1).source
+            return TEXTS["glsl"](program.ir) if info[2] == "glsl" else program.compile(info[2], lanes=1).source
         if info[0] == "python":
             self.run(text, info[1] if len(info) > 1 else f"block{self.count}.py")
         return self.printed if info[0] == "text" else text
