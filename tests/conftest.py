@@ -1,7 +1,10 @@
+import atexit
 import gc
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import zlib
 from collections import Counter
 from dataclasses import replace
@@ -11,6 +14,7 @@ import pytest
 from hypothesis import settings
 from stress.mode import stressed
 
+from shpy.backend.device import store
 from shpy.backend.glsl.device.context import open_context
 from shpy.backend.opencl.device.driver import Machine, machine_of
 from shpy.backend.opencl.device.trial import DECLARES
@@ -28,8 +32,12 @@ os.environ["SHPY_BACKEND"] = "numpy"
 for setting in ("SHPY_DUMP",):
     os.environ.pop(setting, None)
 
-# Nothing that an earlier run found out about drivers counts; test_store.py has folders of its own.
-os.environ["SHPY_CACHE_DIR"] = ""
+# Nothing that an earlier run found out about drivers counts. The processes that the tests of one run start tell each
+# other in a folder, or each would ask the drivers again; test_store.py has folders of its own.
+if "SHPY_TEST_ANSWERS" not in os.environ:  # the workers of a run, and runs that tests start, have it from the first
+    os.environ["SHPY_TEST_ANSWERS"] = tempfile.mkdtemp(prefix="shpy-answers-")
+    atexit.register(shutil.rmtree, os.environ["SHPY_TEST_ANSWERS"], ignore_errors=True)
+ANSWERS = os.environ["SHPY_CACHE_DIR"] = os.environ["SHPY_TEST_ANSWERS"]
 
 # A slow machine is no news here; test_slow.py looks at the line.
 os.environ["SHPY_QUIET"] = "1"
@@ -41,8 +49,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 
 LONGEST = {
-    *("test_bvh_walk", "test_checkers", "test_conformance", "test_deferred", "test_generated", "test_layered"),
-    *("test_media", "test_packet_operations", "test_queries", "test_reduce", "test_view_page"),
+    *("test_conformance", "test_deferred", "test_documentation", "test_examples", "test_fused", "test_generated"),
+    *("test_layered", "test_media", "test_queries", "test_reduce", "test_view_page"),
 }
 """The files of tests that take a minute or so."""
 
@@ -130,6 +138,19 @@ def _functions_are_declared():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Machine, "_compiled_with_header", checked)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _answers_are_for_other_processes():
+    """Keep nothing in the folder of this run: tests pretend in this process that drivers are wrong."""
+    entry = store._entry
+
+    def elsewhere(name):
+        return None if os.environ.get("SHPY_CACHE_DIR") == ANSWERS else entry(name)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "_entry", elsewhere)
         yield
 
 

@@ -79,6 +79,7 @@ def shown(name: str) -> str:
     return ascii(name) if len(name) < 40 else f"{name[:4]!a} {len(name)}"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", NAMES, ids=shown)
 def test_a_name_is_only_a_name(name):
     """In every role at once: module, input, output, param, table, functions, values, variables, file."""

@@ -26,6 +26,7 @@ def summing(index, start=lambda at: sh.clamp(at, 0, 7)):
     return sh.program(sums)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("base", [np.float32, np.int32, np.uint32, np.bool_])
 def test_elements_of_every_type(base):
     """Tables of each size, which one program reads."""
@@ -72,6 +73,7 @@ def test_the_steady_part_of_an_index_is_added_to_the_table(index):
     assert_same_bits(program)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("index", "start"),
     [

@@ -43,6 +43,7 @@ def structured(fields):
 INDICES = np.array([-3, 0, 1, 2, 3, 4, 90])
 
 
+@pytest.mark.sampled(3)
 @everywhere
 def test_elements_are_structs_and_matrices(options):
     fields = balls(5)

@@ -91,6 +91,7 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
     agree(case, "opencl")
 
 
+@pytest.mark.sampled(2)
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent.
@@ -142,7 +143,7 @@ def transcendental(case: Case) -> bool:
 PARTS = 8
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("part", range(PARTS))
 def test_portable_mode_agrees_with_the_interpreter(part: int) -> None:
     """Every fourth case; which cases those are is known once all are recorded, so they are parts of one list."""
@@ -163,11 +164,11 @@ def agree_in_portable_mode(case: Case) -> None:
 OUT_OF_RANGE = "is out of the range of f at precision f16"
 
 
-@pytest.mark.sampled(25)
-@pytest.mark.parametrize("part", range(25))
+@pytest.mark.sampled(50)
+@pytest.mark.parametrize("part", range(50))
 def test_other_working_precisions_agree_with_the_interpreter(part: int) -> None:
     for precision in ("f16", "f64"):
-        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::25]:
+        for case in [case for case in CASES if "precision" not in case.options and not case.meaning][part::50]:
             agree_at(precision, case)
 
 
@@ -192,7 +193,7 @@ def wide() -> list[str]:
 
 def test_packets_wider_than_vectors_of_opencl_agree() -> None:
     """Each case takes one of the widths that the driver has."""
-    for number, case in enumerate(STRUCTURED[::32]):
+    for number, case in enumerate(STRUCTURED[::96]):
         for width in wide()[number % 2 :][:1]:
             case.check(case.run(width), width)
 
@@ -227,6 +228,7 @@ def is_expected(case: Case) -> None:
         assert not len(wrong), f"element {wrong[0]}: {found[tuple(wrong[0])]!r}, not {whole[tuple(wrong[0])]!r}"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("part", range(16))
 def test_text_is_read_back_as_the_same_module(part: int) -> None:
     for case in CASES[part::16]:

@@ -106,6 +106,7 @@ def test_strict_keeps_its_bound_at_every_angle_with_the_same_bits(name: str, pre
         assert program(name).compile("glsl")(x).tobytes() == found.tobytes()
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", NAMES)
@@ -118,6 +119,7 @@ def test_relaxed_keeps_the_bound_of_opencl_at_every_angle(name: str, backend: st
     check_bound(found, name, precision, OPS[name].bound("relaxed").ulp)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_no_angle_gives_nan_beside_near_and_far_ones(name: str, backend: str) -> None:

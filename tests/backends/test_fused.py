@@ -86,6 +86,7 @@ def inputs_of(program, precision="f32", count=400):
     return arrays
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_every_backend_gives_the_bits_of_the_interpreter(name):
     backends = EVERYWHERE if name == "control" else ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"]
@@ -97,6 +98,7 @@ def having(precision):
     return ["interpreter", "numpy", "opencl-1", "opencl-8", *["glsl"] * (precision != "f64")]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_other_precisions(name, precision):

@@ -1,14 +1,13 @@
 """Runs of other sizes need no other code: a driver that generates code in the middle of runs stops them for seconds.
 
-PoCL keeps what it generates in a folder, one file for each kernel, size of group and kind of launch. So each test runs
-a script of its own with an empty folder, which says after which run there was another file.
+PoCL keeps what it generates in a folder, one file for each kernel, size of group and kind of launch. So a
+script with an empty folder says after which run there was another file.
 """
 
 import json
 import os
 import subprocess
 import sys
-import textwrap
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ import shpy as sh
 from shpy.backend.opencl.device.driver import machine_of
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-HEAD = """
+SCRIPT = """
 import json, os, pathlib
 import numpy as np
 import shpy as sh
@@ -46,18 +45,32 @@ def after(name, run):
         run(size)
         found, before = [c for c in code() if c not in before], code()
         made.setdefault(name, []).append(found)
+
+for lanes in (1, 8):
+    kernel = double.compile("opencl", lanes=lanes)
+    after(f"{lanes} lanes", lambda size: kernel(np.ones(size, np.float32)))
+
+kept = positive.compile("opencl", lanes=8)
+
+def keep_positive(size):
+    x = np.where(np.arange(size) % 3, 1, -1).astype(np.float32)
+    result = kept.run(sh.Stream(x, sh.Attrib1f, "opencl"))
+    assert int(result.count) == np.count_nonzero(x > 0)
+
+after("statuses", keep_positive)
+x = sh.Stream(np.ones(1_300_000, np.float32), sh.Attrib1f, "opencl")
+after("lists", lambda size: kernel.run(x, where=sh.Stream(np.arange(len(x)) < size, sh.Attrib1b, "opencl")))
+print(json.dumps(made))
 """
 
 
-def made(tmp_path, text):
-    """Run a script and return the code that was generated at each size, by the names of its runs."""
-    script = tmp_path / "script.py"
-    script.write_text(HEAD + textwrap.dedent(text) + "\nprint(json.dumps(made))\n")
-    folder = tmp_path / "code"
-    folder.mkdir()
-    folders = {"POCL_CACHE_DIR": str(folder), "SHPY_CACHE_DIR": "", "PYTHONPATH": ROOT}
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    """The code that was generated at each size, by the names of its runs: one process starts with an empty folder."""
+    folder = tmp_path_factory.mktemp("code")
+    folders = {"POCL_CACHE_DIR": str(folder), "PYTHONPATH": ROOT}
     done = subprocess.run(
-        [sys.executable, script],
+        [sys.executable, "-c", SCRIPT],
         env=os.environ | folders,
         text=True,
         stdout=subprocess.PIPE,
@@ -72,49 +85,16 @@ def kernels(runs):
     return sorted(code.split("/")[0] for run in runs for code in run)
 
 
-def test_runs_of_every_size_share_the_code_that_compile_made(tmp_path):
-    found = made(
-        tmp_path,
-        """
-        for lanes in (1, 8):
-            kernel = double.compile("opencl", lanes=lanes)
-            after(f"{lanes} lanes", lambda size: kernel(np.ones(size, np.float32)))
-        """,
-    )
-    assert found == {"1 lanes": [[]] * 7, "8 lanes": [[]] * 7}
+def test_runs_of_every_size_share_the_code_that_compile_made(generated):
+    assert (generated["1 lanes"], generated["8 lanes"]) == ([[]] * 7, [[]] * 7)
 
 
-def test_statuses_of_every_number_are_counted_by_one_code(tmp_path):
-    found = made(
-        tmp_path,
-        """
-        kernel = positive.compile("opencl", lanes=8)
-
-        def run(size):
-            x = np.where(np.arange(size) % 3, 1, -1).astype(np.float32)
-            result = kernel.run(sh.Stream(x, sh.Attrib1f, "opencl"))
-            assert int(result.count) == np.count_nonzero(x > 0)
-
-        after("statuses", run)
-        """,
-    )
-    assert kernels(found["statuses"]) == ["count_statuses", "keep"]
+def test_statuses_of_every_number_are_counted_by_one_code(generated):
+    assert kernels(generated["statuses"]) == ["count_statuses", "keep"]
 
 
-def test_lists_of_every_number_of_live_elements_share_their_code(tmp_path):
-    found = made(
-        tmp_path,
-        """
-        kernel = double.compile("opencl", lanes=8)
-        x = sh.Stream(np.ones(1_300_000, np.float32), sh.Attrib1f, "opencl")
-
-        def run(size):
-            kernel.run(x, where=sh.Stream(np.arange(len(x)) < size, sh.Attrib1b, "opencl"))
-
-        after("lists", run)
-        """,
-    )
-    assert {"mark", "place"} < set(names := kernels(found["lists"]))
+def test_lists_of_every_number_of_live_elements_share_their_code(generated):
+    assert {"mark", "place"} < set(names := kernels(generated["lists"]))
     assert len(names) == len(set(names))
 
 

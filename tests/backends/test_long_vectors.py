@@ -125,6 +125,7 @@ def test_a_packet_splits_what_differs_from_lane_to_lane() -> None:
     np.testing.assert_array_equal(kernel(A, B), turned[:, :4] + turned[:, 4:])
 
 
+@pytest.mark.sampled(3)
 @everywhere
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_at_other_precisions(backend: str, lanes: int | None, precision: str) -> None:

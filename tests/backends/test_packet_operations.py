@@ -47,6 +47,7 @@ def test_every_operation(lanes: int, base: str) -> None:
     check_every_operation(lanes, base, 1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("plain")
 @pytest.mark.parametrize(("base", "lanes"), [(base, 1) for base in "fdiu"] + [("f", 8), ("b", 4)])
 def test_every_operation_where_the_compiler_has_no_extensions(base: str, lanes: int) -> None:

@@ -46,6 +46,7 @@ def stencil(offsets: tuple[tuple[int, int], ...], wraps: str = "") -> sh.Program
 NEAR = ((0, 0), (-1, 0), (1, 1), (0, -17), (2, 3))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wraps", ["", "grid", "table"])
 @pytest.mark.parametrize("lanes", LANES)
 def test_borders(lanes: int, wraps: str) -> None:
@@ -114,6 +115,7 @@ def single(a: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return a[i + (0, 1)] - a[i - (1, 0)]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
 def test_types_several_tables_discards_and_loops_give_the_bits_of_numpy(lanes: int, precision: Any) -> None:

@@ -179,6 +179,7 @@ def test_params_are_sent_as_they_are_when_the_array_is_made():
     assert after.compute().tolist() == (K * 3).tolist()
 
 
+@pytest.mark.sampled(5)
 @every
 @pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
 def test_stencils_have_the_bits_of_one_run(name, chunks):

@@ -304,6 +304,7 @@ def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("accel", "distance"), [("bvh", 0), ("bvh", 1e3), ("bvh", 1e6), ("grid", 0), ("grid", 1e4)])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):

@@ -186,7 +186,7 @@ def shadow(light, meshes, integrator, **options):
 
 
 @pytest.mark.parametrize(
-    "name", ["point", "area", *(pytest.param(name, marks=pytest.mark.slow) for name in ("directional", "environment"))]
+    "name", ["point", *(pytest.param(name, marks=pytest.mark.slow) for name in ("area", "directional", "environment"))]
 )
 def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
     """Panes of files have a transmission of 0.9 and an ior of 1, and no inside; those of the middle are closed."""
@@ -201,7 +201,9 @@ def test_a_pane_of_alpha_a_tenth_casts_a_tenth_of_a_shadow(name):
             np.testing.assert_allclose(pixel / bare, share, rtol=2e-2 if sampled else 1e-5)
 
 
-@pytest.mark.parametrize("name", ["directional", "area", pytest.param("point", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["directional", *(pytest.param(name, marks=pytest.mark.slow) for name in ("area", "point"))]
+)
 def test_shadows_take_the_medium_from_the_shading_point_on(name):
     """The floor lies in a body, another one is in that, and the light is outside of both."""
     outer, inner = box((9, 4, 9), tinted(A)), box((8, 1, 8), tinted(2 * A)).moved((0, 1, 0))

@@ -81,6 +81,7 @@ def scene_of(meshes, integrator):
     return Scene(meshes, lights, CAMERA)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=5), Whitted()], ids=["path", "whitted"])
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name == "mixed" else pytest.mark.slow) for name in SCENES]
@@ -103,6 +104,7 @@ def test_pictures_have_the_same_bits_at_every_width(lanes):
     np.testing.assert_array_equal(renderer.render((16, 12)).pixels, expected.pixels)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("field", "number", "picture"),
     [

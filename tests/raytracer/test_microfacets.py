@@ -71,6 +71,7 @@ def lattice():
     return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1).astype(np.float32)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", LOOKS)
 @pytest.mark.parametrize("height", [1.0, 0.4, 0.05])
 def test_densities_integrate_to_1_and_nothing_is_gained(name, height):
@@ -166,6 +167,7 @@ def test_black_plastic_has_the_albedo_of_its_upper_layer():
     assert abs(colors[:, 0].mean() - expected) < 4 * error_of(colors)[0] + 0.004
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.5, 1.0])
 def test_white_plastic_loses_nothing_below_its_upper_layer(roughness):
     colors = furnace(MetallicRoughness((1, 1, 1), roughness=roughness))
@@ -193,11 +195,12 @@ def random_material(rng):
     )
 
 
-@pytest.mark.parametrize("seed", [pytest.param(k, marks=[] if k < 4 else pytest.mark.slow) for k in range(500)])
+@pytest.mark.parametrize("seed", [pytest.param(k, marks=[] if k < 2 else pytest.mark.slow) for k in range(500)])
 def test_no_material_gains_light_in_a_furnace(seed):
     check_gains_nothing(furnace(random_material(np.random.default_rng(seed)), backend="opencl"))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("coarse", [True, False])
 @pytest.mark.parametrize(
     "roughness", [0, 1e-8, 1e-4, pytest.param(0.02, marks=pytest.mark.slow), 1 / 31 - 1e-6, 1 / 31, 0.1, 1]

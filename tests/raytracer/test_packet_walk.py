@@ -44,6 +44,7 @@ def odd_rays(mesh, count=640):
     return origins, directions
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("query", [queries.intersect, queries.occluded, queries.count], ids=lambda q: q.__name__)
 def test_the_same_hits_as_in_other_walks(name, query):

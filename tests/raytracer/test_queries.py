@@ -245,7 +245,7 @@ def test_nothing_to_meet_and_nobody_who_asks():
     ("way", "backend"),
     [
         ("any", "numpy"),
-        ("alone", "opencl"),
+        pytest.param("alone", "opencl", marks=pytest.mark.slow),
         ("packets", "opencl"),
         ("any", "glsl"),
         pytest.param("any", "opencl", marks=pytest.mark.slow),
@@ -287,7 +287,7 @@ def test_rays_that_leave_a_surface_do_not_meet_it(backend, way, monkeypatch):
 @pytest.mark.parametrize(
     ("start", "widths"),
     [
-        (0.0, ((1,), (16,))),
+        pytest.param(0.0, ((1,), (16,)), marks=pytest.mark.slow),
         (16.0, ((16,), (1,))),
         pytest.param(16.0, ((1, 16), (1, 16)), marks=pytest.mark.slow),
     ],

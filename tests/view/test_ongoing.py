@@ -80,7 +80,7 @@ ORDERS = list(itertools.permutations([("show", False), ("show", True), ("chain",
 CASES = [(name, target, k) for name in CHAINS for target in ("opencl", "glsl") for k in range(len(ORDERS))]
 
 
-@pytest.mark.sampled(29)
+@pytest.mark.sampled(59)
 @pytest.mark.parametrize(("name", "target", "order"), CASES)
 def test_a_chain_and_what_shows_it_may_become_ready_in_any_order(opened, name, target, order):
     found, wanted = opened(name), Form(target, "strict")
