@@ -136,7 +136,7 @@ def trace(session: QuestionSession, frame: Any, at: list[int]) -> dict[str, Any]
         raise ShpyError("no kernel has written this picture yet", cure=_SHOW)
     all_steps = [step for _, steps in parts for step in steps]
     own = [step for step in all_steps if step.loc is None or not Path(step.loc.file).is_relative_to(_LIBRARY)]
-    odd = next((k for k, step in enumerate(own) if not _is_finite(step.value)), None)
+    odd = _first_odd(own, np.asarray(frame.output)[place])
     kept, cut = _kept(len(own), odd)
     return {
         "at": at,
@@ -166,8 +166,16 @@ def _kept(count: int, odd: int | None) -> tuple[list[int], int]:
     return [*range(half), *range(count - half, count)], half
 
 
-def _is_finite(value: Any) -> bool:
-    return np.asarray(value).dtype.kind != "f" or bool(np.isfinite(value).all())
+def _first_odd(steps: list[Step], colour: Any) -> int | None:
+    """Return the first step whose value is NaN where the pixel is NaN, else the first that is not finite; None if none.
+
+    An infinity before it need not be the cause: 1 / infinity is 0. `sh.testing.first_nan` decides in the same way.
+    """
+    values = [value if value.dtype.kind == "f" else np.zeros(1) for value in (np.asarray(s.value) for s in steps)]
+    first_nan = next((k for k, value in enumerate(values) if np.isnan(value).any()), None)
+    if np.asarray(colour).dtype.kind == "f" and np.isnan(colour).any() and first_nan is not None:
+        return first_nan
+    return next((k for k, value in enumerate(values) if not np.isfinite(value).all()), None)
 
 
 def _spoken(step: Step) -> dict[str, Any]:

@@ -46,6 +46,8 @@ def picture(pixel: sh.Attrib2i) -> sh.Color3f:
     total = sh.Attrib1f(0)
     with sh.SH_FOR(0, 900) as k:
         total += 0.001 * sh.Attrib1f(k)
+    far = 1 / (x - x)
+    total += 1 / far
     root = sh.sqrt(x - 2)
     inverse = 1 / (x - 5)
     with sh.SH_FOR(0, 900) as k:
@@ -121,6 +123,7 @@ def test_a_chains_trace_goes_through_its_step_and_what_shows_it(tmp_path):
 
 
 def test_the_first_odd_pixel_is_traced_to_the_step_that_made_it(tmp_path):
+    """An infinity before it, which comes to 0, is not the cause."""
     session = opened(tmp_path, ODD)
     header, shown = frame_of(session)
     assert header["odd"] == {"nan": 12, "infinite": 6}

@@ -88,7 +88,7 @@ export function showTrace({ at: place, program, frame, time, coarse, steps, cut,
   const further = inside ? `, and ${inside} inside functions of shpy` : "";
   const when = ` of frame ${frame}, ${time.toFixed(2)} s${coarse ? ", which is coarse" : ""}`;
   openPanel(`${title}${when}: ${program}, ${steps.length + leftOut} steps${further}`,
-    odd === null ? "" : make("p", { class: "odd" }, "The marked step is the first whose value is NaN or infinite."), make("table", {},
+    odd === null ? "" : make("p", { class: "odd" }, `The marked step is the first whose value is ${steps[odd].value.includes("nan") ? "NaN" : "NaN or infinite"}.`), make("table", {},
     make("thead", {}, make("tr", {}, ...["Line", "Iteration", "Name", "Value", "Source"].map((text) => make("th", { scope: "col" }, text)))),
     make("tbody", {}, ...rows.flat())));
   at("panel").querySelector("tr.odd")?.scrollIntoView({ block: "center" });
