@@ -52,6 +52,8 @@ def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Cal
     not depend on the argument.
     """
 
+    _check_callable("sh.gradient", f)
+
     @functools.wraps(f, updated=())
     def derived(*args: Any, **named: Any) -> Any:
         if current_frame() is None:
@@ -68,7 +70,7 @@ def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Cal
         result = tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
         return (first[0], result) if value else result
 
-    derived.__name__ = _derived_name(called(f), "gradient")
+    derived.__name__ = derived.__qualname__ = _derived_name(called(f), "gradient")
     return derived
 
 
@@ -80,6 +82,8 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
 
     Raises as `sh.gradient` does.
     """
+
+    _check_callable("sh.jacobian", f)
 
     @functools.wraps(f, updated=())
     def derived(*args: Any, **named: Any) -> Any:
@@ -109,7 +113,7 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
         same = cls.size == len(columns)
         return MATRICES[f"Matrix{cls.size}f"].from_columns(*columns) if same else tuple(columns)
 
-    derived.__name__ = _derived_name(called(f), "jacobian")
+    derived.__name__ = derived.__qualname__ = _derived_name(called(f), "jacobian")
     return derived
 
 
@@ -121,6 +125,7 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
 
     Raises ShpyTypeError for tangents that do not fit, and as `sh.gradient` does.
     """
+    _check_callable("sh.jvp", f)
     if current_frame() is None:
         both = _at_once(lambda *args: jvp(f, args[: len(primals)], args[len(primals) :]), (*primals, *tangents), {})
         return both[0], both[1]
@@ -160,6 +165,15 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
     )
 
 
+def _check_callable(what: str, f: Any) -> None:
+    if not callable(f):
+        raise ShpyTypeError(
+            f"{what} takes a function, not {type(f).__name__}",
+            loc=here(),
+            cure="sh.jvp(f, [x], [dx])" if what == "sh.jvp" else f"{what}(f)(x)",
+        )
+
+
 def _places(what: str, f: Any, args: Sequence[Any], named: Mapping[str, Any], wrt: Any) -> list[Place]:
     """Return the arguments that `wrt` names, as positions among `args` or keywords of `named`."""
     names = parameters(f)
@@ -192,7 +206,8 @@ def _check_scalar(outline: Outline) -> None:
     if isinstance(outline.layout, Leaf) and not outline.layout.cls.type.is_float:
         text, cure = f"{outline.spoken} gives an {outline.layout.cls.__name__}, which has no derivative", "a float"
     else:
-        spoken = f"an {outline.layout.cls.__name__}" if isinstance(outline.layout, Leaf) else "several values"
+        name = outline.layout.cls.__name__ if isinstance(outline.layout, Leaf) else ""
+        spoken = f"a{'n' if name.startswith('A') else ''} {name}" if name else "several values"
         text = f"sh.gradient takes a function that gives one float, and {outline.spoken} gives {spoken}"
         cure = "sh.jacobian for a vector, sh.jvp for a derivative along a direction"
     raise ShpyTypeError(text, loc=here(), cure=cure)

@@ -189,6 +189,9 @@ MISTAKES = {
         "sh.jacobian for a vector, sh.jvp for a derivative along a direction",
     ),
     "sh.gradient(doubled, wrt='y')(x)": ("wrt='y' names no argument of this call of doubled", "wrt= one of 'x'"),
+    "sh.gradient(3)": ("sh.gradient takes a function, not int", "sh.gradient(f)(x)"),
+    "sh.jacobian('f')": ("sh.jacobian takes a function, not str", "sh.jacobian(f)(x)"),
+    "sh.jvp(None, [x], [x])": ("sh.jvp takes a function, not NoneType", "sh.jvp(f, [x], [dx])"),
     "sh.gradient(doubled, wrt=1)(x)": ("wrt=1 names no argument of this call of doubled", "wrt= one of 'x'"),
     "sh.jvp(doubled, [x], [None])": (
         "sh.jvp takes a tangent for each of 1 arguments, None for one that stays, and not all None",
