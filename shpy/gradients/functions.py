@@ -46,12 +46,11 @@ def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Cal
     f gives one float; it is a Python function, a subroutine or a program. `wrt` is the position or name of an argument,
     or a tuple of them for a tuple of gradients. A gradient has the type of its argument: a float, a vector, a matrix or
     a struct. That by a Point or a Vector is a Normal. With `value` the function gives the value of f first, then the
-    gradient. Docs/gradients.md lists the derivatives at kinks.
+    gradient. docs/gradients.md lists the derivatives at kinks.
 
     Raises ShpyTypeError for a function of another type and for an argument of ints or bools, RecordError where f does
     not depend on the argument.
     """
-
     _check_callable("sh.gradient", f)
 
     @functools.wraps(f, updated=())
@@ -82,7 +81,6 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
 
     Raises as `sh.gradient` does.
     """
-
     _check_callable("sh.jacobian", f)
 
     @functools.wraps(f, updated=())
