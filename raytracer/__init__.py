@@ -27,7 +27,7 @@ from raytracer.layered.cube import LayeredCube
 from raytracer.meshes import Instance, Mesh
 from raytracer.rendering import render
 from raytracer.scene.camera import Camera
-from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
+from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight, SpotLight
 from raytracer.scene.scene import BUILTIN, Scene
 from raytracer.scenes import SCENES
 
@@ -59,6 +59,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "SceneError",
+    "SpotLight",
     "Staged",
     "Surface",
     "Texture",

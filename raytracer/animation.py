@@ -30,7 +30,7 @@ from raytracer.cluster.connection import connected
 from raytracer.cluster.job import check_alike, probed
 from raytracer.cluster.tasks import kept
 from raytracer.errors import SceneError
-from raytracer.image import exposed
+from raytracer.image import srgb_bytes
 from raytracer.integrators.integrator import Choice, Integrator, Options, chosen
 from raytracer.integrators.layers import checked_size
 from raytracer.integrators.renderer import Renderer
@@ -38,6 +38,7 @@ from raytracer.meshes.shapes import box, floor, sphere
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import PointLight
 from raytracer.scene.scene import Scene
+from raytracer.tone_mapping import Tonemap, checked_curve
 
 Make = Callable[[float], Scene]
 
@@ -54,6 +55,7 @@ def animate(
     resume: bool = False,
     cluster: Any = None,
     exposure: float | None = None,
+    tonemap: Tonemap = "none",
     **options: Unpack[Options],
 ) -> Iterator[int]:
     """Render `frames` frames to `output`: .gif, .webp, .mp4, or else a folder; yield how many are done after each.
@@ -61,12 +63,13 @@ def animate(
     `make(time)` gives the scene at a time in seconds. Where frames differ only in their cameras and in places, normals
     and colours at the vertices of meshes, accelerators of what stays and the kernel are kept; see `Renderer.show`.
     `resume` keeps the frames that a folder has. With a `cluster`, as in `render`, frames are rendered by its workers,
-    to which `make` travels. An `exposure` makes frames brighter by 2 to this power. The other arguments are those of
-    `render`. The file is written when the iterator ends. Raises SceneError for numbers and outputs that make no
-    animation, where ffmpeg is missing for an .mp4 file, and as `render` does.
+    to which `make` travels. `exposure` and `tonemap` are those of `Image.save`, the other arguments those of `render`.
+    The file is written when the iterator ends. Raises SceneError for numbers and outputs that make no animation, where
+    ffmpeg is missing for an .mp4 file, and as `render` does.
     """
     size = checked_size(size)
-    drawing = _Drawing(make, size, fps, chosen(integrator, options), chosen_backend(backend), exposure)
+    look = exposure or 0.0, checked_curve(tonemap)
+    drawing = _Drawing(make, size, fps, chosen(integrator, options), chosen_backend(backend), look)
     mapping = map if cluster is None else _by_workers(drawing, cluster)
     with _as_scene_errors():
         steps = sh.videos.writing(Path(output), frames, fps, size, drawing.frame, resume=resume, mapping=mapping)
@@ -97,10 +100,10 @@ class _Drawing:
         fps: float,
         integrator: Integrator,
         backend: str,
-        exposure: float | None,
+        look: tuple[float, str],
     ) -> None:
         self.make, self.size, self.fps, self.integrator, self.backend = make, size, fps, integrator, backend
-        self.exposure = exposure
+        self.look = look
         self.renderer: Renderer | None = None
 
     def frame(self, number: int) -> NDArray[np.uint8]:
@@ -112,7 +115,7 @@ class _Drawing:
             self.renderer = Renderer(scene, integrator=self.integrator, backend=self.backend)
         else:
             self.renderer.show(scene)
-        return exposed(self.renderer.render(self.size), self.exposure).srgb
+        return srgb_bytes(self.renderer.render(self.size).pixels, *self.look)
 
 
 def _by_workers(drawing: _Drawing, cluster: Any) -> Callable[..., Iterator[Any]]:

@@ -26,12 +26,12 @@ from raytracer import viewing
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
-from raytracer.image import READING, SAVING, Image, exposed, writer
+from raytracer.image import READING, SAVING, Image, writer
 from raytracer.integrators import integrator
 from raytracer.integrators.layers import Progress
 from raytracer.integrators.renderer import Renderer
+from raytracer.listing import doctor, scenes
 from raytracer.memory import PIXEL, check_fits
-from raytracer.meshes.folder import shown
 from raytracer.rendering import render
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.loading import FORMATS
@@ -121,9 +121,9 @@ def _parser() -> argparse.ArgumentParser:
     view.add_arguments(command, _positive, _whole)
     command = commands.add_parser("scenes", help="list the built-in scenes, or the meshes of a scene or file")
     command.add_argument("scene", nargs="?", help="a built-in scene or a file")
-    command.set_defaults(run=_scenes)
+    command.set_defaults(run=scenes)
     command = commands.add_parser("doctor", help="what is installed, what is missing, and the cure")
-    command.set_defaults(run=_doctor)
+    command.set_defaults(run=doctor)
     return parser
 
 
@@ -213,6 +213,9 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--partitions", type=_positive, help="cluster: cut the scene into so many parts, each held by one worker"
     )
+    command.add_argument(
+        "--transparent", action="store_true", help="alpha in place of the background: .png, .webp, .exr"
+    )
     viewing.add_arguments(command)
     command.set_defaults(run=_render)
 
@@ -256,7 +259,7 @@ def _still(options: argparse.Namespace) -> Scene:
 
 def _render(options: argparse.Namespace) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.png")
-    writer(output, options.size)  # complains now about a path that cannot be written later
+    writer(output, options.size, options.transparent)  # complains now about a path that cannot be written later
     width, height = options.size
     check_fits(width, height, SAVING[output.suffix.lower()], PIXEL if options.cluster is None else 0)
     arguments = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
@@ -286,11 +289,17 @@ def _render(options: argparse.Namespace) -> int:
             progress=progress,
             cluster=options.cluster,
             partitions=options.partitions,
+            transparent=options.transparent,
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
-    print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
+    print(f"{_saved(image, options, output)}: {_summary(image)}")
     return 0
+
+
+def _saved(image: Image, options: argparse.Namespace, output: Path) -> Path:
+    """Write a picture with the exposure and the curve of the options; return its path."""
+    return image.save(output, options.exposure or 0.0, options.tonemap)
 
 
 def _begun(options: argparse.Namespace, output: Path) -> Path | None:
@@ -311,10 +320,12 @@ def _render_passes(
     image, kept, due = None, 0, time.monotonic() + _SAVING
     with progress_bar(title) as progress:
         try:
-            for image in renderer.passes(options.size, progress=progress, resume=resume_path):
+            for image in renderer.passes(
+                options.size, progress=progress, resume=resume_path, transparent=options.transparent
+            ):
                 started = time.monotonic()
                 if started >= due and image.samples < samples:
-                    exposed(image, options.exposure).save(output)
+                    _saved(image, options, output)
                     kept, ended = image.samples, time.monotonic()
                     due = ended + max(_SAVING, _SHARE * (ended - started))
         except KeyboardInterrupt as error:
@@ -323,7 +334,7 @@ def _render_passes(
             stop = error
     assert image is not None  # there is at least one pass
     try:
-        print(f"{exposed(image, options.exposure).save(output)}: {_summary(image)}")
+        print(f"{_saved(image, options, output)}: {_summary(image)}")
     except KeyboardInterrupt as error:
         raise type(error)(f"stopped; {output} holds {kept:,} samples" if kept else "") from None
     if stop is None:
@@ -392,7 +403,7 @@ def _animate(options: argparse.Namespace) -> int:
         for name in ("bounces", "samples", "math", "fuse", "accel", "tracer")
         if (value := getattr(options, name)) is not None
     }
-    named = ("size", "integrator", "backend", "resume", "cluster", "exposure")
+    named = ("size", "integrator", "backend", "resume", "cluster", "exposure", "tonemap")
     asked = {name: getattr(options, name) for name in named}
     framed = Path(options.scene).suffix.lower() in FORMATS
     viewing.check(options, output, lights_all=options.integrator == "path", framed=framed)
@@ -459,39 +470,3 @@ def progress_bar(title: str) -> Iterator[Progress]:
             bar.update(task, completed=done, total=total, visible=late and done < total)
 
         yield progress
-
-
-def _scenes(options: argparse.Namespace) -> int:
-    if options.scene is not None:
-        meshes = viewing.find_scene(options.scene).meshes
-        width = max(len(shown(mesh.name)) for mesh in meshes)
-        for mesh in meshes:
-            print(f"{shown(mesh.name):{width}}  {len(mesh):,} triangles")
-        return 0
-    width = max(map(len, SCENES))
-    for name, make in SCENES.items():
-        print(f"{name:{width}}  {(make.__doc__ or '').splitlines()[0].removeprefix('Return ')}")
-    return 0
-
-
-_PACKAGES = {
-    "trimesh": "meshes and scenes of trimesh",
-    "mapbox-earcut": "cuts faces that are not convex",
-    "pillow": "reads textures, writes PNG",
-    "OpenEXR": "writes EXR",
-    "rich": "shows progress",
-}
-
-
-def _doctor(_: argparse.Namespace) -> int:
-    for backend in sh.backends():
-        for device in backend.devices:
-            print("\n  ".join([f"{backend.name}: {device.name}, {device.version}", *device.notes]))
-        if not backend.available:
-            print(f"{backend.name}: missing, {backend.reason}; to mend it: {backend.cure}")
-    missing = [name for name in _PACKAGES if sh.packages.installed(name) is None]
-    for name, purpose in _PACKAGES.items():
-        print(f"{name} ({purpose}): {'missing' if name in missing else 'installed'}")
-    if missing:
-        print(f"to install them: {sh.packages.install(*missing)}")
-    return 0

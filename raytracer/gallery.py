@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from raytracer.errors import SceneError
-from raytracer.image import Image, exposed, writer
+from raytracer.image import Image, writer
 from raytracer.integrators import integrator
 from raytracer.rendering import render
 from raytracer.scene.camera import Camera
@@ -66,4 +66,4 @@ def gallery(
             chosen_integrator = integrator.Whitted(bounces=bounces, samples=samples or _SAMPLES, math=math, fuse=fuse)
         scene = replace(Scene.builtin(name), **_VIEWS.get(name, {}))
         image = render(scene, shape, integrator=chosen_integrator, backend=backend)
-        yield exposed(image, _EXPOSURES.get(name)).save(path), image
+        yield image.save(path, _EXPOSURES.get(name, 0.0)), image

@@ -8,20 +8,21 @@ beside it and renames, so that an interrupted run leaves no broken file.
 
 from __future__ import annotations
 
-import dataclasses
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
+from raytracer.arrays import one_float
 from raytracer.errors import SceneError
+from raytracer.tone_mapping import Tonemap, checked_curve, mapped
 
 Array = NDArray[Any]
 
@@ -33,6 +34,8 @@ LAYERS: Mapping[str, tuple[Any, tuple[int, ...]]] = {
     "rays": (np.int32, ()),
 }
 """The dtype of each layer of a picture, and the shape of its entry for a pixel."""
+ALPHA: Final = "alpha"
+"""The layer that a transparent picture has besides these, float32 like its depth."""
 _ENCODED = 1 << 18
 """Pixels that are encoded at once, in binary64: a large picture needs little memory besides its own."""
 
@@ -42,12 +45,12 @@ def encoded(pixels: Array) -> Array:
     return sh.screen.srgb(pixels.astype(np.float64))
 
 
-def srgb_bytes(pixels: Array) -> NDArray[np.uint8]:
-    """Convert linear RGB (H, W, 3), clipped to [0, 1], to bytes of sRGB."""
+def srgb_bytes(pixels: Array, exposure: float = 0.0, tonemap: str = "none") -> NDArray[np.uint8]:
+    """Convert linear RGB (H, W, 3), times 2**exposure, through a curve and clipped to [0, 1], to bytes of sRGB."""
     srgb = np.empty(pixels.shape, dtype=np.uint8)
     rows = max(1, _ENCODED // max(1, pixels.shape[1]))
     for top in range(0, len(srgb), rows):
-        srgb[top : top + rows] = np.rint(encoded(pixels[top : top + rows]) * 255)
+        srgb[top : top + rows] = np.rint(encoded(mapped(pixels[top : top + rows], tonemap, exposure)) * 255)
     return srgb
 
 
@@ -82,6 +85,9 @@ class Image:
     `normal` (H, W, 3) float32 unit shading normals, zero there; `object_id` (H, W) int32 the mesh's place in the
     scene, -1 there; `rays` (H, W) int32 how many rays were traced for the pixel. `samples` is how many eye rays the
     pixels are the means of, and `origin` names what a path traced picture was made from: see `render(resume=...)`.
+
+    `alpha` (H, W) float32 is the share of a pixel's eye rays that meet a surface, for a picture that was rendered with
+    `transparent=True`, and None for others. Its `pixels` are premultiplied: the light of these surfaces alone.
     """
 
     pixels: Array
@@ -92,11 +98,21 @@ class Image:
     stats: Stats
     samples: int = 1
     origin: str = ""
+    alpha: Array | None = None
 
     @property
     def layers(self) -> dict[str, Array]:
-        """The arrays by name."""
-        return {name: getattr(self, name) for name in LAYERS}
+        """The arrays by name; `alpha` is one of them where the picture has it."""
+        layers = {name: getattr(self, name) for name in LAYERS}
+        return layers if self.alpha is None else layers | {ALPHA: self.alpha}
+
+    @property
+    def straight(self) -> Array:
+        """The pixels divided by `alpha`: the colours of the surfaces, 0 where there are none."""
+        if self.alpha is None:
+            return self.pixels
+        alpha = self.alpha[..., None]
+        return np.where(alpha > 0, self.pixels / np.where(alpha > 0, alpha, 1), np.float32(0))
 
     @property
     def srgb(self) -> NDArray[np.uint8]:
@@ -107,29 +123,45 @@ class Image:
         """Return the pixels as sRGB bytes (H, W, 3), clipped to [0, 1] (IEC 61966-2-1): `srgb`, as a method."""
         return self.srgb
 
-    def to_pil(self) -> Any:
-        """Return a `PIL.Image.Image` of the mode RGB in sRGB. Raises SceneError where Pillow is missing."""
-        return _pillow().fromarray(self.srgb)
+    def to_pil(self, exposure: float = 0.0, tonemap: Tonemap = "none") -> Any:
+        """Return a `PIL.Image.Image` of the mode RGB in sRGB, or RGBA with straight alpha; arguments as of `save`.
+
+        Raises SceneError where Pillow is missing.
+        """
+        bytes_ = srgb_bytes(self.straight, _checked_stops(exposure), checked_curve(tonemap))
+        if self.alpha is not None:
+            alpha = np.rint(np.clip(self.alpha, 0, 1) * 255).astype(np.uint8)
+            bytes_ = np.concatenate([bytes_, alpha[..., None]], axis=2)
+        return _pillow().fromarray(bytes_)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """Return the pixels, (H, W, 3) linear RGB, for `np.asarray(image)`."""
         return np.array(self.pixels, dtype, copy=copy)
 
-    def save(self, path: str | PathLike[str]) -> Path:
+    def save(self, path: str | PathLike[str], exposure: float = 0.0, tonemap: Tonemap = "none") -> Path:
         """Write as `.png`, `.jpg` or `.webp` (sRGB), `.exr` or `.npy` (linear, all layers); return the path.
 
-        JPEG has the quality 95 and a colour for each pixel, WebP loses nothing.
+        JPEG has the quality 95 and a colour for each pixel, WebP loses nothing. Pictures for the eye are brighter by
+        2**exposure, and `tonemap` takes light of any brightness to what a screen shows: "reinhard", "aces", "agx" or
+        "neutral" (`raytracer.tone_mapping` has their sources); with "none" what exceeds 1 is clipped. A picture with
+        `alpha` has it in PNG and WebP files, straight, and in the others, premultiplied.
 
         The NPY file is a structured array with the fields pixels, depth, normal, object_id and rays; a second array
         after it holds `samples` and `origin`, which are attributes of the EXR file's header.
-        Raises SceneError for another ending and where a package is missing, OSError for a path that cannot be written:
+        Raises SceneError for another ending and where a package is missing, for an exposure or a curve in files of
+        numbers, which hold the light as it is, and for alpha in JPEG files; OSError for a path that cannot be written:
         FileNotFoundError where the folder does not exist.
         """
         path = Path(path)
         height, width = self.depth.shape
-        write = writer(path, (width, height))
+        write = writer(path, (width, height), alpha=self.alpha is not None)
+        if path.suffix.lower() in READING and (_checked_stops(exposure), checked_curve(tonemap)) != (0, "none"):
+            raise SceneError(
+                f"{path}: exposure and tonemap are for pictures for the eye, such as .png; "
+                f"{' and '.join(READING)} hold the light as it is"
+            )
         with sh.files.replacing(path) as temporary:
-            write(self, str(temporary))
+            write(self, str(temporary), exposure, tonemap)
         return path
 
     @classmethod
@@ -162,10 +194,14 @@ class Image:
         return buffer.getvalue()
 
 
-def writer(path: Path, size: tuple[int, int]) -> Callable[[Image, str], None]:
+Writer = Callable[[Image, str, float, Tonemap], None]
+"""Writes a picture to a file of this name, with an exposure and a curve where it is for the eye."""
+
+
+def writer(path: Path, size: tuple[int, int], alpha: bool = False) -> Writer:
     """Return the function that writes pictures of this (width, height) to a path, before anything is rendered.
 
-    Raises as `Image.save` does.
+    `alpha` says whether they have it. Raises as `Image.save` does.
     """
     ending = path.suffix.lower()
     if path.is_dir():
@@ -175,6 +211,8 @@ def writer(path: Path, size: tuple[int, int]) -> Callable[[Image, str], None]:
     most = _LONGEST.get(ending)
     if most is not None and max(size) > most:
         raise SceneError(f"{path}: {ending[1:]} holds at most {most:,} pixels a side, not {max(size):,}: .png")
+    if alpha and ending in _OPAQUE:
+        raise SceneError(f"{path}: {ending[1:]} holds no alpha: write a transparent picture as .png, .webp or .exr")
     if ending in _PACKAGES:
         _PACKAGES[ending]()
     sh.files.check_writable(path)
@@ -189,11 +227,16 @@ def _pillow() -> Any:
     return pillow
 
 
-def exposed(image: Image, stops: float | None) -> Image:
-    """Return a picture whose pixels are brighter by a factor of 2**stops; the picture itself where that is None."""
-    if stops is None:
-        return image
-    return dataclasses.replace(image, pixels=image.pixels * np.float32(2.0**stops))
+MOST_STOPS: Final = 64.0
+"""The largest exposure, in stops: beyond it a picture is black or white."""
+
+
+def _checked_stops(exposure: Any) -> float:
+    """Return an exposure; SceneError for what is no number of stops."""
+    stops = one_float(exposure)
+    if stops is None or not abs(stops) <= MOST_STOPS:
+        raise SceneError(f"an exposure is a number of stops from -{MOST_STOPS:g} to {MOST_STOPS:g}, not {exposure!r}")
+    return stops
 
 
 def openexr(purpose: str) -> Any:
@@ -205,13 +248,15 @@ def openexr(purpose: str) -> Any:
     return OpenEXR
 
 
-def _write_encoded(options: dict[str, Any], image: Image, name: str) -> None:
-    image.to_pil().save(name, **options)
+def _write_encoded(options: dict[str, Any], image: Image, name: str, exposure: float, tonemap: Tonemap) -> None:
+    image.to_pil(exposure, tonemap).save(name, **options)
 
 
-def _write_exr(image: Image, name: str) -> None:
+def _write_exr(image: Image, name: str, *_: Any) -> None:
     exr = openexr("writing EXR")
     channels = {"RGB": np.ascontiguousarray(image.pixels), "depth.Z": np.ascontiguousarray(image.depth)}
+    if image.alpha is not None:
+        channels = {"RGBA": np.concatenate([channels.pop("RGB"), image.alpha[..., None]], axis=2), **channels}
     channels |= {f"normal.{axis}": np.ascontiguousarray(image.normal[..., k]) for k, axis in enumerate("XYZ")}
     channels |= {"object.id": image.object_id.astype(np.float32), "rays.count": image.rays.astype(np.float32)}
     header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
@@ -223,8 +268,9 @@ def _write_exr(image: Image, name: str) -> None:
             raise OSError(f"OpenEXR cannot write: {error}") from error
 
 
-def _write_npy(image: Image, name: str) -> None:
-    record = np.empty(image.depth.shape, dtype=[(key, kind, shape) for key, (kind, shape) in LAYERS.items()])
+def _write_npy(image: Image, name: str, *_: Any) -> None:
+    kinds = [(key, layer.dtype, layer.shape[2:]) for key, layer in image.layers.items()]
+    record = np.empty(image.depth.shape, dtype=kinds)
     for key, layer in image.layers.items():
         record[key] = layer
     state = np.array(
@@ -238,7 +284,12 @@ def _write_npy(image: Image, name: str) -> None:
 def _read_npy(path: Path) -> tuple[dict[str, Array], int, str]:
     with open(path, "rb") as file:
         record, state = np.load(file), np.load(file)
-    return {name: np.ascontiguousarray(record[name], kind) for name, (kind, _) in LAYERS.items()}, *state.item()
+    names = [*LAYERS, *([ALPHA] if ALPHA in (record.dtype.names or ()) else [])]
+    return {name: np.ascontiguousarray(record[name], _kind(name)) for name in names}, *state.item()
+
+
+def _kind(name: str) -> Any:
+    return np.float32 if name == ALPHA else LAYERS[name][0]
 
 
 def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
@@ -252,7 +303,8 @@ def _read_exr(path: Path) -> tuple[dict[str, Array], int, str]:
         "object_id": channels["object.id"],
         "rays": channels["rays.count"],
     }
-    layers = {name: np.ascontiguousarray(layer, LAYERS[name][0]) for name, layer in parts.items()}
+    parts |= {ALPHA: channels["A"]} if "A" in channels else {}
+    layers = {name: np.ascontiguousarray(layer, _kind(name)) for name, layer in parts.items()}
     return layers, int(header["samples"]), str(header["origin"])
 
 
@@ -266,9 +318,10 @@ _EYE: dict[str, dict[str, Any]] = {
     ".webp": {"format": "WEBP", "lossless": True},
 }
 """The options with which Pillow writes pictures for the eye."""
+_OPAQUE: Final = (".jpg", ".jpeg")
 _LONGEST = {".jpg": 65_500, ".jpeg": 65_500, ".webp": 16_383}
 """The longest side of a picture in pixels."""
-_WRITERS: dict[str, Callable[[Image, str], None]] = {
+_WRITERS: dict[str, Writer] = {
     **{ending: partial(_write_encoded, options) for ending, options in _EYE.items()},
     ".exr": _write_exr,
     ".npy": _write_npy,

@@ -36,17 +36,19 @@ def render(
     tile_rows: int | None = None,
     partitions: int | None = None,
     primary: GBuffer | None = None,
+    transparent: bool = False,
     **options: Unpack[Options],
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; an empty scene shows its background.
 
-    `integrator` says how light is followed, and holds the options of that: `Whitted()`, the default, light from lights
-    directly, by mirrors and through glass; `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an
-    unbiased estimate of all light. The options may also be keywords: `bounces`, `samples`, `precision`, `math`,
-    `fuse`, `accel`, `grid`, `threshold`, `seed` and `secondary`, of "whitted", with `tracer="staged"` of `Staged`, or
-    "path".
-    `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays,
-    and traces the rays that go on from there. `size` None is the buffer's, and (512, 512) without one.
+    `integrator` says how light is followed: `Whitted()`, the default, direct light, by mirrors and through glass, too;
+    `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an unbiased estimate of all light. Their
+    options may also be keywords, `Options`, of "whitted", with `tracer="staged"` of `Staged`, or "path".
+    `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays.
+    `size` None is the buffer's, and (512, 512) without one.
+    A `transparent` picture has `image.alpha`, the share of a pixel's eye rays that meet a surface; its pixels hold the
+    light of these surfaces alone. The background is still seen in mirrors and through glass. Through what is partly
+    clear, eye rays of a `Path` count for what they meet behind it.
 
     With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
     With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
@@ -63,6 +65,8 @@ def render(
     """
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
+    if transparent and not (cluster is max_error is None):
+        raise SceneError("a transparent picture is rendered by this process as it is: leave cluster and max_error out")
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
         return _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
@@ -72,7 +76,7 @@ def render(
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
-    return renderer.render(size, progress=progress, resume=resume, primary=primary)
+    return renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
 
 
 def _by_workers(

@@ -23,7 +23,7 @@ from raytracer.appearance.materials import Triple
 from raytracer.appearance.textures import Texture, decoded
 from raytracer.arrays import real
 from raytracer.errors import SceneError
-from raytracer.image import READING
+from raytracer.image import MOST_STOPS, READING
 from raytracer.integrators.integrator import TRACERS
 from raytracer.layered.cube import is_layered
 from raytracer.scene.animated_file import AnimatedFile
@@ -31,6 +31,7 @@ from raytracer.scene.camera import Camera
 from raytracer.scene.lights import EnvironmentLight
 from raytracer.scene.scene import Background, Scene
 from raytracer.scenes import SCENES
+from raytracer.tone_mapping import CURVES
 
 EXAMPLES = """examples:
   raytracer render chair.glb --camera 2,1,3 --target 0,0.5,0 --fov 30     from another side
@@ -38,14 +39,12 @@ EXAMPLES = """examples:
   raytracer render chair.glb --integrator path --environment sky.png --exposure 1
 """
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_NEGATIVE = ("--camera", "--target", "--up", "--background", "--exposure")
+_NEGATIVE = ("--camera", "--target", "--up", "--background", "--exposure", "--rotation")
 """The options whose values may begin with a minus, which argparse takes for another option's."""
 PICTURES = frozenset(
     (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".ppm", ".hdr", ".exr")
 )
 """The endings of file names: a background with one of them is a picture, even if the file is missing."""
-MOST = 64.0
-"""The largest exposure, in stops: beyond it a picture is black or white."""
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -70,7 +69,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--exposure", type=_stops, metavar="EV", help="pictures for the eye: brighter by 2 to this power; -1 is half"
     )
+    group.add_argument(
+        "--tonemap", choices=CURVES, default="none", help="pictures for the eye: how light beyond 1 is shown (none)"
+    )
     group.add_argument("--environment", type=Path, metavar="FILE", help="path: a 360 degree picture that lights all")
+    group.add_argument(
+        "--rotation",
+        type=_degrees,
+        metavar="DEG",
+        help="with --environment: turn it, counter-clockwise seen from above",
+    )
 
 
 def add_tracing(command: argparse.ArgumentParser) -> None:
@@ -106,8 +114,11 @@ def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed
     """
     if options.environment is not None and not lights_all:
         raise SceneError("--environment lights scenes with --integrator path alone: add that, or leave it out")
-    if options.exposure is not None and output.suffix.lower() in READING:
-        raise SceneError(f"{output}: --exposure is for .png; {' and '.join(READING)} hold the light as it is")
+    for name in ("exposure", "tonemap"):
+        if getattr(options, name) not in (None, "none") and output.suffix.lower() in READING:
+            raise SceneError(f"{output}: --{name} is for .png; {' and '.join(READING)} hold the light as it is")
+    if options.rotation is not None and options.environment is None:
+        raise SceneError("--rotation turns the picture of --environment: name one, or leave it out")
     if options.no_floor and not framed:
         kind = "scene of a Python file" if Path(options.scene).suffix else "built-in scene"
         raise SceneError(f"--no-floor is for files, which are put on one; a {kind} is as it is made")
@@ -212,7 +223,7 @@ def _skies(options: argparse.Namespace) -> tuple[EnvironmentLight, ...]:
         return ()
     if not path.is_file():
         raise FileNotFoundError(f"there is no picture {path}: --environment is the path of one")
-    return (EnvironmentLight(path),)
+    return (EnvironmentLight(path, rotation=options.rotation or 0.0),)
 
 
 def _accel(text: str) -> str:
@@ -250,6 +261,13 @@ def _up(text: str) -> Triple:
     return direction
 
 
+def _degrees(text: str) -> float:
+    numbers = _numbers(text, 1)
+    if numbers is None:
+        raise argparse.ArgumentTypeError(f"an angle in degrees, such as 90, not {text!r}")
+    return numbers[0]
+
+
 def _fov(text: str) -> float:
     numbers = _numbers(text, 1)
     if numbers is None or not 0 < numbers[0] < 180:
@@ -259,8 +277,8 @@ def _fov(text: str) -> float:
 
 def _stops(text: str) -> float:
     numbers = _numbers(text, 1)
-    if numbers is None or abs(numbers[0]) > MOST:
-        raise argparse.ArgumentTypeError(f"a number from -{MOST:g} to {MOST:g}, such as 1.5, not {text!r}")
+    if numbers is None or abs(numbers[0]) > MOST_STOPS:
+        raise argparse.ArgumentTypeError(f"a number from -{MOST_STOPS:g} to {MOST_STOPS:g}, such as 1.5, not {text!r}")
     return numbers[0]
 
 

@@ -69,8 +69,9 @@ def fingerprint(renderer: Renderer) -> str:
     layout = renderer.layout
     if layout is None:
         return ""
-    tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.glass
-    return probed(renderer.backend, renderer.integrator, *tables, layout.layers, layout.mirrors, layout.lights)
+    tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.cones
+    numbers = layout.glass, layout.layers, layout.mirrors, layout.lights
+    return probed(renderer.backend, renderer.integrator, *tables, *numbers)
 
 
 def probed(backend: str, integrator: Integrator, *tables: Any) -> str:

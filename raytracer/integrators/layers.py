@@ -17,7 +17,7 @@ import numpy as np
 
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.image import LAYERS
+from raytracer.image import ALPHA, LAYERS
 from raytracer.kernels.pixel import Pixel
 from raytracer.memory import PIXEL, check_fits
 
@@ -69,27 +69,35 @@ def check_rows(top: int, count: int, height: int) -> None:
         raise SceneError(f"a picture {height} pixels high has no {count!r} rows from row {top!r} on")
 
 
-def unset(width: int, height: int, new: Callable[..., Any] = np.empty) -> dict[str, Any]:
-    """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each."""
-    return {name: new((height, width, *shape), kind) for name, (kind, shape) in LAYERS.items()}
+def unset(width: int, height: int, new: Callable[..., Any] = np.empty, *, transparent: bool = False) -> dict[str, Any]:
+    """Return the layers of a picture, to be filled, in the order of `Pixel`; `new(shape, dtype)` makes each.
+
+    A `transparent` picture has alpha after them.
+    """
+    kinds = {**LAYERS, ALPHA: (np.float32, ())} if transparent else LAYERS
+    return {name: new((height, width, *shape), kind) for name, (kind, shape) in kinds.items()}
 
 
 def clear(layers: dict[str, Any], background: Any) -> None:
     """Fill the layers with the values of a ray that hits nothing: the background, depth infinity, object -1.
 
-    A background that is no colour is for kernels to find: its pixels are 0.
+    A background that is no colour is for kernels to find: its pixels are 0, as are those of a transparent picture.
     """
-    color = background if isinstance(background, tuple) else 0
-    nothing = {"pixels": color, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1}
-    for name, value in nothing.items():
-        layers[name][:] = value
+    color = background if isinstance(background, tuple) and ALPHA not in layers else 0
+    nothing = {"pixels": color, "depth": np.inf, "normal": 0, "object_id": -1, "rays": 1, ALPHA: 0}
+    for name, layer in layers.items():
+        layer[:] = nothing[name]
 
 
-def take_samples(band: Pixel, samples: Any, fine: int) -> None:
+def take_samples(band: Pixel, samples: Any, fine: int, alpha: Any = None) -> None:
     """Reduce the results of `fine` x `fine` eye rays per pixel to the layers of a band.
 
-    Colours are averaged, numbers of rays added, and the other layers take the middle eye ray.
+    Colours are averaged, numbers of rays added, and the other layers take the middle eye ray. With the layer `alpha`,
+    that of a transparent picture, colours are those of the surfaces alone.
     """
+    if alpha is not None:
+        samples = samples._replace(color=np.array(samples.color))
+        coverage = uncover(samples)
     count, width = np.shape(band.depth)
     middle = slice(fine // 2, None, fine)
     for layer, values in zip(band, samples, strict=True):
@@ -97,6 +105,15 @@ def take_samples(band: Pixel, samples: Any, fine: int) -> None:
     if fine > 1:
         band.color[:] = samples.color.reshape(count, fine, width, fine, 3).mean(axis=(1, 3))
         band.rays[:] = samples.rays.reshape(count, fine, width, fine).sum(axis=(1, 3))
+    if alpha is not None:
+        alpha[:] = coverage.reshape(count, fine, width, fine).mean(axis=(1, 3))
+
+
+def uncover(samples: Pixel) -> Any:
+    """Make the colour of eye rays that met nothing 0; return whether each met a surface."""
+    covered = np.asarray(samples.object) >= 0
+    np.asarray(samples.color)[~covered] = 0
+    return covered
 
 
 def unscale(band: Pixel, scale: float) -> None:

@@ -25,7 +25,7 @@ from raytracer.integrators.integrator import REPRODUCIBLE, Path
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout, light_rows
+from raytracer.scene.layout import Layout, cone_rows, light_rows
 from raytracer.scene.scene import Scene
 
 GENERATION: Final = "3"
@@ -40,7 +40,13 @@ _NAMES: Final = re.compile(r"([%$])(?:\w+|\"(?:[^\"\\]|\\.)*\")\.(\d+)")
 
 
 def origin_of(
-    scene: Scene, layout: Layout | None, tracer: PathTracer | None, camera: Camera, integrator: Path, backend: str
+    scene: Scene,
+    layout: Layout | None,
+    tracer: PathTracer | None,
+    camera: Camera,
+    integrator: Path,
+    backend: str,
+    transparent: bool = False,
 ) -> str:
     """Return the origin of the pictures of a scene; without a layout and a tracer, of one without triangles."""
     options = {field.name: str(getattr(integrator, field.name)) for field in dataclasses.fields(integrator)}
@@ -49,6 +55,8 @@ def origin_of(
         del parts["fuse"]  # origins of earlier versions have none
     if integrator.math not in REPRODUCIBLE:
         parts["backend"] = backend
+    if transparent:
+        parts["transparent"] = "True"
     parts["background"] = _digest(*_background(scene, tracer))
     if layout is None or tracer is None:
         parts["triangles"] = _digest(None)
@@ -65,11 +73,14 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
     digests: dict[Texture, str] = {}
     materials = [_described(material, digests, appearance) for material in layout.materials]
     lights = light_rows(scene.placed_lights, np.zeros(3), 1.0, np.dtype(np.float64))
+    cones = cone_rows(scene.placed_lights, 1.0)
     around: list[Any] = []
     if environment is not None:
         picture, examined = environment.sky.picture, environment.sky.examined
         around = [repr(environment.light.color), picture and _picture(picture)]
         around += [] if examined is None else _recorded(examined)
+        light = environment.light
+        around += [repr((light.rotation, light.strength))] if (light.rotation, light.strength) != (0, 1) else []
     return {
         "triangles": _digest(layout.origin, repr(layout.scale), layout.triangles, layout.object_of),
         "normals": _digest(layout.normals),
@@ -77,7 +88,7 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
         "uv-coordinates": _digest(layout.uvs),
         "materials": _digest(repr(materials), layout.material_of),
         "surface-programs": _digest(*(part for surface in appearance.examined for part in _recorded(surface))),
-        "lights": _digest(lights),
+        "lights": _digest(lights) if cones is None else _digest(lights, cones),
         "environment": _digest(*around),
         "secondary-accelerator": _digest(layout.secondary and repr(layout.secondary.options)),
     }

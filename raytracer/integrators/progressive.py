@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.errors import SceneError
-from raytracer.image import Image
+from raytracer.image import ALPHA, Image
 from raytracer.integrators.integrator import Integrator, Path
 from raytracer.integrators.layers import BANDS, Progress, rows_at_once
 from raytracer.integrators.origin import check_origin
@@ -58,8 +58,11 @@ def passes(
         for top in range(0, height, rows):
             params["top_row"].value = first_row + top
             band = {name: layer[top : top + rows] for name, layer in layers.items()}
-            outputs = kernel(np.ascontiguousarray(band["pixels"]))
+            means = [np.ascontiguousarray(band[name]) for name in ("pixels", ALPHA) if name in band]
+            outputs = kernel(*means)
             band["pixels"][:] = outputs.color
+            if ALPHA in band:
+                band[ALPHA][:] = outputs.alpha
             band["rays"] += np.asarray(outputs.rays)
             if start == 0:
                 band["depth"][:] = np.asarray(outputs.depth).astype(np.float64) / scale

@@ -24,7 +24,7 @@ import shpy as sh
 from raytracer.accel.choice import MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
-from raytracer.image import Image, Stats
+from raytracer.image import ALPHA, LAYERS, Image, Stats
 from raytracer.integrators.integrator import Choice, Options, Path, Staged, Whitted, check_scene, chosen
 from raytracer.integrators.layers import (
     Progress,
@@ -33,6 +33,7 @@ from raytracer.integrators.layers import (
     clear,
     rows_at_once,
     take_samples,
+    uncover,
     unscale,
     unset,
     whole_size,
@@ -114,7 +115,7 @@ class Renderer:
         self._tracer = self._tracer_of(self.layout)
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
-        self._kinds: dict[tuple[str, bool, bool, bool], dict[str, Any]] = {}
+        self._kinds: dict[tuple[Any, ...], dict[str, Any]] = {}
         assert scene.camera is not None  # a Scene sets its own camera by default
         self._choose(scene.camera)
 
@@ -240,19 +241,20 @@ class Renderer:
             )
         return GlassTracer(*arguments)
 
-    def _choose(self, camera: Camera, seen: bool = False) -> None:
+    def _choose(self, camera: Camera, seen: bool = False, transparent: bool = False) -> None:
         """Take the kernels for a camera's projection, compiled once; `seen` where a G-buffer stands for eye rays."""
+        transparent &= isinstance(self.integrator, Path)  # of other pictures the layers say which eye rays met nothing
         media = self._tracer.surfaces.media
-        kind = camera.projection, bool(camera.aperture), media is not None and media.wades, seen
+        kind = camera.projection, bool(camera.aperture), media is not None and media.wades, seen, transparent
         if kind not in self._kinds:
-            self._kinds[kind] = self._compiled(camera, seen)
+            self._kinds[kind] = self._compiled(camera, seen, transparent)
         self.__dict__.update(self._kinds[kind])
 
-    def _compiled(self, camera: Camera, seen: bool) -> dict[str, Any]:
+    def _compiled(self, camera: Camera, seen: bool, transparent: bool) -> dict[str, Any]:
         """Compile the kernels for a camera's projection; return them as attributes."""
         started, rays = time.perf_counter(), eye_rays_of(camera)
         if isinstance(self._tracer, PathTracer):
-            program = self._tracer.program(rays)
+            program = self._tracer.program(rays, transparent)
         elif isinstance(self.integrator, Staged):
             options = self._options | {"threshold": self.integrator.threshold, "early_z": self.integrator.early_z}
             staged = StagedTracer(self._tracer, rays, backend=self.backend, **options)
@@ -281,18 +283,19 @@ class Renderer:
         progress: Progress | None = None,
         resume: Resume = None,
         primary: GBuffer | None = None,
+        transparent: bool = False,
     ) -> Image:
         """Render a picture of `size` = (width, height) pixels; `samples` None are the integrator's. See `render`."""
+        keywords: dict[str, Any] = {"camera": camera, "samples": samples, "progress": progress}
         size = size_of(size, primary, self.scene, self.integrator, self._samples(samples))
         if isinstance(self.integrator, Path):
-            *_, image = self.passes(size, camera=camera, samples=samples, progress=progress, resume=resume)
+            *_, image = self.passes(size, **keywords, resume=resume, transparent=transparent)
             return image
         check_resume(self.integrator, resume)
-        samples = self._samples(samples)
         _, height = checked_size(size)
         started = time.perf_counter()
-        layers = self.rows(size, 0, height, camera=camera, samples=samples, progress=progress, primary=primary)
-        return Image(**layers, stats=self.stats(layers, started), samples=samples)
+        layers = self.rows(size, 0, height, **keywords, primary=primary, transparent=transparent)
+        return Image(**layers, stats=self.stats(layers, started), samples=self._samples(samples))
 
     @in_turn
     def rows(
@@ -306,6 +309,7 @@ class Renderer:
         progress: Progress | None = None,
         start: tuple[dict[str, Any], int] | None = None,
         primary: GBuffer | None = None,
+        transparent: bool = False,
     ) -> dict[str, Any]:
         """Render the rows `top` to `top + count - 1` of a picture alone, with the bits that they have in the whole one.
 
@@ -316,14 +320,14 @@ class Renderer:
         width, height = whole_size(size)
         check_rows(top, count, height)
         self._follow_motion()
-        layers = unset(width, count)
+        layers = unset(width, count, transparent=transparent)
         clear(layers, self.scene.background)
         if self.layout is None or not count:
             return layers
         if isinstance(self.integrator, Path):
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
             begun, first = start or (layers, 0)
-            aim = functools.partial(self._aim_paths, camera, width, height)
+            aim = functools.partial(self._aim_paths, camera, width, height, transparent)
             *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
         fine = isqrt(samples)
@@ -335,13 +339,13 @@ class Renderer:
         return layers
 
     @in_turn
-    def origin(self, camera: Camera | None = None) -> str:
+    def origin(self, camera: Camera | None = None, transparent: bool = False) -> str:
         """Return the `Image.origin` of path traced pictures from a camera, None for the scene's; "" for others."""
         if not isinstance(self.integrator, Path):
             return ""
         tracer: Any = None if self.layout is None else self._tracer
         camera = checked_camera(self.scene.camera if camera is None else camera)
-        return origin_of(self.scene, self.layout, tracer, camera, self.integrator, self.backend)
+        return origin_of(self.scene, self.layout, tracer, camera, self.integrator, self.backend, transparent)
 
     def passes(
         self,
@@ -351,13 +355,14 @@ class Renderer:
         samples: int | None = None,
         progress: Progress | None = None,
         resume: Resume = None,
+        transparent: bool = False,
     ) -> Iterator[Image]:
         """Yield the path traced picture as it is after each pass over all pixels, the last one with all `samples`.
 
         For a `Path`; see `render`. The Renderer may make other pictures between two passes; raises SceneError if its
         scene has changed since the first one.
         """
-        images = self._images(size, camera, samples, progress, resume)
+        images = self._images(size, camera, samples, progress, resume, transparent)
         while True:
             with self.turn:
                 image = next(images, None)
@@ -372,6 +377,7 @@ class Renderer:
         samples: int | None,
         progress: Progress | None,
         resume: Resume,
+        transparent: bool,
     ) -> Iterator[Image]:
         """Yield the pictures of `passes`."""
         if not isinstance(self.integrator, Path):
@@ -379,8 +385,9 @@ class Renderer:
         samples = self._samples(samples)
         width, height = checked_size(size, _PASSING)
         self._follow_motion()
-        started, layers, first, origin = time.perf_counter(), unset(width, height), 0, self.origin(camera)
-        aim = functools.partial(self._aim_paths, camera, width, height)
+        started, layers, first = time.perf_counter(), unset(width, height, transparent=transparent), 0
+        origin = self.origin(camera, transparent)
+        aim = functools.partial(self._aim_paths, camera, width, height, transparent)
         clear(layers, self.scene.background)
         if self.layout is not None:
             layers["pixels"][:] = layers["rays"][:] = 0  # the mean of no samples
@@ -437,7 +444,9 @@ class Renderer:
             alive=() if self.staged is None else tuple(self.staged.log.alive),
         )
 
-    def _aim(self, camera: Camera | None, width: int, height: int, seen: bool = False) -> None:
+    def _aim(
+        self, camera: Camera | None, width: int, height: int, seen: bool = False, transparent: bool = False
+    ) -> None:
         """Set the eye rays of a camera, None for the scene's."""
         camera = checked_camera(self.scene.camera if camera is None else camera)
         assert self.layout is not None
@@ -445,14 +454,14 @@ class Renderer:
         values = camera.uniforms(width, height, layout.origin, layout.scale, layout.dtype)
         if media is not None:
             media.look_from(*camera.origins(values, width, height))
-        self._choose(camera, seen)
+        self._choose(camera, seen, transparent)
         for name, value in values.items():
             self.params[name].value = value
 
-    def _aim_paths(self, camera: Camera | None, width: int, height: int) -> None:
+    def _aim_paths(self, camera: Camera | None, width: int, height: int, transparent: bool) -> None:
         """Set the eye rays and the seed of path tracing."""
         assert isinstance(self.integrator, Path)
-        self._aim(camera, width, height)
+        self._aim(camera, width, height, transparent=transparent)
         self.params["seed"].value = self.integrator.seed
 
     def _bands(
@@ -467,20 +476,22 @@ class Renderer:
         for first in range(0, height, rows):
             past = min(first + rows, height)
             inputs = [array[top + first : top + past] for array in seen]
-            self._band(Pixel(*(layer[first:past] for layer in layers.values())), top + first, fine, inputs)
+            band = {name: layer[first:past] for name, layer in layers.items()}
+            self._band(Pixel(*(band[name] for name in LAYERS)), top + first, fine, inputs, band.get(ALPHA))
             if progress is not None:
                 progress(past, height)
 
-    def _band(self, band: Pixel, top: int, fine: int, inputs: Sequence[Any]) -> None:
-        """Trace the rows of the picture from `top` on into `band`."""
+    def _band(self, band: Pixel, top: int, fine: int, inputs: Sequence[Any], alpha: Any) -> None:
+        """Trace the rows of the picture from `top` on into `band`, and into `alpha` where there is that layer."""
         assert self.layout is not None
         self.params["first_row"].value = top * fine
         count, width = np.shape(band.depth)
         if fine == 1 and self.staged is None and self.kernel.options.precision == "f32":
             self.kernel.run(*inputs, shape=(count, width), out=band)
-            unscale(band, self.layout.scale)
-            return
-        shape = (count * fine, width * fine)
-        samples = self.kernel(*inputs, shape=shape) if self.staged is None else self.staged.trace(shape)
-        take_samples(band, samples, fine)
+            if alpha is not None:
+                alpha[:] = uncover(band)
+        else:
+            shape = (count * fine, width * fine)
+            samples = self.kernel(*inputs, shape=shape) if self.staged is None else self.staged.trace(shape)
+            take_samples(band, samples, fine, alpha)
         unscale(band, self.layout.scale)

@@ -6,7 +6,7 @@ triangle is chosen evenly, a direction to the environment by the brightness of i
 
 from __future__ import annotations
 
-from math import pi
+from math import cos, pi, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +70,7 @@ class Emitters:
 
     def __init__(self, layout: Layout, surfaces: SurfaceTables, environment: EnvironmentLight | None) -> None:
         self.surfaces = surfaces
-        self.placed = LightList(layout.lights, surfaces)
+        self.placed = LightList(layout, surfaces)
         self.around = None if environment is None else Environment(environment)
         choices = self._choices(layout)
         self.shining, self.count = choices.shining, len(choices.weights)
@@ -192,14 +192,31 @@ class Environment:
         self.light = light
         self.sky = Sky(source, "environment", "environment_color", "an EnvironmentLight")
         self.cells: Chances | None = None
-        self.mean = 1.0 if light.color is None else float(np.mean(light.color))
+        angle = pi * light.rotation / 180
+        self.turn: Any = None  # the cosine and the sine of the rotation
+        if light.rotation and not self.sky.plain:
+            self.turn = sh.Param(sh.Attrib2f, (cos(angle), sin(angle)), name="environment_turn")
+        self.strength = None if light.strength == 1 else sh.Param(sh.Attrib1f, light.strength, name="strength")
+        self.mean = light.strength * (1.0 if light.color is None else float(np.mean(light.color)))
         if light.picture is None:
             return
-        weights = brightness_table(light.picture.image)
+        weights = light.strength * brightness_table(light.picture.image)
         self.rows, self.columns = weights.shape
         self.mean = float(weights.mean())
         weights = weights + EVERYWHERE * (self.mean or 1.0)
         self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
+
+    def radiance(self, ray: Any) -> Any:
+        """Return the light from the direction of a unit vector."""
+        light = self.sky.radiance(self.turned(ray, back=True))
+        return light if self.strength is None else self.strength * light
+
+    def turned(self, ray: Any, *, back: bool = False) -> Any:
+        """Return a direction of the picture in the scene; `back`, a direction of the scene in the picture."""
+        if self.turn is None:
+            return ray
+        cosine, sine = self.turn.x, -self.turn.y if back else self.turn.y
+        return sh.Vector3f(cosine * ray.x + sine * ray.z, ray.y, cosine * ray.z - sine * ray.x)
 
     def sample(self, surface: Interaction, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
         """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""
@@ -210,12 +227,14 @@ class Environment:
         height = 1 - (place // self.columns + v) * (2 / self.rows)
         angle = (place % self.columns + u) * (2 * pi / self.columns)
         radius = sh.sqrt(sh.max(1 - height * height, 0.0))
-        return sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle))), density
+        ray = sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle)))
+        return self.turned(ray), density
 
     def density_at(self, ray: Any, surface: Interaction) -> Any:
         """Return the density with which `sample` chooses a direction from a surface."""
         if self.cells is None:
             return sh.max(sh.dot(surface.normal, ray), 0.0) * (1 / pi)
+        ray = self.turned(ray, back=True)
         row = sh.clamp(sh.Attrib1i((1 - ray.y) * (self.rows / 2)), 0, self.rows - 1)
         column = sh.clamp(sh.Attrib1i(turn_of(ray) * self.columns), 0, self.columns - 1)
         return self.cells.density_at(row * self.columns + column)

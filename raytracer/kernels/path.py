@@ -29,7 +29,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import Media, RayBodies
-from raytracer.kernels.pixel import Pixel, background_pixel
+from raytracer.kernels.pixel import CoveredPixel, Pixel, background_pixel
 from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER
@@ -57,9 +57,11 @@ class PathSample:
     Where rays may go `straight` on: `through` says whether the ray to a light has done so, and `rest` how far it still
     goes; `way` is how far the path has come since it was scattered, and `aimed` the density with which the direction to
     the environment would have been chosen there.
+
+    In a transparent picture `covered` says whether a surface has scattered the path, None in others.
     """
 
-    def __init__(self, media: Media | None = None, straight: bool = False) -> None:
+    def __init__(self, media: Media | None = None, straight: bool = False, transparent: bool = False) -> None:
         color = sh.Color3f(0, 0, 0)
         throughput = sh.Color3f(1, 1, 1)
         density = sh.Attrib1f(0)
@@ -77,6 +79,7 @@ class PathSample:
             through, goes_on = sh.Attrib1b(False), sh.Attrib1b(False)
             rest, way, aimed = sh.Attrib1f(0), sh.Attrib1f(0), sh.Attrib1f(0)
             self.through, self.goes_on, self.rest, self.way, self.aimed = through, goes_on, rest, way, aimed
+        self.covered: Any = sh.Attrib1b(False) if transparent else None
 
     def word(self, dimension: int) -> Any:
         """Return a hashed word of the surface that the path has reached."""
@@ -149,8 +152,19 @@ class PathTracer(SceneTables):
         """Update how lights are chosen."""
         return self.emitters.renew(layout)
 
-    def program(self, eyes: EyeRays | PanoramaRays) -> Any:
-        """Record the program of a band of the picture: it adds new samples to the mean of the samples before."""
+    def program(self, eyes: EyeRays | PanoramaRays, transparent: bool = False) -> Any:
+        """Record the program of a band of the picture: it adds new samples to the mean of the samples before.
+
+        With `transparent`, it also takes and gives the share of paths that a surface has scattered.
+        """
+        if transparent:
+
+            @sh.program
+            def covered_paths(mean: sh.Color3f, alpha: sh.Attrib1f) -> CoveredPixel:
+                row, column = sh.grid_index(2)
+                return CoveredPixel(*self.follow(eyes, mean, row, column, alpha), alpha)
+
+            return covered_paths
 
         @sh.program
         def paths(mean: sh.Color3f) -> Pixel:
@@ -159,12 +173,12 @@ class PathTracer(SceneTables):
 
         return paths
 
-    def follow(self, eyes: EyeRays | PanoramaRays, mean: Any, row: Any, column: Any) -> Pixel:
-        """Follow all samples of a pixel of the band."""
+    def follow(self, eyes: EyeRays | PanoramaRays, mean: Any, row: Any, column: Any, alpha: Any = None) -> Pixel:
+        """Follow all samples of a pixel of the band; `alpha` is the share of paths that were scattered, if needed."""
         row = row + self.first_row  # an exact float, so that bands make no difference
         rays = sh.Attrib1i(0)
         pixel = background_pixel(mean, rays)
-        path = PathSample(self.surfaces.media, self.straight)
+        path = PathSample(self.surfaces.media, self.straight, alpha is not None)
         surface = blank(self.surfaces.interaction)
         pending, around = sh.Color3f(0, 0, 0), sh.Attrib1b(False)
         ray, eye = sh.Vector3f(0, 0, 1), sh.Point3f(0, 0, 0)
@@ -179,6 +193,8 @@ class PathTracer(SceneTables):
         def end() -> None:
             path.number += 1
             mean[:] += (path.color - mean) / sh.Attrib1f(path.number)
+            if alpha is not None:
+                alpha[:] += (sh.cond(path.covered, 1.0, 0.0) - alpha) / sh.Attrib1f(path.number)
 
         with SH_DO():
             if self.together:
@@ -235,6 +251,8 @@ class PathTracer(SceneTables):
         path.density[:] = 0
         path.depth[:] = 0
         path.finished[:] = False
+        if path.covered is not None:
+            path.covered[:] = False
         if self.straight:
             path.way[:] = 0
         self.surfaces.begin(path.ray_bodies, self.intersector, eye)
@@ -271,6 +289,8 @@ class PathTracer(SceneTables):
             assert self.surfaces.media is not None
             pending *= self.surfaces.media.kept_to_light(path.shadow, limit)
         brought = sh.Color3f(path.throughput)
+        if path.covered is not None:
+            brought[:] = sh.cond(path.covered, brought, 0.0)
         of_light = path.lighting
         if self.emitters.around is None:
             # A background is seen by the eye, directly or in mirrors, and lights nothing.
@@ -288,7 +308,7 @@ class PathTracer(SceneTables):
             brought *= self.met_share(path.density, other)
         brought[:] = sh.cond(of_light, pending, brought)
         with SH_IF(~of_light | around):
-            brought *= self.emitters.around.sky.radiance(ray)
+            brought *= self.emitters.around.radiance(ray)
         path.color += brought
 
     def density_around(self, ray: Any, surface: Interaction) -> Any:
@@ -325,6 +345,8 @@ class PathTracer(SceneTables):
         if self.straight:
             path.goes_on[:] = path.clear & (surface.ior == 1)
             path.finished &= ~path.goes_on
+        if path.covered is not None:
+            path.covered |= ~path.goes_on if self.straight else True
         if self.emitters.count:
             path.lighting[:] = ~(path.finished | path.mirror | path.clear)
 

@@ -31,6 +31,17 @@ class Pixel(NamedTuple):
         self.object[:] = surfaces.object_at(hit)
 
 
+class CoveredPixel(NamedTuple):
+    """The result of the eye rays of a transparent picture; `alpha` is the share of them that met a surface."""
+
+    color: sh.Color3f
+    depth: sh.Attrib1f
+    normal: sh.Normal3f
+    object: sh.Attrib1i
+    rays: sh.Attrib1i
+    alpha: sh.Attrib1f
+
+
 def background_pixel(color: Any, rays: Any) -> Pixel:
     """Return the layers where nothing is hit."""
     depth = sh.Attrib1f(inf)

@@ -11,7 +11,6 @@ from typing import Any
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
-from raytracer.accel.space import Rows
 from raytracer.kernels.deferred import SampledSurfaces
 from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.sky import Sky
@@ -24,16 +23,20 @@ from raytracer.scene.scene import Background, Scene
 class LightList:
     """The lights of a scene: `count` of them; `number` is a uniform of that value if there are several."""
 
-    def __init__(self, rows: Rows, surfaces: SurfaceTables) -> None:
+    def __init__(self, layout: Layout, surfaces: SurfaceTables) -> None:
+        rows = layout.lights
         self.count, self.points, self.directions, self.fades = kinds_of(rows)
         self.number = sh.Param(sh.Attrib1i, self.count, name="lights_count") if self.count > 1 else self.count
         self.surfaces = surfaces
         self.table = sh.Table(rows, sh.Attrib4f, "lights") if self.count else None
+        self.cones = None if layout.cones is None else sh.Table(layout.cones, sh.Attrib4f, "cones")
 
-    def renew(self, rows: Rows) -> None:
+    def renew(self, layout: Layout) -> None:
         """Replace the lights by as many others of the same kinds."""
         if self.table is not None:
-            self.table.update(rows)
+            self.table.update(layout.lights)
+        if self.cones is not None and layout.cones is not None:
+            self.cones.update(layout.cones)
 
     def aim(self, n: Any, surface: Interaction, ray: Any, eye: Any, limit: Any, lightcol: Any) -> None:
         """Make the shadow ray toward light `n`, which need not go farther than `limit`: 0 for a light behind."""
@@ -52,6 +55,16 @@ class LightList:
         if self.fades:
             way = distance / self.surfaces.scale
             lightcol[:] = sh.cond(color.w > 0, color.rgb / (way * way), color.rgb)
+        if self.cones is not None:
+            share = self.share_toward(self.cones[first], self.cones[first + 1], ray, distance)
+            lightcol *= share
+            limit[:] = sh.cond(share > 0, limit, 0.0)
+
+    def share_toward(self, cone: Any, ramp: Any, ray: Any, distance: Any) -> Any:
+        """Return the share of a light that its cone and its range leave, at the end of a ray to it."""
+        bright = sh.saturate(ramp.y - ramp.x * sh.dot(sh.Vector3f(cone.xyz), ray))
+        part = sh.min(distance * cone.w, 1.0)
+        return bright * bright * (1 - (part * part) * (part * part))
 
 
 class SceneTables:
@@ -91,7 +104,7 @@ class SceneTables:
         if not suits or not self.renew_emitters(layout):
             return False
         self.surfaces.repaint(layout, tinted)
-        self.lights.renew(layout.lights)
+        self.lights.renew(layout)
         self.background.renew(scene.background)
         if self.ambient is not None:
             self.ambient.value = float(scene.ambient)
@@ -119,4 +132,5 @@ def whitted_features(tracer: Any, layout: Layout) -> dict[str, bool | int]:
         features["textures"] = len(surfaces.appearance.textured)
     others = {"glass": surfaces.clear, "cutouts": surfaces.accept is not None, "sky": not tracer.background.plain}
     others["metallic-roughness"] = surfaces.lobes is not None
+    others["cones and ranges"] = lights.cones is not None
     return features | {name: True for name, there in others.items() if there}

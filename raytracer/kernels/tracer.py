@@ -83,7 +83,7 @@ class Tracer(SceneTables):
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.shares = MirrorShares(self.surfaces)
         self.least = LeastShare(min_contribution, self.shares)
-        self.lights = LightList(layout.lights, self.surfaces)
+        self.lights = LightList(layout, self.surfaces)
         self.reflects = self.shares.reflects
         self.light_struct: Any = TintedLight if self.shares.tinted else Light
         self.loops = self.reflects or self.lights.count > 0

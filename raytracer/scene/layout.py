@@ -30,7 +30,7 @@ from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
-from raytracer.scene.lights import PlacedLight, PointLight
+from raytracer.scene.lights import DirectionalLight, PlacedLight, SpotLight
 from raytracer.scene.scene import Scene
 
 
@@ -55,7 +55,8 @@ class Layout:
     colours (`is_programmed`), None if no mesh has any. `material_of` and `object_of` (N,) int32 are a triangle's
     material and mesh. `material_rows` (2M, 4): color and reflectivity, then diffuse, specular, shininess. `lights`
     (2L, 4): position and 1, or direction toward the light and 0, then color, and 1 where it falls off by the square of
-    the distance.
+    the distance. `cones` (2L, 4) are the direction of a spot and 1 / its range, 0 for no end, then the numbers of its
+    `ramp`; None where no light has a cone or a range.
 
     `without_uv` (M,) is the name of a mesh of each of the `materials` that has no uv coordinates, or ""; `uvs` (3N, 2)
     the uv coordinates at the corners, None if no material has textures or programs.
@@ -83,6 +84,7 @@ class Layout:
     uvs: Rows | None = None
     secondary: LayeredCube | PlacedCubes | None = None
     forest: Forest | None = None
+    cones: Rows | None = None
 
     @classmethod
     def of(
@@ -131,6 +133,7 @@ class Layout:
             without_uv=_without_uv(meshes, index, len(materials)),
             uvs=uv_rows(meshes) if any(m.textures or m.surface for m in materials) else None,
             forest=forest,
+            cones=cone_rows(scene.placed_lights, scale),
         )
         return layout if forest is None else layout.in_working_precision()
 
@@ -221,9 +224,10 @@ class Layout:
             return None
         check_range(scene, materials)
         lights = light_rows(scene.placed_lights, self.origin, self.scale, self.dtype)
-        if kinds_of(lights) != kinds_of(self.lights):
+        cones = cone_rows(scene.placed_lights, self.scale)
+        if kinds_of(lights) != kinds_of(self.lights) or (cones is None) != (self.cones is None):
             return None
-        layout = replace(self, lights=lights, materials=materials, material_rows=_material_rows(materials))
+        layout = replace(self, lights=lights, cones=cones, materials=materials, material_rows=_material_rows(materials))
         tinted = [
             number for number, material in enumerate(index) if materials[material].tint != self.materials[material].tint
         ]
@@ -290,14 +294,32 @@ def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale
     """
     rows = np.zeros((2 * len(lights), 4))
     for k, light in enumerate(lights):
-        if isinstance(light, PointLight):
+        if isinstance(light, DirectionalLight):
+            rows[2 * k, :3] = -_unit(light.direction)
+        else:
             rows[2 * k] = *placed("the light", light.position, origin, scale, dtype), 1
             rows[2 * k + 1, 3] = light.falloff == "square"
-        else:
-            direction = np.asarray(light.direction) / np.abs(light.direction).max()  # so that squares fit into f64
-            rows[2 * k, :3] = -direction / np.linalg.norm(direction)
         rows[2 * k + 1, :3] = light.color
     return rows
+
+
+def _unit(direction: Sequence[float]) -> NDArray[np.float64]:
+    """Return a vector of length 1; it is divided by its largest component first, so that squares fit into f64."""
+    near = np.asarray(direction) / np.abs(direction).max()
+    unit: NDArray[np.float64] = near / np.linalg.norm(near)
+    return unit
+
+
+def cone_rows(lights: Sequence[PlacedLight], scale: float) -> Rows | None:
+    """Return (2L, 4), see `Layout.cones`, with ranges multiplied by `scale`; None without cones and ranges."""
+    rows = np.zeros((2 * len(lights), 4))
+    rows[1::2, 1] = 1  # without a cone the light is the same in all directions
+    for k, light in enumerate(lights):
+        if isinstance(light, SpotLight):
+            rows[2 * k, :3], rows[2 * k + 1, :2] = _unit(light.direction), light.ramp
+        if not isinstance(light, DirectionalLight) and light.range is not None:
+            rows[2 * k, 3] = 1 / (light.range * scale)
+    return rows if rows[::2].any() else None
 
 
 def kinds_of(lights: Rows) -> tuple[int, bool, bool, bool]:

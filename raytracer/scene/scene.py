@@ -222,7 +222,7 @@ def _lights(value: Any) -> tuple[Light, ...]:
     """Return the lights of a scene; SceneError for anything but lights in a list or another iterable."""
     lights = tuple(value) if isinstance(value, Iterable) else (None,)
     if not all(isinstance(light, Light) for light in lights):
-        kinds = "PointLight, DirectionalLight or EnvironmentLight"
+        kinds = "PointLight, SpotLight, DirectionalLight or EnvironmentLight"
         raise SceneError(f"the lights of a scene are a list of lights, each a {kinds}, not {value!r}")
     return lights
 

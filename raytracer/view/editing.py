@@ -22,7 +22,7 @@ from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.meshes.folder import shown
 from raytracer.meshes.mesh import Mesh
-from raytracer.scene.lights import DirectionalLight, EnvironmentLight, PointLight
+from raytracer.scene.lights import DirectionalLight, EnvironmentLight, SpotLight
 from raytracer.scene.scene import Scene
 
 _LONGEST: Final = 120
@@ -206,7 +206,7 @@ class Edits:
         else:
             most = 2 * max(map(abs, light.position)) or 1.0
             spans = {"color": (0.0, max(2.0, 2 * max(light.color))), "position": (-most, most)}
-        what = "point" if isinstance(light, PointLight) else "direction"
+        what = "spot" if isinstance(light, SpotLight) else "direction" if "direction" in spans else "point"
         controls = [_control(f"light.{number}.", name, light, span) for name, span in spans.items()]
         return {"label": f"{number + 1}: {what}", "controls": [one for one in controls if one is not None]}
 

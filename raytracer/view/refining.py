@@ -82,8 +82,8 @@ class Piece:
 class Refinement:
     """The steps of one picture, as an iterator of `Piece`; `shown` are the pixels in sRGB after each.
 
-    `layers` are those of an `Image`, of the size of `shown`. `stops` is the exposure. With `at_once` a coarse picture
-    is the last one, as while the scene moves.
+    `layers` are those of an `Image`, of the size of `shown`. `stops` and `tonemap` are the exposure and the curve of
+    `Image.save`. With `at_once` a coarse picture is the last one, as while the scene moves.
     """
 
     def __init__(
@@ -93,11 +93,12 @@ class Refinement:
         size: tuple[int, int],
         camera: Camera,
         stops: float = 0.0,
+        tonemap: str = "none",
         *,
         at_once: bool = False,
     ) -> None:
         self._renderer, self._pace = renderer, pace
-        self.size, self.camera, self.stops = size, camera, stops
+        self.size, self.camera, self.stops, self.tonemap = size, camera, stops, tonemap
         self.at_once = at_once
         self.layers: dict[str, NDArray[Any]] = {}
         self.shown: NDArray[np.uint8] = np.zeros((1, 1, 4), np.uint8)
@@ -199,8 +200,8 @@ class Refinement:
 
     def _develop(self, top: int, past: int) -> None:
         """Recompute rows of `shown` from `layers`."""
-        light = self.layers["pixels"][top:past] * np.float32(2.0**self.stops)
-        self.shown[top:past, :, :3] = srgb_bytes(light)  # the bytes that a file would have
+        light = self.layers["pixels"][top:past]
+        self.shown[top:past, :, :3] = srgb_bytes(light, self.stops, self.tonemap)  # the bytes that a file would have
         self.shown[top:past, :, 3] = 255
 
 

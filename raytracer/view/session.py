@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import shpy as sh
-from raytracer import viewing
 from raytracer.errors import SceneError
+from raytracer.image import MOST_STOPS
 from raytracer.integrators.integrator import INTEGRATORS
 from raytracer.integrators.renderer import Renderer
 from raytracer.scene.camera import Camera
@@ -116,8 +116,8 @@ class Session(sh.view.Live):
         exposure = params.pop("exposure", [self.stops])
         stops = self._stops if exposure is None else float(exposure[0])
         refused = self.edits.set(params)
-        if not abs(stops) <= viewing.MOST:
-            refused.append(f"an exposure is a number from -{viewing.MOST:g} to {viewing.MOST:g}, not {stops:g}")
+        if not abs(stops) <= MOST_STOPS:
+            refused.append(f"an exposure is a number from -{MOST_STOPS:g} to {MOST_STOPS:g}, not {stops:g}")
         elif stops != self.stops:
             self.stops, self._exposed = stops, True
         mark = self.mark
@@ -185,7 +185,8 @@ class Session(sh.view.Live):
         self._drawer = drawer
         self._changed = self._exposed = self._single = False
         moving = bool(self.opened.seconds and self.playing)
-        self._refinement = Refinement(drawer.renderer, drawer.pace, self.size, self.seen, self.stops, at_once=moving)
+        look = self.stops, self.options.tonemap
+        self._refinement = Refinement(drawer.renderer, drawer.pace, self.size, self.seen, *look, at_once=moving)
         return True
 
     def _is_resting(self, refinement: Refinement) -> bool:

@@ -21,7 +21,6 @@ from raytracer.scene.loading import FORMATS
 from raytracer.scenes import SCENES
 
 _PLACES = ("camera", "target", "up", "fov")
-_SAVING = 'image.save("picture.png")'
 
 
 @dataclass(frozen=True)
@@ -113,13 +112,19 @@ class Shown:
         for name, value in self._placed().items():
             arguments += [f"--{name}", _numbers(value) if isinstance(value, tuple) else repr(value)]
         arguments += ["--exposure", repr(self.stops)] if self.stops else []
+        arguments += [word for name, curve in self._curve().items() for word in (f"--{name}", curve)]
         arguments += ["--no-floor"] if options.no_floor else []
         arguments += ["--strict"] if options.strict else []
         shown = options.background
         if shown is not None:
             arguments += ["--background", str(shown) if isinstance(shown, Path) else _numbers(shown)]
         arguments += ["--environment", str(options.environment)] if options.environment is not None else []
+        arguments += ["--rotation", repr(options.rotation)] if options.rotation is not None else []
         return arguments
+
+    def _curve(self) -> dict[str, str]:
+        """Return the curve of the command line, where it names one."""
+        return {} if self.options.tonemap == "none" else {"tonemap": self.options.tonemap}
 
     # The code
 
@@ -137,14 +142,12 @@ class Shown:
         lines = [*self._opening(), *self._lit(), *changed, *self._replacing()]
         integrator = f"rt.{type(self.integrator).__name__}({_named(self._unusual())})"
         lines.append(f"image = rt.render(scene, {self.size!r}, integrator={integrator}, backend={self.backend!r})")
-        if self.stops:
-            lines.append(f"image = exposed(image, {self.stops!r})")
-        text = "\n".join([*lines, _SAVING])
+        look = ({"exposure": self.stops} if self.stops else {}) | self._curve()
+        text = "\n".join([*lines, f"image.save({', '.join(filter(None, [repr('picture.png'), _named(look)]))})"])
         heads = ["import dataclasses"] if "dataclasses." in text else []
         heads += ["import runpy"] if "runpy." in text else []
         heads += ["", "import raytracer as rt"] if heads else ["import raytracer as rt"]
         heads += ["from raytracer.animation import ANIMATIONS"] if "ANIMATIONS[" in text else []
-        heads += ["from raytracer.image import exposed"] if "exposed(" in text else []
         heads += ["from raytracer.scene.animated_file import AnimatedFile"] if "AnimatedFile(" in text else []
         return "\n".join([*heads, "", text])
 
@@ -173,7 +176,7 @@ class Shown:
         keywords: dict[str, Any] = {} if options.up is None else {"up": options.up}
         keywords |= {"floor": False} if options.no_floor else {}
         if options.environment is not None:
-            keywords["lights"] = _Text(f"[rt.EnvironmentLight({str(options.environment)!r})]")
+            keywords["lights"] = _Text(f"[{self._sky()}]")
         named = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
         named = {name: value for name, value in named.items() if value is not None}
         if named:
@@ -205,8 +208,12 @@ class Shown:
         """Return the line that lights a scene that is no file by the environment of the command line."""
         if self.options.environment is None or self._is_framed:
             return []
-        light = f"rt.EnvironmentLight({str(self.options.environment)!r})"
-        return [f"scene = dataclasses.replace(scene, lights=[*scene.placed_lights, {light}])"]
+        return [f"scene = dataclasses.replace(scene, lights=[*scene.placed_lights, {self._sky()}])"]
+
+    def _sky(self) -> str:
+        """Return the environment light of the command line as code."""
+        turn = "" if self.options.rotation is None else f", rotation={self.options.rotation!r}"
+        return f"rt.EnvironmentLight({str(self.options.environment)!r}{turn})"
 
     def _replacing(self) -> list[str]:
         """Return the line that gives the scene what the page and the command line change."""

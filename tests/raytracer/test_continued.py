@@ -28,6 +28,7 @@ from raytracer import (
     Renderer,
     Scene,
     SceneError,
+    SpotLight,
     Surface,
     Texture,
     render,
@@ -62,6 +63,7 @@ def base():
         "Camera": {"position": (0.2, 1.5, 5), "target": (0, 0.6, 0), "aperture": 0.1, "focus": 4.0},
         "PointLight": {"position": (2, 3, 2), "color": (1, 1, 1), "falloff": "none"},
         "DirectionalLight": {"direction": (1, -1, -1), "color": (0.2, 0.2, 0.2)},
+        "SpotLight": {"position": (-2, 3, 2), "direction": (2, -3, -2), "inner": 10, "outer": 30},
         "EnvironmentLight": {"source": (0.1, 0.2, 0.3)},
         "Scene": {},
         "Path": {"samples": 1, "bounces": 2},
@@ -82,7 +84,7 @@ def made(pieces):
     glass = sphere(0.4, Material(transmission=0.9), rings=4, segments=5).moved((0, 0.5, 1))
     lights = [
         PointLight(**pieces["PointLight"]), DirectionalLight(**pieces["DirectionalLight"]),
-        EnvironmentLight(**pieces["EnvironmentLight"]),
+        SpotLight(**pieces["SpotLight"]), EnvironmentLight(**pieces["EnvironmentLight"]),
     ]  # fmt: skip
     meshes = [floor(9), instance, described, *([layered] if pieces["MetallicRoughness"] else []), glass]
     scene = Scene(**{"meshes": meshes, "lights": lights, "camera": Camera(**pieces["Camera"]), **pieces["Scene"]})
@@ -205,9 +207,19 @@ CHANGES = {
     "PointLight.position": change("PointLight", "position", (2, 3, 2.1)),
     "PointLight.color": change("PointLight", "color", (1, 1, 0.9)),
     "PointLight.falloff": change("PointLight", "falloff", "square"),
+    "PointLight.range": change("PointLight", "range", 9.0),
+    "SpotLight.position": change("SpotLight", "position", (-2, 3, 2.1)),
+    "SpotLight.direction": change("SpotLight", "direction", (2, -3, -2.1)),
+    "SpotLight.inner": change("SpotLight", "inner", 11),
+    "SpotLight.outer": change("SpotLight", "outer", 31),
+    "SpotLight.color": change("SpotLight", "color", (1, 1, 0.9)),
+    "SpotLight.falloff": change("SpotLight", "falloff", "none"),
+    "SpotLight.range": change("SpotLight", "range", 9.0),
     "DirectionalLight.direction": change("DirectionalLight", "direction", (1, -1, -1.1)),
     "DirectionalLight.color": change("DirectionalLight", "color", (0.2, 0.2, 0.3)),
     "EnvironmentLight.source": change("EnvironmentLight", "source", (0.1, 0.2, 0.4)),
+    "EnvironmentLight.rotation": change("EnvironmentLight", "rotation", 30),
+    "EnvironmentLight.strength": change("EnvironmentLight", "strength", 2),
     "EnvironmentLight.source, a picture": change("EnvironmentLight", "source", PIXELS),
     "EnvironmentLight.source, another picture": change("EnvironmentLight", "source", OTHER),
     "EnvironmentLight.source, a filter": change("EnvironmentLight", "source", Texture(PIXELS, filter="nearest")),
@@ -272,8 +284,20 @@ OUT_OF_PLACE = {
     "render.tile_rows": "test_cluster.py",
     "render.partitions": "test_partitions.py",
     "render.primary": "test_primary.py: not for Path",
+    "render.transparent": "test_transparent.py",
     "render.options": "Path.seed",
-    **{f"Renderer.render.{name}": "render" for name in ("size", "camera", "samples", "progress", "resume", "primary")},
+    **{
+        f"Renderer.render.{name}": "render"
+        for name in (
+            "size",
+            "camera",
+            "samples",
+            "progress",
+            "resume",
+            "primary",
+            "transparent",
+        )
+    },
 }
 """Arguments whose cases are others or stand elsewhere."""
 
@@ -285,8 +309,8 @@ def arguments(function, name):
 
 def test_every_public_argument_has_a_case():
     classes = (
-        Scene, Material, MetallicRoughness, Mesh, Instance, Camera, PointLight, DirectionalLight, EnvironmentLight,
-        Texture, Path, Renderer,
+        Scene, Material, MetallicRoughness, Mesh, Instance, Camera, PointLight, SpotLight, DirectionalLight,
+        EnvironmentLight, Texture, Path, Renderer,
     )  # fmt: skip
     wanted = set().union(*(arguments(each, each.__name__) for each in classes))
     wanted |= arguments(Camera.from_intrinsics, "Camera.from_intrinsics")
