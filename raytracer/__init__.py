@@ -18,6 +18,7 @@ from raytracer.appearance.materials import Material
 from raytracer.appearance.metallic_roughness import MetallicRoughness
 from raytracer.appearance.programs import Hit, Surface
 from raytracer.appearance.textures import Texture
+from raytracer.appearance.unlit import Unlit
 from raytracer.errors import ClusterError, SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Path, Staged, Whitted
@@ -64,6 +65,7 @@ __all__ = [
     "Surface",
     "Texture",
     "TracedHit",
+    "Unlit",
     "Whitted",
     "render",
     "tradeoff",

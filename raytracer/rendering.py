@@ -50,33 +50,36 @@ def render(
     light of these surfaces alone. The background is still seen in mirrors and through glass. Through what is partly
     clear, eye rays of a `Path` count for what they meet behind it.
 
-    With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file.
-    With `max_error`, a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is
-    rendered: `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
+    With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file. With `max_error`,
+    a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is rendered:
+    `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
     `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
-    `tile_rows` rows each, and the picture's arrays lie in temporary files.
-    With `partitions` the scene is cut into so many parts, each held by one worker, between which rays travel; this is
-    for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
+    `tile_rows` rows each, and the picture's arrays lie in temporary files. With `partitions` the scene is cut into so
+    many parts, each held by one worker, between which rays travel; this is for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
 
     Raises SceneError for arguments that make no picture, do not fit into memory or exclude each other, and for an error
     that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
     """
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
-    if transparent and not (cluster is max_error is None):
-        raise SceneError("a transparent picture is rendered by this process as it is: leave cluster and max_error out")
+    _check_transparent(transparent, chooses=not (cluster is max_error is None))
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
         return _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
-    if tile_rows is not None or partitions is not None:
+    if not (tile_rows is partitions is None):
         raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
     return renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
+
+
+def _check_transparent(transparent: bool, *, chooses: bool) -> None:
+    if transparent and chooses:
+        raise SceneError("a transparent picture is rendered by this process as it is: leave cluster and max_error out")
 
 
 def _by_workers(

@@ -29,7 +29,8 @@ from raytracer.layered.cube import is_layered
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.camera import Camera
 from raytracer.scene.lights import EnvironmentLight
-from raytracer.scene.scene import Background, Scene
+from raytracer.scene.loading import load_contents
+from raytracer.scene.scene import Background, Scene, furnished
 from raytracer.scenes import SCENES
 from raytracer.tone_mapping import CURVES
 
@@ -50,12 +51,15 @@ PICTURES = frozenset(
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the options of the camera, the floor, the background and the exposure to a command."""
     group = command.add_argument_group("how the scene is seen")
-    group.add_argument("--camera", type=_triple, metavar="X,Y,Z", help="the position of the camera")
+    group.add_argument(
+        "--camera", type=_sight, metavar="X,Y,Z", help="the camera's position; or NAME or NUMBER of one of a file"
+    )
     group.add_argument("--target", type=_triple, metavar="X,Y,Z", help="the point at which it is aimed")
     group.add_argument(
         "--up", type=_up, metavar="X,Y,Z", help="the direction that is up in the picture: three numbers, or x, y or z"
     )
     group.add_argument("--fov", type=_fov, metavar="DEG", help="the angle across the picture's shorter side")
+    group.add_argument("--variant", metavar="NAME", help="GLB and glTF files: which of their variants of materials")
     group.add_argument("--no-floor", action="store_true", help="files: no floor under what is framed")
     group.add_argument(
         "--strict", action="store_true", help="files: a bad entry or a missing picture is an error, not a warning"
@@ -122,6 +126,10 @@ def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed
     if options.no_floor and not framed:
         kind = "scene of a Python file" if Path(options.scene).suffix else "built-in scene"
         raise SceneError(f"--no-floor is for files, which are put on one; a {kind} is as it is made")
+    if isinstance(options.camera, str | int) and not framed:
+        raise SceneError("--camera NAME chooses a camera of a GLB or glTF file; --camera X,Y,Z places one")
+    if options.variant is not None and not framed:
+        raise SceneError("--variant is for GLB and glTF files: leave it out")
     if options.strict and not framed:
         raise SceneError("--strict is for mesh files, whose entries are checked as they are read: leave it out")
 
@@ -131,7 +139,11 @@ def scene_of(options: argparse.Namespace) -> Scene:
     sky, shown = _skies(options), _shown(options)
     if options.scene in SCENES:
         return _altered(Scene.builtin(options.scene), options, sky, shown)
-    return _painted(find_scene(options.scene, **_framing(options, sky), strict=options.strict), shown)
+    path, framing = Path(options.scene), _framing(options, sky)
+    if not is_file(path):
+        return find_scene(options.scene)  # which says what there is
+    contents = load_contents(path, strict=options.strict, variant=options.variant)
+    return _painted(furnished(contents, path.stem, **framing), shown)
 
 
 def scenes_of(options: argparse.Namespace, make: Callable[[float], Any]) -> Callable[[float], Any]:
@@ -167,7 +179,9 @@ def _altered(
 def _framing(options: argparse.Namespace, sky: Sequence[EnvironmentLight]) -> dict[str, Any]:
     """Return the keywords of `Scene.load` for the options."""
     up = _AXES["y"] if options.up is None else options.up
-    return {"up": up, "camera": lambda camera: _turned(camera, options), "floor": not options.no_floor, "lights": sky}
+    which = options.camera if isinstance(options.camera, str | int) else None
+    framing = {"up": up, "camera": lambda camera: _turned(camera, options), "which": which}
+    return framing | {"floor": not options.no_floor, "lights": sky}
 
 
 def _shown(options: argparse.Namespace) -> Background | None:
@@ -180,22 +194,24 @@ def _painted(scene: Scene, shown: Background | None) -> Scene:
     return scene if shown is None else dataclasses.replace(scene, background=shown)
 
 
-def find_scene(name: str, **framing: Any) -> Scene:
-    """Return the built-in scene of this name, else read the file; SceneError if it is neither.
+def is_file(path: Path) -> bool:
+    """Return whether the name of a scene is that of a file, which may be missing."""
+    return bool(path.suffix) or path.exists()
 
-    `framing` holds keywords of `Scene.load`.
-    """
+
+def find_scene(name: str) -> Scene:
+    """Return the built-in scene of this name, else read the file; SceneError if it is neither."""
     if name in SCENES:
         return Scene.builtin(name)
-    if Path(name).suffix or Path(name).exists():
-        return Scene.load(name, **framing)
+    if is_file(Path(name)):
+        return Scene.load(name)
     raise SceneError(f"{name!r} is neither a file nor a built-in scene; the scenes are {', '.join(SCENES)}")
 
 
 def _turned(camera: Camera, options: argparse.Namespace) -> Camera:
     """Return the camera with the options that are given: of a calibrated one, without its fixed directions."""
     changes: dict[str, Any] = {
-        "position": options.camera,
+        "position": options.camera if isinstance(options.camera, tuple) else None,
         "target": options.target,
         "up": options.up,
         "fov": options.fov,
@@ -250,6 +266,13 @@ def _triple(text: str) -> Triple:
     if numbers is None:
         raise argparse.ArgumentTypeError(f"three numbers with commas between them, such as 1,0.5,-2, not {text!r}")
     return numbers[0], numbers[1], numbers[2]
+
+
+def _sight(text: str) -> Triple | str | int:
+    """Return a position, or the name or the number of a camera."""
+    if text.isascii() and text.isdigit() and len(text) < 9:
+        return int(text)
+    return _triple(text) if "," in text or not text else text
 
 
 def _up(text: str) -> Triple:

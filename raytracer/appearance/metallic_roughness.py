@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from raytracer.appearance.materials import Material, Triple, hashable, mean_color
 from raytracer.appearance.textures import Texture
+from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
 
@@ -153,7 +154,7 @@ class MetallicRoughness:
         return True
 
 
-AnyMaterial = Material | MetallicRoughness
+AnyMaterial = Material | MetallicRoughness | Unlit
 
 
 def _number(value: float | Texture) -> float:

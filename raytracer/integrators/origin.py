@@ -20,6 +20,7 @@ import numpy as np
 from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.programs import UserProgram
 from raytracer.appearance.textures import Texture
+from raytracer.appearance.unlit import Unlit
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import REPRODUCIBLE, Path
 from raytracer.kernels.appearance import Appearance
@@ -108,6 +109,7 @@ def _background(scene: Scene, tracer: PathTracer | None) -> Iterable[Any]:
 def _described(material: AnyMaterial, digests: dict[Texture, str], appearance: Appearance) -> list[Any]:
     """Return the fields of a material: of a texture its digest, of a program its place among the scene's."""
     entries: list[Any] = ["metallic-roughness"] if isinstance(material, MetallicRoughness) else []
+    entries += ["unlit"] if isinstance(material, Unlit) else []
     for field in dataclasses.fields(material):
         value = getattr(material, field.name)
         if isinstance(value, Texture):

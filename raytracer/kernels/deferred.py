@@ -104,7 +104,12 @@ def _program(surfaces: SurfaceTables) -> Any:
         corner, *_ = rows = surfaces.triangles[hit.id]
         front = sh.Vector3f(*(row.w for row in rows))
         surface = blank(surfaces.interaction)
-        surfaces.arrive(hit, -front, corner.xyz + front, surface, sh.Color3f(0, 0, 0))
+        if surfaces.kinds.unlit:
+            glow = sh.Color3f(0, 0, 0)
+            surfaces.arrive(hit, -front, corner.xyz + front, surface, glow)
+            surface.color[:] = sh.cond(surfaces.glow_at(hit).w < 0, glow, surface.color)
+        else:
+            surfaces.arrive(hit, -front, corner.xyz + front, surface, sh.Color3f(0, 0, 0))
         return Shade(packed_color(surface.color), packed_normal(surface.normal))
 
     return shade_samples

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from raytracer.accel.space import Rows
+from raytracer.appearance.unlit import Unlit
 from raytracer.kernels.appearance import Appearance
 from raytracer.scene.layout import Layout
 
@@ -20,7 +21,7 @@ class MaterialKinds(NamedTuple):
     `glows`: emission; `highlights`: the glossy lobe; `clear`: glass; `black`: highlights of surfaces that send no other
     light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors; `media`: bodies that refract
     or absorb; `straight`: clear surfaces that let light go straight on. `tinted`: mirrors with a colour. `layered`: a
-    `MetallicRoughness`, with `coats`, or as `thin` walls; `mixed`: other materials beside it.
+    `MetallicRoughness`, with `coats`, or as `thin` walls; `mixed`: other materials beside it. `unlit`: an `Unlit`.
     """
 
     glows: bool
@@ -36,6 +37,7 @@ class MaterialKinds(NamedTuple):
     coats: bool
     thin: bool
     mixed: bool
+    unlit: bool
 
     @classmethod
     def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
@@ -59,6 +61,7 @@ class MaterialKinds(NamedTuple):
             coats=bool((layers[1::2, 0] > 0).any()) or "clearcoat" in gives,
             thin=bool((layers[1::2, 2] > 0).any()),
             mixed=bool(layered.any() and not layered.all()),
+            unlit=any(isinstance(material, Unlit) for material in layout.materials),
         )
 
 
@@ -71,10 +74,11 @@ def is_black(layout: Layout) -> bool:
 def glow_rows(layout: Layout, appearance: Appearance) -> Rows:
     """Return the emission of each material and its mean over the channels, (M, 4): 0 for materials without emission.
 
-    Where a program decides a material's emission and the material gives no number, the mean is taken as 1.
+    Where a program decides a material's emission and the material gives no number, the mean is taken as 1. That of an
+    `Unlit`, which is no light, is -1.
     """
     rows = np.zeros((len(layout.materials), 4))
     for row, material, glowing in zip(rows, layout.materials, appearance.glowing, strict=True):
         row[:3] = material.glow
-        row[3] = np.mean(material.glow) or float(glowing)
+        row[3] = -1 if isinstance(material, Unlit) else np.mean(material.glow) or float(glowing)
     return rows

@@ -147,6 +147,8 @@ class PathTracer(SceneTables):
             self.features["sky"] = True
         if self.surfaces.lobes is not None:
             self.features["metallic-roughness"] = True
+        if self.surfaces.kinds.unlit:
+            self.features["unlit"] = True
 
     def renew_emitters(self, layout: Layout) -> bool:
         """Update how lights are chosen."""
@@ -331,6 +333,8 @@ class PathTracer(SceneTables):
                 way = path.way if self.straight else hit.l
                 other = self.emitters.density_of(hit, ray, surface.face, way)
                 share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
+                if self.surfaces.kinds.unlit:  # it is no light
+                    share = sh.cond((path.density > 0) & (self.surfaces.glow_at(hit).w < 0), 0.0, share)
                 path.color += path.throughput * emission * share
         path.finished[:] = path.depth >= self.bounces
         if self.mirrors:

@@ -132,5 +132,5 @@ def whitted_features(tracer: Any, layout: Layout) -> dict[str, bool | int]:
         features["textures"] = len(surfaces.appearance.textured)
     others = {"glass": surfaces.clear, "cutouts": surfaces.accept is not None, "sky": not tracer.background.plain}
     others["metallic-roughness"] = surfaces.lobes is not None
-    others["cones and ranges"] = lights.cones is not None
+    others |= {"cones and ranges": lights.cones is not None, "unlit": surfaces.kinds.unlit}
     return features | {name: True for name, there in others.items() if there}

@@ -184,6 +184,8 @@ class SurfaceTables:
             reflectivity[:] = self.look(hit, surface, point, side, emission)
         with SH_ELSE():
             reflectivity[:] = self.recall(hit, surface, side)
+            if self.kinds.unlit:
+                self.show_unlit(hit, surface, emission)
         return reflectivity
 
     def bend(self, hit: RayHit, surface: Interaction, point: Any, places: Any, side: Any, facing: Any) -> None:
@@ -196,6 +198,23 @@ class SurfaceTables:
 
     def look(self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any) -> Any:
         """Set the surface's colour and coefficients to those of its triangle; return its reflectivity."""
+        if not self.kinds.unlit:
+            return self.paint_or_describe(hit, surface, point, side, emission)
+        reflectivity = self.paint_or_describe(hit, surface, point, side, emission)
+        self.show_unlit(hit, surface, emission)
+        return reflectivity
+
+    def show_unlit(self, hit: RayHit | SeenHit, surface: Interaction, emission: Any) -> None:
+        """Let the colour of an `Unlit` be its emission, and the surface black: no light changes it."""
+        unlit = self.glow_at(hit).w < 0
+        shown = (1 - surface.transmission) * surface.color if self.clear else surface.color
+        emission[:] = sh.cond(unlit, shown, emission)
+        surface.color[:] = sh.cond(unlit, 0.0, surface.color)
+
+    def paint_or_describe(
+        self, hit: RayHit | SeenHit, surface: Interaction, point: Any, side: Any, emission: Any
+    ) -> Any:
+        """Set the colour and coefficients of a lit surface to those of its triangle; return its reflectivity."""
         if self.lobes is None:
             if not self.appearance:
                 return self.paint(hit, surface, self.material_at(hit))

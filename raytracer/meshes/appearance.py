@@ -20,6 +20,7 @@ import numpy as np
 from raytracer.appearance.materials import CUTOFF, Material, Triple
 from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
+from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.lines import name_of, plain, without_comment
@@ -73,8 +74,9 @@ class GltfMaterial:
 
     `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; those of numbers
     multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` is an alpha.
-    `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; `opacity` is the share of the
-    surface that is there, and `cutout` where it is; `blend`, in place of `opacity`, is a picture of it.
+    `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; an `unlit` material shows its
+    colour alone. `opacity` is the share of the surface that is there, and `cutout` where it is; `blend`, in place of
+    `opacity`, is a picture of it.
     """
 
     color: Triple = WHITE
@@ -100,6 +102,7 @@ class GltfMaterial:
     clearcoat_picture: Picture | None = None
     clearcoat_roughness: float = 0.0
     clearcoat_roughness_picture: Picture | None = None
+    unlit: bool = False
 
     @property
     def f0(self) -> float:
@@ -116,6 +119,9 @@ def material_of(look: GltfMaterial) -> AnyMaterial:
     """Return a material of glTF in its own model; bodies that refract, in Phong's model with Fresnel's equations."""
     if look.is_body:
         return body_of(look)
+    if look.unlit:
+        alpha = look.opacity if look.blend is None else look.blend
+        return Unlit(_color(look.color, look.color_picture), alpha, look.cutout)
     red, green, blue = (min(max(x, 0.0), 1.0) for x in look.color)
     return MetallicRoughness(
         base_color=_color((red, green, blue), look.color_picture),

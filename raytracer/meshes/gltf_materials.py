@@ -1,8 +1,8 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_specular, _clearcoat, _transmission, _volume and KHR_texture_transform are read as well. `appearance` converts a
-material; `Notices` counts what has no counterpart.
+_specular, _clearcoat, _transmission, _volume, _unlit, _pbrSpecularGlossiness and KHR_texture_transform are read as
+well. `appearance` converts a material; `Notices` counts what has no counterpart.
 
     materials = GltfMaterials(document, notices)
     material = materials.get(0, has_uv=True)
@@ -115,6 +115,10 @@ class GltfMaterials:
     def _material(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> AnyMaterial:
         """Make a material with these textures (section 3.9)."""
         look, color = table(entry, "pbrMetallicRoughness"), self._color(entry)
+        if "KHR_materials_unlit" in table(entry, "extensions"):
+            base = GltfMaterial((color[0], color[1], color[2]), color_picture=self._picture(used.get("color")))
+            base = replace(base, unlit=True)
+            return material_of(replace(base, **self._alpha(entry, color[3], used.get("color"))._asdict()))
         self.notices.ignore("occlusion maps", int("occlusionTexture" in entry))
         strength = number_of(_extension(entry, "emissive_strength"), "emissiveStrength", 1)
         r, g, b = (strength * x for x in numbers_of(entry, "emissiveFactor", (0, 0, 0)))

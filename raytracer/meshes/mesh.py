@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raytracer.accel.planes import lengths_of, normals_of, unit
-from raytracer.appearance.materials import PLAIN, Material, Triple
-from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
+from raytracer.appearance.materials import PLAIN, Triple
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError, warn
 from raytracer.memory import TRIANGLE, check_triangles
@@ -276,7 +276,7 @@ def _in_one_table(meshes: Sequence[Mesh]) -> tuple[Floats, Ints]:
 
 def _checked(material: AnyMaterial) -> AnyMaterial:
     """Return a material; SceneError for anything else."""
-    if not isinstance(material, Material | MetallicRoughness):
+    if not isinstance(material, AnyMaterial):
         raise SceneError(f"the material of a mesh is a Material, such as Material((1, 0, 0)), not {material!r}")
     return material
 

@@ -26,6 +26,7 @@ from raytracer.meshes.gltf_animation import Clip, names_of
 from raytracer.meshes.mesh import Instance, Mesh
 from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of, outermost
+from raytracer.scene.gltf_cameras import NamedCamera, chosen_camera
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
 from raytracer.scene.loading import Contents, bytes_of, reading
@@ -51,13 +52,15 @@ class _Frame(NamedTuple):
 class AnimatedFile:
     """A GLB or glTF file with one of its animations: that with the name `clip`, or the first for None.
 
-    With `strict` a bad entry of the file is an error, as it is for `Scene.load`.
+    `strict` and `variant` are those of `Scene.load`.
     `seconds` is the length of the animation. A feature of the file that is ignored gives an sh.ShpyWarning. Raises
     FileNotFoundError, and SceneError for a file that cannot be read, that has no animation of this name, or whose
     animation changes anything but nodes and the weights of morph targets.
     """
 
-    def __init__(self, path: str | PathLike[str], clip: str | None = None, *, strict: bool = False) -> None:
+    def __init__(
+        self, path: str | PathLike[str], clip: str | None = None, *, strict: bool = False, variant: str | None = None
+    ) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise FileNotFoundError(f"there is no file {self.path}")
@@ -79,7 +82,7 @@ class AnimatedFile:
             obstacle = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
             raise SceneError(f"{self.path}: {obstacle}; nodes and morph weights alone can change: {cure}")
         with reading(self.path):
-            self._scene = GltfScene(document, self.path.stem, self._notices, animated=True)
+            self._scene = GltfScene(document, self.path.stem, self._notices, animated=True, variant=variant)
         if clip is None:
             self._notices.ignore("animations after the first", len(names) - 1)
         self.seconds = self.clip.seconds
@@ -100,15 +103,17 @@ class AnimatedFile:
         *,
         camera: Callable[[Camera], Camera] | None = None,
         lights: Sequence[Light] = (),
+        which: str | int | None = None,
         **framing: Any,
     ) -> Callable[[float], Scene]:
         """Return the function that gives the scene at a time in seconds, framed once for the times k / fps.
 
         The first call frames it. A camera and lights of the file's own move with their nodes. The keywords are `up`,
-        `floor`, `lights` and, as a function of the camera that there would be, `camera` of `Scene.load`.
+        `floor`, `lights` and, as a function of the camera that there would be, `camera` of `Scene.load`; `which` is the
+        name or the number of one of the file's cameras.
         """
         framed: list[_Frame] = []
-        framing |= {"camera": camera, "lights": lights}
+        framing |= {"camera": camera, "lights": lights, "which": which}
 
         def scene(time: float) -> Scene:
             if not framed:
@@ -116,7 +121,8 @@ class AnimatedFile:
                 self._notices.warn()
             frame = framed[0]
             posed, meshes = self._posed(time)
-            eye, own = self._seen(posed, frame.low, frame.high)
+            cameras, own = self._seen(posed, frame.low, frame.high)
+            eye = chosen_camera(cameras, which, self.path.name)
             return dataclasses.replace(
                 frame.scene,
                 meshes=(*meshes, *frame.floor),
@@ -141,14 +147,14 @@ class AnimatedFile:
         # Triangles without area: they are in the box and before the camera, and no ray meets them.
         swept = Mesh(places, np.repeat(np.arange(len(places))[:, None], 3, axis=1))
         low, high = bounds_of([swept], np.eye(3))
-        camera, lights = self._seen(first, low, high)
-        scene = furnished(Contents([*meshes, swept], camera, lights), self.path.stem, **framing)
+        contents = Contents([*meshes, swept], *self._seen(first, low, high), self.path.name)
+        scene = furnished(contents, self.path.stem, **framing)
         return _Frame(scene, scene.meshes[len(meshes) + 1 :], low, high)
 
-    def _seen(self, posed: GltfScene, low: Corner, high: Corner) -> tuple[Camera | None, Sequence[Light]]:
-        """Return the file's own camera and lights in a pose; the box from `low` to `high` is that of all frames."""
+    def _seen(self, posed: GltfScene, low: Corner, high: Corner) -> tuple[Sequence[NamedCamera], Sequence[Light]]:
+        """Return the file's own cameras and lights in a pose; the box from `low` to `high` is that of all frames."""
         with reading(self.path):
-            return posed.camera(low, high), posed.lights((low + high) / 2)
+            return posed.cameras(low, high), posed.lights((low + high) / 2)
 
     def _posed(self, time: float) -> tuple[GltfScene, list[Mesh]]:
         """Return the scene at a time and its meshes with triangles; those that have not moved are the same objects."""

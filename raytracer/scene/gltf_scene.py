@@ -4,13 +4,12 @@ Stage: scene description. Takes a `gltf.Document`; section numbers are those of 
 that is counted in `Notices`.
 
     scene = GltfScene(Document(data, folder), "chair", notices)
-    scene.instances(), scene.camera(low, high), scene.lights(middle)
+    scene.instances(), scene.cameras(low, high), scene.lights(middle)
 """
 
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,26 +18,27 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.accel.planes import unit
 from raytracer.appearance.materials import PLAIN
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.memory import OutOfMemory, check_triangles
 from raytracer.meshes.appearance import CLAY
-from raytracer.meshes.folder import BadEntry, Fault, Notices, shown
-from raytracer.meshes.gltf import BROKEN, Document, needed, number_of, numbers_of, reason_of, rows, table
+from raytracer.meshes.folder import BadEntry, Fault, Notices, named, shown
+from raytracer.meshes.gltf import BROKEN, Document, needed, reason_of, rows, table
 from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
 from raytracer.meshes.gltf_materials import GltfMaterials
 from raytracer.meshes.mesh import Instance, Mesh
-from raytracer.scene.camera import ALONG, Camera
 from raytracer.scene.framing import triple
+from raytracer.scene.gltf_cameras import NamedCamera, camera_of
+from raytracer.scene.gltf_lights import light_of
 from raytracer.scene.gltf_nodes import NODE, Matrix, Node, Pose, local_matrix, nodes_of, place_of
-from raytracer.scene.lights import DirectionalLight, PlacedLight, PointLight
+from raytracer.scene.lights import PlacedLight
 
 Indices = NDArray[np.int64]
 _LIGHTS: Final = "KHR_lights_punctual"
 _MORPHED: Final = {"POSITION", "NORMAL", "TANGENT"}
+_VARIANTS: Final = "KHR_materials_variants"
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _PRIMITIVE: Final = Fault("primitive cannot be read", "primitives cannot be read")
 _CAMERA: Final = Fault("camera cannot be read", "cameras cannot be read")
@@ -69,11 +69,19 @@ class GltfScene:
     """The default scene of a document; parts without a name are called `name`.
 
     Animations count as ignored unless it is `animated`: `posed` then gives the scene at a time. A bad entry is left
-    out, and counted in the `notices`.
+    out, and counted in the `notices`. `variant` is the name of one of the `variants`, of which each gives some
+    primitives other materials (KHR_materials_variants); BadEntry for another name.
     """
 
     def __init__(
-        self, document: Document, name: str, notices: Notices, *, materials: bool = True, animated: bool = False
+        self,
+        document: Document,
+        name: str,
+        notices: Notices,
+        *,
+        materials: bool = True,
+        animated: bool = False,
+        variant: str | None = None,
     ) -> None:
         self.document, self.name, self.notices = document, name, notices
         self._left_out: set[tuple[Fault, str]] = set()
@@ -82,6 +90,8 @@ class GltfScene:
         self.nodes = list(nodes_of(document, self._entry))
         self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
+        self.variants = [str(each.get("name")) for each in rows(_extension(document.tree, _VARIANTS), "variants")]
+        self._variant = self._number_of(variant)
         self._meshes: dict[int, list[_Part]] = {}
         self._deformed: dict[tuple[int, int], tuple[bytes, Mesh]] = {}
         self._built = self._placed = 0
@@ -91,6 +101,15 @@ class GltfScene:
         notices.ignore(others, max(0, len(document.all("scenes")) - 1))
         for extension in document.unread if materials else ():
             notices.ignore(extension)
+
+    def _number_of(self, variant: str | None) -> int | None:
+        """Return the number of a variant, None without one; BadEntry for a name that none has."""
+        if variant is None:
+            return None
+        if variant not in self.variants:
+            listed = f"its variants are {named(self.variants)}" if self.variants else "it has none"
+            raise BadEntry(f"the file has no variant {shown(variant)!r}: {listed}")
+        return self.variants.index(variant)
 
     @contextmanager
     def _entry(self, fault: Fault, where: str) -> Iterator[None]:
@@ -171,7 +190,7 @@ class GltfScene:
 
     def _places(self, node: Node) -> list[Matrix]:
         """Return the matrices (4, 4) of a node's mesh: several with EXT_mesh_gpu_instancing, else the identity."""
-        attributes = table(table(table(node.entry, "extensions"), _INSTANCING), "attributes")
+        attributes = table(_extension(node.entry, _INSTANCING), "attributes")
         kinds = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
         rows = {key: self.document.array(attributes[name]) for name, key in kinds.items() if name in attributes}
         if not rows:
@@ -182,37 +201,37 @@ class GltfScene:
         lists = {key: values.tolist() for key, values in rows.items()}
         return [local_matrix(dict(zip(lists, row, strict=True))) for row in zip(*lists.values(), strict=True)]
 
-    def camera(self, low: Matrix, high: Matrix) -> Camera | None:
-        """Return the first perspective camera, aimed as far away as the middle of the box from `low` to `high`."""
-        camera: Camera | None = None
+    def cameras(self, low: Matrix, high: Matrix) -> list[NamedCamera]:
+        """Return the cameras with their names, aimed as far away as the middle of the box from `low` to `high`.
+
+        A camera is named after its node, or else after itself, or `camera` and its number.
+        """
+        cameras: list[NamedCamera] = []
         for node in self.nodes:
             if "camera" not in node.entry:
                 continue
             with self._entry(_CAMERA, place_of("node", node.number)):
                 entry = self.document.one("cameras", node.entry["camera"])
-                if "perspective" not in entry:
-                    self.notices.ignore("orthographic cameras")
-                elif camera is not None:
-                    self.notices.ignore("cameras after the first")
-                elif np.linalg.norm(np.cross(*unit(node.matrix[:3, 1:3].T))) <= ALONG:
+                camera = camera_of(entry, node.matrix, (low + high) / 2)
+                name = node.entry.get("name") or entry.get("name") or f"camera {len(cameras)}"
+                if camera is None:
                     self.notices.ignore("cameras that a scale of 0 leaves without a direction")
                 else:
-                    camera = _camera(table(entry, "perspective"), node.matrix, (low + high) / 2)
-        return camera
+                    cameras.append((str(name), camera))
+        return cameras
 
     def lights(self, middle: Matrix) -> list[PlacedLight]:
         """Return the lights of KHR_lights_punctual, scaled together: a surface at `middle` that all shine on gets 1.
 
-        Points and spots fall off by the square of the distance.
-
-        A file gives them in lux and candela, for an exposure that it does not give.
+        Points and spots fall off by the square of the distance. A file gives lights in lux and candela, for an exposure
+        that it does not give.
         """
         pairs: list[tuple[PlacedLight, float]] = []
         for node in self.nodes:
             with self._entry(_LIGHT, place_of("node", node.number)):
-                number = table(table(node.entry, "extensions"), _LIGHTS).get("light")
+                number = _extension(node.entry, _LIGHTS).get("light")
                 if number is not None:
-                    pair = self._light(self._light_entry(number), node.matrix, middle)
+                    pair = light_of(self._light_entry(number), node.matrix, middle, self.notices)
                     pairs += [] if pair is None else [pair]
         colors = [np.asarray(light.color) for light, _ in pairs]
         most = float(sum((c * share for c, (_, share) in zip(colors, pairs, strict=True)), np.zeros(3)).max())
@@ -220,32 +239,11 @@ class GltfScene:
         return [replace(light, color=triple(c / most)) for c, (light, _) in lights] if most > 0 else []
 
     def _light_entry(self, number: Any) -> dict[str, Any]:
-        entries = rows(table(table(self.document.tree, "extensions"), _LIGHTS), "lights")
+        entries = rows(_extension(self.document.tree, _LIGHTS), "lights")
         if not (is_whole(number, 0, len(entries) - 1) and isinstance(entries[number], dict)):
             raise SceneError(f"it names light {shown(str(number))}, and there are {len(entries)}")
         entry: dict[str, Any] = entries[number]
         return entry
-
-    def _light(self, entry: dict[str, Any], matrix: Matrix, middle: Matrix) -> tuple[PlacedLight, float] | None:
-        """Return a light, and the share of its colour that comes to `middle`."""
-        color = number_of(entry, "intensity", 1) * np.asarray(numbers_of(entry, "color", (1, 1, 1)))
-        kind, place = entry.get("type"), matrix[:3, 3]
-        if not np.all(np.isfinite(color)) or color.min() < 0:
-            raise SceneError(f"its light has the colour {shown(str(color))}")
-        if kind == "directional" and not matrix[:3, 2].any():
-            self.notices.ignore("lights that a scale of 0 leaves without a direction")
-            return None
-        if kind == "directional":
-            return DirectionalLight(triple(-matrix[:3, 2]), triple(color)), 1.0
-        if kind not in ("point", "spot"):
-            self.notices.ignore(f"lights of the type {kind}")
-            return None
-        if kind == "spot":
-            self.notices.ignore("cones of spot lights, which shine all round")
-        if "range" in entry:
-            self.notices.ignore("ranges of lights, which have no end")
-        distance = float(np.linalg.norm(place - middle))
-        return PointLight(triple(place), triple(color), falloff="square"), 1 / (distance**2 or 1)
 
     def _parts(self, number: int, entry: dict[str, Any]) -> list[_Part]:
         if number not in self._meshes:
@@ -366,6 +364,9 @@ class GltfScene:
     def _look(self, primitive: dict[str, Any]) -> int | None:
         """Return the number of the material of a primitive; None without one that can be read."""
         number = primitive.get("material")
+        for mapping in rows(_extension(primitive, _VARIANTS), "mappings"):
+            if self._variant is not None and self._variant in rows(mapping, "variants"):
+                number = mapping.get("material")
         if number is None:
             return None
         material: int | None = None
@@ -382,6 +383,11 @@ class GltfScene:
             with self._entry(_MATERIAL, place_of("material", number)):
                 material = self.materials.get(number, has_uv)
         return material
+
+
+def _extension(entry: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return an extension of an entry; {} where it is not used."""
+    return table(table(entry, "extensions"), name)
 
 
 def _compressed(extension: str) -> SceneError:
@@ -401,20 +407,3 @@ def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     if mode == 5:
         return np.stack([order[k], order[k + 1 + k % 2], order[k + 2 - k % 2]], axis=1)
     return np.stack([order[k + 1], order[k + 2], order[0 * k]], axis=1)
-
-
-def _camera(lens: dict[str, Any], matrix: Matrix, middle: Matrix) -> Camera:
-    """Make a perspective camera (section 3.10.3): it looks along its own -z, and any picture shows its frame whole.
-
-    Where the file gives no aspect ratio the frame is a square.
-    """
-    needed(lens, "yfov")
-    angle, aspect = number_of(lens, "yfov", 0), number_of(lens, "aspectRatio", 1)
-    if not (0 < angle < math.pi and aspect > 0):
-        raise SceneError(f"its yfov is {angle:g} and its aspectRatio {aspect:g}, which no camera has")
-    if aspect < 1:
-        angle = 2 * math.atan(aspect * math.tan(angle / 2))
-    place, ahead = matrix[:3, 3], -unit(matrix[:3, 2])
-    distance = float(np.linalg.norm(middle - place)) or 1.0
-    target, up = triple(place + distance * ahead), triple(matrix[:3, 1])
-    return Camera(triple(place), target, up, math.degrees(angle), aspect=aspect)

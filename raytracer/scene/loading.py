@@ -32,8 +32,8 @@ from raytracer.meshes.off import read_off
 from raytracer.meshes.pictures import Picture, Pictures
 from raytracer.meshes.ply import read_ply
 from raytracer.meshes.stl import read_stl
-from raytracer.scene.camera import Camera
 from raytracer.scene.framing import bounds_of
+from raytracer.scene.gltf_cameras import NamedCamera
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
 
@@ -48,11 +48,16 @@ _LONGEST = 200
 
 @dataclass(frozen=True)
 class Contents:
-    """The meshes of a file in their places, and its camera and lights if it has any."""
+    """The meshes of a file in their places, and its cameras and lights if it has any; `file` is its name.
+
+    `variants` are the names by which materials may be chosen.
+    """
 
     meshes: Sequence[Mesh]
-    camera: Camera | None = None
+    cameras: Sequence[NamedCamera] = ()
     lights: Sequence[Light] = ()
+    file: str = "the file"
+    variants: Sequence[str] = ()
     materials: int = 0
     """The number of materials in the file that were not read."""
 
@@ -81,19 +86,22 @@ def load_mesh(path: str | PathLike[str], *, material: AnyMaterial | None = None,
 LOADERS["file"] = load_mesh
 
 
-def load_contents(path: str | PathLike[str], *, strict: bool = False) -> Contents:
-    """Read the meshes of a file with names and materials, camera and lights; warn (sh.ShpyWarning) of what is left out.
+def load_contents(path: str | PathLike[str], *, strict: bool = False, variant: str | None = None) -> Contents:
+    """Read the meshes of a file with names and materials, cameras and lights; an sh.ShpyWarning lists what is left out.
 
     Errors and `strict` are those of `load_mesh`; with `strict` a file that the path's file names must be readable, too.
+    `variant` is one of the variants of materials of a glTF file; SceneError for a name that it has not.
     """
     path = Path(path)
+    if variant is not None and path.suffix.lower() not in _FLAT:
+        raise SceneError(f"{path}: variants are those of GLB and glTF files: leave variant={variant!r} out")
     notices = Notices(path.name, strict=strict)
-    contents = _load(path, notices, materials=True)
+    contents = _load(path, notices, materials=True, variant=variant)
     notices.warn()
     return contents
 
 
-def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
+def _load(path: Path, notices: Notices, *, materials: bool, variant: str | None = None) -> Contents:
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file in it")
     if not path.is_file():
@@ -103,7 +111,8 @@ def _load(path: Path, notices: Notices, *, materials: bool) -> Contents:
         raise SceneError(f"{path}: meshes are read from {', '.join(FORMATS)}, not from {path.suffix or 'this'}")
     data = bytes_of(path)
     with reading(path):
-        contents: Contents = _READERS[kind](path, data, notices, materials)
+        read = partial(_gltf, variant=variant) if kind in _FLAT else _READERS[kind]
+        contents: Contents = read(path, data, notices, materials)
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
         contents = replace(contents, meshes=meshes if kind in _FLAT else _smoothed(meshes))
     if not contents.meshes:
@@ -150,13 +159,14 @@ def _smoothed(meshes: Sequence[Mesh]) -> Sequence[Mesh]:
     return [next(smooth_meshes) if mesh.normals is None else mesh for mesh in meshes]
 
 
-def _gltf(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
-    scene = GltfScene(Document(data, Folder(path)), path.stem, notices, materials=materials)
+def _gltf(path: Path, data: bytes, notices: Notices, materials: bool, variant: str | None = None) -> Contents:
+    scene = GltfScene(Document(data, Folder(path)), path.stem, notices, materials=materials, variant=variant)
     meshes = placed_all(path.name, scene.instances())
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
     low, high = bounds_of(meshes, np.eye(3))
-    return Contents(meshes, scene.camera(low, high), scene.lights((low + high) / 2))
+    lights = scene.lights((low + high) / 2)
+    return Contents(meshes, scene.cameras(low, high), lights, path.name, variants=scene.variants)
 
 
 def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
@@ -273,4 +283,4 @@ def _painted(mesh: Mesh, name: str | None, folder: Folder, pictures: Pictures) -
     return replace(mesh, colors=None, material=Material(picture.color(WHITE), specular=0.0))
 
 
-_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".stl": _plain, ".off": _plain, ".glb": _gltf, ".gltf": _gltf}
+_READERS: dict[str, Any] = {".obj": _obj, ".ply": _ply, ".stl": _plain, ".off": _plain}

@@ -30,6 +30,7 @@ from raytracer.meshes.from_trimesh import parts_of
 from raytracer.meshes.mesh import Instance, Mesh, placed_all
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.framing import bounds_of, fitted, ground, lights_for, upright
+from raytracer.scene.gltf_cameras import chosen_camera
 from raytracer.scene.lights import EnvironmentLight, Light, PlacedLight
 from raytracer.scene.loading import Contents, load_contents
 
@@ -154,21 +155,26 @@ class Scene:
         up: Triple = (0, 1, 0),
         floor: bool = True,
         lights: Sequence[Light] = (),
-        camera: Camera | Callable[[Camera], Camera] | None = None,
+        camera: Camera | Callable[[Camera], Camera] | str | int | None = None,
         strict: bool = False,
+        variant: str | None = None,
     ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
         A file with a camera or lights is shown as it says; two lights are added to a file without lights, and a camera
         that sees everything to a file without cameras. Other files are framed: `up`, `floor` and `camera` are those of
-        `framed`. `lights` are added to those of the file, and take the place of the two. docs/raytracer-files.md lists
+        `framed`; a name or a number chooses one of the file's cameras, of which the first is taken otherwise. `lights`
+        are added to those of the file, and take the place of the two. `variant` is the name of one of a glTF file's
+        variants of materials. docs/raytracer-files.md lists
         what is read; other contents of a file, and missing pictures, cause an sh.ShpyWarning each. A bad
         entry, such as a face that names a normal that the file lacks, is left out; a warning counts them. With `strict`
         bad entries and pictures that are not there are errors. Raises FileNotFoundError, and SceneError for a file that
-        cannot be read or holds no triangles.
+        cannot be read or holds no triangles, and for a camera or a variant that it does not have.
         """
-        contents = load_contents(path, strict=strict)
-        return furnished(contents, Path(path).stem, up=up, floor=floor, lights=lights, camera=camera)
+        contents = load_contents(path, strict=strict, variant=variant)
+        which = camera if isinstance(camera, str | int) else None
+        eye = None if isinstance(camera, str | int) else camera
+        return furnished(contents, Path(path).stem, up=up, floor=floor, lights=lights, camera=eye, which=which)
 
     @classmethod
     def builtin(cls, name: str) -> Scene:
@@ -189,12 +195,17 @@ def furnished(
     floor: bool = True,
     lights: Sequence[Light] = (),
     camera: Camera | Callable[[Camera], Camera] | None = None,
+    which: str | int | None = None,
 ) -> Scene:
-    """Return the scene of a file's contents, with what they lack; see `Scene.load`."""
-    if contents.camera is None and not contents.lights:
+    """Return the scene of a file's contents, with what they lack; see `Scene.load`.
+
+    `which` is the name or the number of one of its cameras, None for the first.
+    """
+    own = chosen_camera(contents.cameras, which, contents.file)
+    if own is None and not contents.lights:
         return Scene.framed(contents.meshes, name, up=up, floor=floor, lights=lights, camera=camera)
     turn = upright(up)
-    eye = _camera(camera, contents.camera or fitted(contents.meshes, turn))
+    eye = _camera(camera, own or fitted(contents.meshes, turn))
     shining = (*contents.lights, *lights) or lights_for(name, contents.meshes, eye, turn)
     return Scene(contents.meshes, shining, eye, name=name)
 

@@ -110,9 +110,10 @@ class Shown:
         """Return the options of the camera and of what is seen."""
         options, arguments = self.options, []
         for name, value in self._placed().items():
-            arguments += [f"--{name}", _numbers(value) if isinstance(value, tuple) else repr(value)]
+            arguments += [f"--{name}", _numbers(value) if isinstance(value, tuple) else str(value)]
         arguments += ["--exposure", repr(self.stops)] if self.stops else []
         arguments += [word for name, curve in self._curve().items() for word in (f"--{name}", curve)]
+        arguments += ["--variant", options.variant] if options.variant is not None else []
         arguments += ["--no-floor"] if options.no_floor else []
         arguments += ["--strict"] if options.strict else []
         shown = options.background
@@ -161,7 +162,8 @@ class Shown:
         if path.suffix == ".py":
             return [f'scene = runpy.run_path({options.scene!r})["scene"]({self.time!r})']
         framing = _named(self._framing())
-        strict = {"strict": True} if options.strict else {}
+        strict: dict[str, Any] = {"strict": True} if options.strict else {}
+        strict |= {} if options.variant is None else {"variant": options.variant}
         if self.time is None:
             return [f"scene = rt.Scene.load({', '.join(filter(None, [repr(options.scene), framing, _named(strict)]))})"]
         frames, fps = spread(self.length or 0.0, None, None)
@@ -179,7 +181,9 @@ class Shown:
             keywords["lights"] = _Text(f"[{self._sky()}]")
         named = {"position": options.camera, "target": options.target, "up": options.up, "fov": options.fov}
         named = {name: value for name, value in named.items() if value is not None}
-        if named:
+        if isinstance(options.camera, str | int):  # the others turn it, see `_replacing`
+            keywords["camera" if self.time is None else "which"] = options.camera
+        elif named:
             keywords["camera"] = _Text(f"lambda camera: dataclasses.replace(camera, {_named(named)}, intrinsics=None)")
         return keywords
 
@@ -220,7 +224,9 @@ class Shown:
         options = self.options
         keywords: dict[str, Any] = {"meshes": _Text("meshes")} if self.meshes else {}
         keywords |= {"lights": _Text("lights")} if self.lights else {}
-        if self.seen.intrinsics is None and (self.turned is not None or (not self._is_framed and self._placed())):
+        placed = self._placed().keys() - ({"camera"} if isinstance(options.camera, str | int) else set())
+        turned = isinstance(options.camera, str | int) or not self._is_framed
+        if self.seen.intrinsics is None and (self.turned is not None or (turned and placed)):
             keywords["camera"] = _Text(f"rt.{self.camera()}")
         if options.background is not None:
             shown = options.background

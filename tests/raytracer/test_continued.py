@@ -31,6 +31,7 @@ from raytracer import (
     SpotLight,
     Surface,
     Texture,
+    Unlit,
     render,
 )
 from raytracer.appearance.programs import GIVEN, OF_LAYERS, fields_of
@@ -58,6 +59,7 @@ def base():
         "Texture": {"source": PIXELS, "srgb": True, "filter": "linear", "wrap": "repeat", "alpha": False},
         "Material": {"diffuse": 0.7},
         "MetallicRoughness": {"roughness": 0.4},
+        "Unlit": {"color": (0.1, 0.2, 0.3)},
         "Mesh": dict(SQUARE),
         "Instance": {"transform": PLACE, "name": "there"},
         "Camera": {"position": (0.2, 1.5, 5), "target": (0, 0.6, 0), "aperture": 0.1, "focus": 4.0},
@@ -81,12 +83,13 @@ def made(pieces):
     instance = Instance(**{"mesh": square, **pieces["Instance"]})
     described = Mesh(**SQUARE, material=Material(surface=pieces["surface"])).moved((2, 0, -1))
     layered = Mesh(**SQUARE, material=MetallicRoughness(**(pieces["MetallicRoughness"] or {}))).moved((-2, 0, -1))
+    shown = [Mesh(**SQUARE, material=Unlit(**look)).moved((-2, 0, -3)) for look in [pieces["Unlit"]] if look]
     glass = sphere(0.4, Material(transmission=0.9), rings=4, segments=5).moved((0, 0.5, 1))
     lights = [
         PointLight(**pieces["PointLight"]), DirectionalLight(**pieces["DirectionalLight"]),
-        SpotLight(**pieces["SpotLight"]), EnvironmentLight(**pieces["EnvironmentLight"]),
+        *(SpotLight(**spot) for spot in [pieces["SpotLight"]] if spot), EnvironmentLight(**pieces["EnvironmentLight"]),
     ]  # fmt: skip
-    meshes = [floor(9), instance, described, *([layered] if pieces["MetallicRoughness"] else []), glass]
+    meshes = [floor(9), instance, described, *([layered] if pieces["MetallicRoughness"] else []), *shown, glass]
     scene = Scene(**{"meshes": meshes, "lights": lights, "camera": Camera(**pieces["Camera"]), **pieces["Scene"]})
     options = dict(pieces["Path"])
     if pieces["cube"] is not None:
@@ -153,6 +156,23 @@ LAYERS = dict.fromkeys(("metallic", "roughness", "ior", "specular", "clearcoat",
 LAYERS |= {"transmission": 0.3, "alpha": 0.3} | dict.fromkeys(
     ("base_color", "specular_color", "emission"), (0.3, 0.2, 1)
 )
+MESH = {
+    "vertices": [[-1, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2.5, 0]], "faces": [[0, 1, 3], [1, 2, 3]],
+    "material": Material(), "normals": [[0, 1, 2]] * 4, "colors": [[1, 1, 0.5]] * 4, "uv": [[0, 0], [1, 0], [1, 1], [0, 0.5]],
+}  # fmt: skip
+POINT = {"position": (2, 3, 2.1), "color": (1, 1, 0.9), "falloff": "square", "range": 9.0}
+SPOT = {"position": (-2, 3, 2.1), "direction": (2, -3, -2.1), "inner": 11, "outer": 31, "color": (1, 1, 0.9)}
+SPOT |= {"falloff": "none", "range": 9.0}
+UNLIT = {"color": (0.1, 0.2, 0.4), "alpha": 0.5, "cutout": Texture(PIXELS)}
+PHONG = {"color": (0.5, 0.5, 0.5), "diffuse": 0.71, "specular": 0.1, "shininess": 41, "reflectivity": 0.1}
+PHONG |= {"transmission": 0.1, "ior": 1.4, "absorption": (0, 1, 0), "emission": (0, 1, 0)}
+CUBE = {"resolution": 24, "block": 4, "hit": "triangle", "tolerance": 0.5, "conservative": True}
+CUBE |= {"shading": "deferred", "depths": "half"}
+CAMERA = {"position": (0.2, 1.5, 5.001), "target": (0, 0.61, 0), "up": (0, 1, 0.5), "fov": 41, "aperture": 0.2}
+CAMERA |= {"focus": 3.0, "aspect": 1.5}
+PATH = {"bounces": 3, "precision": "f64", "fuse": True, "seed": 1}
+PICTURE = {"source": OTHER, "srgb": False, "filter": "nearest", "wrap": "mirror", "alpha": True}
+CALIBRATION = {"K": np.diag([5.0, 5.1, 1]), "pose": np.eye(4) + np.eye(4, k=3), "size": (9, 6), "aperture": 0.1}
 CHANGES = {
     "Scene.meshes": change("Scene", "meshes", [floor(8)]),
     "Scene.lights": change("Scene", "lights", [PointLight((2, 3, 2))]),
@@ -163,16 +183,8 @@ CHANGES = {
     "Scene.background, a filter": change("Scene", "background", Texture(PIXELS, filter="nearest")),
     "Scene.background, a program": change("Scene", "background", lambda d: abs(sh.Color3f(*d))),
     "Scene.background, another program": change("Scene", "background", lambda d: abs(sh.Color3f(d.x))),
-    "Material.color": change("Material", "color", (0.5, 0.5, 0.5)),
-    "Material.diffuse": change("Material", "diffuse", 0.71),
-    "Material.specular": change("Material", "specular", 0.1),
-    "Material.shininess": change("Material", "shininess", 41),
-    "Material.reflectivity": change("Material", "reflectivity", 0.1),
+    **{f"Material.{name}": change("Material", name, value) for name, value in PHONG.items()},
     "Material.reflectivity, a colour": change("Material", "reflectivity", (0.1, 0.2, 0.1)),
-    "Material.transmission": change("Material", "transmission", 0.1),
-    "Material.ior": change("Material", "ior", 1.4),
-    "Material.absorption": change("Material", "absorption", (0, 1, 0)),
-    "Material.emission": change("Material", "emission", (0, 1, 0)),
     "Material.surface": change("Material", "surface", giver("color")),
     "Material.shade": change("Material", "shade", lambda surface, light: surface.color),
     "Material.cutout": change("Material", "cutout", Texture(PIXELS)),
@@ -181,40 +193,18 @@ CHANGES = {
     "MetallicRoughness.normal": change("MetallicRoughness", "normal", Texture(PIXELS, srgb=False)),
     "MetallicRoughness.cutout": change("MetallicRoughness", "cutout", Texture(PIXELS)),
     "MetallicRoughness.surface": change("MetallicRoughness", "surface", giver("emission")),
-    "Mesh.vertices": change("Mesh", "vertices", [[-1, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2.5, 0]]),
-    "Mesh.faces": change("Mesh", "faces", [[0, 1, 3], [1, 2, 3]]),
-    "Mesh.normals": change("Mesh", "normals", [[0, 1, 2]] * 4),
-    "Mesh.colors": change("Mesh", "colors", [[1, 1, 0.5]] * 4),
-    "Mesh.material": change("Mesh", "material", Material()),
-    "Mesh.uv": change("Mesh", "uv", [[0, 0], [1, 0], [1, 1], [0, 0.5]]),
+    **{f"Mesh.{name}": change("Mesh", name, value) for name, value in MESH.items()},
     "Instance.mesh": change("Instance", "mesh", box((1, 1, 1))),
     "Instance.transform": change("Instance", "transform", ASIDE),
-    "Camera.position": change("Camera", "position", (0.2, 1.5, 5.001)),
-    "Camera.target": change("Camera", "target", (0, 0.61, 0)),
-    "Camera.up": change("Camera", "up", (0, 1, 0.5)),
-    "Camera.fov": change("Camera", "fov", 41),
+    **{f"Camera.{name}": change("Camera", name, value) for name, value in CAMERA.items()},
     "Camera.projection": change("Scene", "camera", Camera((0.2, 1.5, 5), (0, 0.6, 0), projection="panorama")),
     "Camera.span": change("Scene", "camera", Camera((0.2, 1.5, 5), (0, 0.6, 0), projection="orthographic", span=3)),
-    "Camera.aperture": change("Camera", "aperture", 0.2),
-    "Camera.focus": change("Camera", "focus", 3.0),
-    "Camera.aspect": change("Camera", "aspect", 1.5),
     "Camera.intrinsics": calibrated(),
-    "Camera.from_intrinsics.K": calibrated(K=np.diag([5.0, 5.1, 1])),
-    "Camera.from_intrinsics.pose": calibrated(pose=np.eye(4)[[0, 1, 2, 3]] + np.eye(4, k=3)),
-    "Camera.from_intrinsics.size": calibrated(size=(9, 6)),
-    "Camera.from_intrinsics.aperture": calibrated(aperture=0.1),
+    **{f"Camera.from_intrinsics.{name}": calibrated(**{name: value}) for name, value in CALIBRATION.items()},
     "Camera.from_intrinsics.focus": calibrated(aperture=0.1, focus=2.0),
-    "PointLight.position": change("PointLight", "position", (2, 3, 2.1)),
-    "PointLight.color": change("PointLight", "color", (1, 1, 0.9)),
-    "PointLight.falloff": change("PointLight", "falloff", "square"),
-    "PointLight.range": change("PointLight", "range", 9.0),
-    "SpotLight.position": change("SpotLight", "position", (-2, 3, 2.1)),
-    "SpotLight.direction": change("SpotLight", "direction", (2, -3, -2.1)),
-    "SpotLight.inner": change("SpotLight", "inner", 11),
-    "SpotLight.outer": change("SpotLight", "outer", 31),
-    "SpotLight.color": change("SpotLight", "color", (1, 1, 0.9)),
-    "SpotLight.falloff": change("SpotLight", "falloff", "none"),
-    "SpotLight.range": change("SpotLight", "range", 9.0),
+    **{f"PointLight.{name}": change("PointLight", name, value) for name, value in POINT.items()},
+    **{f"SpotLight.{name}": change("SpotLight", name, value) for name, value in SPOT.items()},
+    **{f"Unlit.{name}": change("Unlit", name, value) for name, value in UNLIT.items()},
     "DirectionalLight.direction": change("DirectionalLight", "direction", (1, -1, -1.1)),
     "DirectionalLight.color": change("DirectionalLight", "color", (0.2, 0.2, 0.3)),
     "EnvironmentLight.source": change("EnvironmentLight", "source", (0.1, 0.2, 0.4)),
@@ -225,27 +215,12 @@ CHANGES = {
     "EnvironmentLight.source, a filter": change("EnvironmentLight", "source", Texture(PIXELS, filter="nearest")),
     "EnvironmentLight.source, a program": change("EnvironmentLight", "source", lambda d: abs(sh.Color3f(*d))),
     "EnvironmentLight.source, another program": change("EnvironmentLight", "source", lambda d: abs(sh.Color3f(d.x))),
-    "Texture.source": change("Texture", "source", OTHER),
-    "Texture.srgb": change("Texture", "srgb", False),
-    "Texture.filter": change("Texture", "filter", "nearest"),
-    "Texture.wrap": change("Texture", "wrap", "mirror"),
-    "Texture.alpha": change("Texture", "alpha", True),
-    "Path.bounces": change("Path", "bounces", 3),
-    "Path.precision": change("Path", "precision", "f64"),
-    "Path.math": change("Path", "math", "fast"),
-    "Path.math, portable": change("Path", "math", "portable"),
-    "Path.math, relaxed": change("Path", "math", "relaxed"),
-    "Path.fuse": change("Path", "fuse", True),
+    **{f"Texture.{name}": change("Texture", name, value) for name, value in PICTURE.items()},
+    **{f"Path.{name}": change("Path", name, value) for name, value in PATH.items()},
+    **{f"Path.math, {mode}": change("Path", "math", mode) for mode in ("fast", "portable", "relaxed")},
     "Path.secondary": of_cube(),
-    "Path.seed": change("Path", "seed", 1),
     "LayeredCube.of.mesh_or_scene": of_cube(),
-    "LayeredCube.of.resolution": of_cube(resolution=24),
-    "LayeredCube.of.block": of_cube(block=4),
-    "LayeredCube.of.hit": of_cube(hit="triangle"),
-    "LayeredCube.of.tolerance": of_cube(hit="sample", tolerance=0.5),
-    "LayeredCube.of.conservative": of_cube(conservative=True),
-    "LayeredCube.of.shading": of_cube(shading="deferred"),
-    "LayeredCube.of.depths": of_cube(depths="half"),
+    **{f"LayeredCube.of.{name}": of_cube(**{"hit": "sample", name: value}) for name, value in CUBE.items()},
     **{f"Hit.{name}": surface(reader(name)) for name in fields_of(Hit)},
     **{f"Surface.{name}": surface(giver(name)) for name in GIVEN if name not in OF_LAYERS},
     **{f"Surface.{name}": change("MetallicRoughness", "surface", giver(name)) for name in OF_LAYERS},
@@ -309,7 +284,7 @@ def arguments(function, name):
 
 def test_every_public_argument_has_a_case():
     classes = (
-        Scene, Material, MetallicRoughness, Mesh, Instance, Camera, PointLight, SpotLight, DirectionalLight,
+        Scene, Material, MetallicRoughness, Unlit, Mesh, Instance, Camera, PointLight, SpotLight, DirectionalLight,
         EnvironmentLight, Texture, Path, Renderer,
     )  # fmt: skip
     wanted = set().union(*(arguments(each, each.__name__) for each in classes))
@@ -518,7 +493,7 @@ def test_a_file_of_an_earlier_version_is_refused(begun, tmp_path):
 @pytest.mark.parametrize(("look", "digest"), [(None, "9f2ae241b562e5fa"), ({"roughness": 0.4}, "83ffcddf49bd9ab5")])
 def test_other_pixels_have_another_generation(look, digest):
     """Compare with the digest of this generation: raise `GENERATION` for other pixels, and note theirs here."""
-    scene, integrator, options = made(base() | {"MetallicRoughness": look})
+    scene, integrator, options = made(base() | {"MetallicRoughness": look, "SpotLight": None, "Unlit": None})
     whole = Renderer(scene, integrator=integrator, **options).render((6, 5), samples=3)
     pixels = hashlib.sha256(whole.pixels.tobytes() + whole.normal.tobytes()).hexdigest()[:16]
     assert {origin.GENERATION: pixels} == {"3": digest}

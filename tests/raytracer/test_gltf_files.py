@@ -13,9 +13,9 @@ from raytracer import (
     DirectionalLight,
     Mesh,
     MetallicRoughness,
-    PointLight,
     Scene,
     SceneError,
+    SpotLight,
     Texture,
     render,
 )
@@ -159,7 +159,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     square = file.square(material=material, targets=[{"COLOR_0": 0}, {}])
     lines = {"attributes": {"POSITION": file.array(SQUARE)}, "mode": 1}
     file.node(mesh=file.mesh(square, lines))
-    file.node(camera=file.add("cameras", {"type": "orthographic"}))
+    file.node(camera=file.add("cameras", {"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 1}}))
     file.light(type="spot")
     file.light(type="area")
     file.add("animations", {})
@@ -169,11 +169,11 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
         "animations (1), scenes but the default one (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
         "alpha of clear bodies (1), blur of clear bodies (1), tints of clear bodies (1), "
-        "points and lines (1), orthographic cameras (1), "
-        "cones of spot lights, which shine all round (1), lights of the type area (1)"
+        "points and lines (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")
-    assert scene.lights == (PointLight((0, 0, 0), (1, 1, 1), falloff="square"),)
+    assert scene.lights == (SpotLight((0, 0, 0), (0, 0, -1)),)
+    assert scene.camera.projection == "orthographic"
     assert scene.meshes[0].material.textures == {}
 
 
