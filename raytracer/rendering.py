@@ -56,8 +56,8 @@ def render(
 
     `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
-    `tile_rows` rows each, and the picture's arrays lie in temporary files. With `partitions` the scene is cut into so
-    many parts, each held by one worker, between which rays travel; this is for `Whitted` without glass. `image.stats.moved` counts the records of rays. docs/clusters.md says more.
+    `tile_rows` rows each, into temporary files. With `partitions`, for `Whitted` without glass, the scene is cut into so
+    many parts, each held by one worker, between which rays travel; `image.stats.moved` counts them: docs/clusters.md.
 
     Raises SceneError for arguments that make no picture, do not fit into memory or exclude each other, and for an error
     that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.

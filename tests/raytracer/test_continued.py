@@ -158,7 +158,8 @@ LAYERS |= {"transmission": 0.3, "alpha": 0.3} | dict.fromkeys(
 )
 MESH = {
     "vertices": [[-1, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2.5, 0]], "faces": [[0, 1, 3], [1, 2, 3]],
-    "material": Material(), "normals": [[0, 1, 2]] * 4, "colors": [[1, 1, 0.5]] * 4, "uv": [[0, 0], [1, 0], [1, 1], [0, 0.5]],
+    "material": Material(), "normals": [[0, 1, 2]] * 4,
+    "colors": [[1, 1, 0.5]] * 4, "uv": [[0, 0], [1, 0], [1, 1], [0, 0.5]],
 }  # fmt: skip
 POINT = {"position": (2, 3, 2.1), "color": (1, 1, 0.9), "falloff": "square", "range": 9.0}
 SPOT = {"position": (-2, 3, 2.1), "direction": (2, -3, -2.1), "inner": 11, "outer": 31, "color": (1, 1, 0.9)}
@@ -170,7 +171,7 @@ CUBE = {"resolution": 24, "block": 4, "hit": "triangle", "tolerance": 0.5, "cons
 CUBE |= {"shading": "deferred", "depths": "half"}
 CAMERA = {"position": (0.2, 1.5, 5.001), "target": (0, 0.61, 0), "up": (0, 1, 0.5), "fov": 41, "aperture": 0.2}
 CAMERA |= {"focus": 3.0, "aspect": 1.5}
-PATH = {"bounces": 3, "precision": "f64", "fuse": True, "seed": 1}
+PATH = {"bounces": 3, "precision": "f64", "math": "fast", "fuse": True, "seed": 1}
 PICTURE = {"source": OTHER, "srgb": False, "filter": "nearest", "wrap": "mirror", "alpha": True}
 CALIBRATION = {"K": np.diag([5.0, 5.1, 1]), "pose": np.eye(4) + np.eye(4, k=3), "size": (9, 6), "aperture": 0.1}
 CHANGES = {
@@ -217,7 +218,7 @@ CHANGES = {
     "EnvironmentLight.source, another program": change("EnvironmentLight", "source", lambda d: abs(sh.Color3f(d.x))),
     **{f"Texture.{name}": change("Texture", name, value) for name, value in PICTURE.items()},
     **{f"Path.{name}": change("Path", name, value) for name, value in PATH.items()},
-    **{f"Path.math, {mode}": change("Path", "math", mode) for mode in ("fast", "portable", "relaxed")},
+    **{f"Path.math, {mode}": change("Path", "math", mode) for mode in ("portable", "relaxed")},
     "Path.secondary": of_cube(),
     "LayeredCube.of.mesh_or_scene": of_cube(),
     **{f"LayeredCube.of.{name}": of_cube(**{"hit": "sample", name: value}) for name, value in CUBE.items()},
