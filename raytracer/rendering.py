@@ -56,20 +56,18 @@ def render(
 
     `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
-    `tile_rows` rows each, into temporary files. With `partitions`, for `Whitted` without glass, the scene is cut into so
-    many parts, each held by one worker, between which rays travel; `image.stats.moved` counts them: docs/clusters.md.
+    `tile_rows` rows each, into temporary files. With `partitions`, for `Whitted` without glass, the scene is cut into
+    so many parts, each held by one worker, between which rays travel; `image.stats.moved` counts them.
 
     Raises SceneError for arguments that make no picture, do not fit into memory or exclude each other, and for an error
     that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
     """
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
-    _check_transparent(transparent, chooses=not (cluster is max_error is None))
+    _check_together(cluster, max_error, tile_rows, partitions, transparent)
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
         return _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
-    if not (tile_rows is partitions is None):
-        raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
@@ -77,9 +75,14 @@ def render(
     return renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
 
 
-def _check_transparent(transparent: bool, *, chooses: bool) -> None:
-    if transparent and chooses:
+def _check_together(
+    cluster: Any, max_error: float | None, tile_rows: int | None, partitions: int | None, transparent: bool
+) -> None:
+    """Raise SceneError for arguments that exclude each other."""
+    if transparent and not (cluster is max_error is None):
         raise SceneError("a transparent picture is rendered by this process as it is: leave cluster and max_error out")
+    if cluster is None and not (tile_rows is partitions is None):
+        raise SceneError("tile_rows and partitions are for the workers of a cluster: name one, or leave them out")
 
 
 def _by_workers(
