@@ -340,3 +340,26 @@ def test_the_page_has_a_control_for_each_number():
     assert edits.set({f"material.{material['label']}.metallic": [0.5]}) == []
     assert edits.applied(scene).meshes[0].material.metallic == 0.5
     assert edits.set({f"material.{material['label']}.metallic": [2.0]}) != []
+
+
+@pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
+def test_layered_objects_move_and_change_shape(integrator):
+    """Pictures after moves are those of a scene that was made so, to the bit, with pictures on what moves, too."""
+    dents = Texture(np.random.default_rng(4).random((4, 4, 3)).astype(np.float32), srgb=False)
+    gold = MetallicRoughness((1, 0.77, 0.34), metallic=1, roughness=dents, clearcoat=0.5, normal=dents)
+    ground = floor(4, MetallicRoughness((0.5, 0.5, 0.5), roughness=0.3))
+    ball = sphere(0.5, gold, rings=8, segments=12)
+    scene = Scene([ball, ground], [PointLight((2, 3, 2))], CAMERA)
+    renderer = Renderer(scene, integrator=integrator, backend="numpy")
+    renderer.render((12, 8))
+    place = np.eye(4)
+    for k in range(2):
+        place[0, 3] = 0.3 * k
+        shape = ball.vertices * (1, 1 + 0.2 * k, 1)
+        renderer.deform(0, shape)
+        renderer.move(0, place)
+        image = renderer.render((12, 8))
+        moved = renderer.scene.meshes[0]
+        expected = render(Scene([moved, ground], scene.lights, CAMERA), (12, 8), integrator=integrator, backend="numpy")
+        np.testing.assert_array_equal(image.pixels, expected.pixels)
+    assert renderer.builds == 2
