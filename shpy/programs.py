@@ -275,18 +275,24 @@ class Program(Unchanging, Generic[_P, _R]):
 
     # Derivatives
 
-    def gradient(self, *wrt: Any, value: bool = False) -> Program:
+    def gradient(
+        self,
+        *wrt: Any,
+        value: bool = False,
+        mode: Literal["forward", "reverse"] = "forward",
+        most: int | None = None,
+    ) -> Program:
         """Return the program of the derivatives of the only output, a float: an output d_x for each x of `wrt`.
 
         `wrt` are inputs and Params, by name or the Params themselves; the first input by default. d_x has the type of
-        x. With `value` the output comes first, as `value`. See `sh.gradient`.
+        x. With `value` the output comes first, as `value`. See `sh.gradient`, also for `mode` and `most`.
 
         Raises ShpyTypeError for a program with other outputs, and for a name that is no input or Param; RecordError
         where the output does not depend on one.
         """
         from shpy.gradients.programs import gradient_of  # here: few programs are differentiated
 
-        return Program(gradient_of(self.recorded, wrt, value=value))
+        return Program(gradient_of(self.recorded, wrt, value=value, mode=mode, most=most))
 
     def jvp(self, *wrt: Any) -> Program:
         """Return the program that also gives the derivatives of its outputs along a direction.

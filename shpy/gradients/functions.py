@@ -12,13 +12,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from shpy.backend.base import Options
 from shpy.errors import RecordError, ShpyTypeError
+from shpy.gradients.calls import call_derived, derived_name, forward_functions, moving_inputs, reverse_call, zero
 from shpy.ir.collector import uncollected
-from shpy.ir.nodes import Discard, Function, Module, Value as IrValue, Variable
-from shpy.ir.traverse import is_straight, uses, walk
+from shpy.ir.nodes import Discard, Function, Variable
 from shpy.ir.types import Type
 from shpy.lang.programs.outline import DerivedArgument, Outline, Place, called, outlined, parameters
 from shpy.lang.programs.record import record_body
@@ -27,11 +27,8 @@ from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values import arithmetic
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.structure import Leaf, build_values, flatten, layout_from, leaves
-from shpy.passes.dead import remove_dead
 from shpy.passes.derivatives.forward import ForwardFunctions, Seed
 from shpy.passes.derivatives.linear import TangentBuilder
-from shpy.passes.pipeline import optimise
-from shpy.passes.promote import promote
 from shpy.run.kernel import Kernel
 
 _OF_PLACES = {"Point": "Normal", "Vector": "Normal", "Normal": "Vector"}
@@ -40,7 +37,14 @@ _OF_PLACES = {"Point": "Normal", "Vector": "Normal", "Normal": "Vector"}
 _LETTERS = "xyzw"
 
 
-def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Callable[..., Any]:
+def gradient(
+    f: Callable[..., Any],
+    wrt: Any = 0,
+    *,
+    value: bool = False,
+    mode: Literal["forward", "reverse"] = "forward",
+    most: int | None = None,
+) -> Callable[..., Any]:
     """Return the function that computes the gradient of f: its derivative by the argument `wrt`, by default the first.
 
     f gives one float; it is a Python function, a subroutine or a program. `wrt` is the position or name of an argument,
@@ -48,10 +52,16 @@ def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Cal
     a struct. That by a Point or a Vector is a Normal. With `value` the function gives the value of f first, then the
     gradient. docs/gradients.md lists the derivatives at kinks.
 
+    `mode="reverse"` computes all components in one walk backwards, at a cost that does not grow with their number: it
+    is faster from about 16 components on. It keeps the state of each iteration of a loop, so a loop without a known
+    bound needs `most`, and an element that takes more iterations gives NaN. The modes round differently.
+
     Raises ShpyTypeError for a function of another type and for an argument of ints or bools, RecordError where f does
     not depend on the argument.
     """
     _check_callable("sh.gradient", f)
+    if mode not in ("forward", "reverse"):
+        raise ShpyTypeError(f"sh.gradient does not take mode={mode!r}", loc=here(), cure='mode="forward" or "reverse"')
 
     @functools.wraps(f, updated=())
     def derived(*args: Any, **named: Any) -> Any:
@@ -61,15 +71,18 @@ def gradient(f: Callable[..., Any], wrt: Any = 0, *, value: bool = False) -> Cal
         outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
         _check_scalar(outline)
         type, results = _result_type(outline), [0] if value else []
-        world, forward, rows = _seeded(outline, what)
-        packed = _packed(forward, rows, results, _named_types(outline))
-        handles = iter(_call(outline, world, packed, (), "gradient"))
+        if mode == "reverse":
+            handles = iter(reverse_call(outline, what, results, most)[0])
+        else:
+            world, forward, rows = _seeded(outline, what)
+            packed = _packed(forward, rows, results, _named_types(outline))
+            handles = iter(call_derived(outline, outline.reached, world.callees, packed, (), "gradient"))
         first = [arithmetic.make_value("Attrib", type, outline.frame, next(handles)) for _ in results]
         gradients = [_of_argument(outline, m, handles) for m in outline.moved]
         result = tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
         return (first[0], result) if value else result
 
-    derived.__name__ = derived.__qualname__ = _derived_name(called(f), "gradient")
+    derived.__name__ = derived.__qualname__ = derived_name(called(f), "gradient")
     return derived
 
 
@@ -98,12 +111,10 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
             )
         cls, frame = outline.layout.cls, outline.frame
         world, forward, rows = _seeded(outline, what)
-        handles = _call(outline, world, forward, (), "jacobian")
+        handles = call_derived(outline, outline.reached, world.callees, forward, (), "jacobian")
         places = {v.id: handle for v, handle in zip(forward.outputs, handles, strict=True)}
         columns = [
-            arithmetic.make_value(
-                "Attrib", cls.type, frame, _zero(outline, cls.type) if row is None else places[row.id]
-            )
+            arithmetic.make_value("Attrib", cls.type, frame, zero(outline, cls.type) if row is None else places[row.id])
             for row in rows
         ]
         if len(columns) == 1:
@@ -111,7 +122,7 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
         same = cls.size == len(columns)
         return MATRICES[f"Matrix{cls.size}f"].from_columns(*columns) if same else tuple(columns)
 
-    derived.__name__ = derived.__qualname__ = _derived_name(called(f), "jacobian")
+    derived.__name__ = derived.__qualname__ = derived_name(called(f), "jacobian")
     return derived
 
 
@@ -142,14 +153,14 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
         for m, k in zip(outline.moved, places, strict=True)
         for entry, v in zip(flatten(m.layout, tangents[k], f"the tangent of {m.name}"), m.inputs, strict=True)
     ]
-    simple, world = _forwards(outline, what, [""])
-    moving = _moving(outline, simple)
+    simple, world = forward_functions(outline, what, [""])
+    moving = moving_inputs(outline, simple)
     forward = world.seeded(simple, moving, {})
     moves = world.activities.in_function(simple, moving).outputs
-    handles = _call(outline, world, forward, more, "forward")
+    handles = call_derived(outline, outline.reached, world.callees, forward, more, "forward")
     values, rest = handles[: len(moves)], iter(handles[len(moves) :])
     classes = [cls for _, _, cls in leaves(outline.layout, "")]
-    changes = [next(rest) if m else _zero(outline, c.type) for m, c in zip(moves, classes, strict=True)]
+    changes = [next(rest) if m else zero(outline, c.type) for m, c in zip(moves, classes, strict=True)]
     kinds = ["Vector" if c.kind == "Point" and isinstance(outline.layout, Leaf) else c.kind for c in classes]
     return (
         build_values(
@@ -194,10 +205,6 @@ def _places(what: str, f: Any, args: Sequence[Any], named: Mapping[str, Any], wr
     return places
 
 
-def _derived_name(name: str, suffix: str) -> str:
-    return f"{name}_{suffix}" if name else suffix
-
-
 def _check_scalar(outline: Outline) -> None:
     if isinstance(outline.layout, Leaf) and outline.layout.cls.size == 1 and outline.layout.cls.type.is_float:
         return
@@ -219,33 +226,6 @@ def _result_type(outline: Outline) -> Type:
 # The derived function
 
 
-def _forwards(outline: Outline, what: str, labels: Sequence[str]) -> tuple[Function, ForwardFunctions]:
-    """Return the outline without most of its slots, whose tangents would hide the zeros, and the makers of tangents."""
-    module = Module("m", (), (), (), (), (*outline.reached, outline.function))
-    _check_dependence(outline, what, remove_dead(promote(module)).entry)
-    module = optimise(module, fixed=False)
-    simple = {g.name: g for g in module.functions[:-1]}
-    find: Callable[[str], Function] = lambda name: simple.get(name) or outline.callees[name]  # noqa: E731
-    return module.entry, ForwardFunctions(labels, find, outline.frame.recording.function_name)
-
-
-def _check_dependence(outline: Outline, what: str, needed: Function) -> None:
-    """Raise RecordError for an argument that no statement which the result needs reads."""
-    read = {u for s in walk(needed.body) for u in uses(s)}
-    for m in outline.moved:
-        if not any(v.id in read for v in m.inputs):
-            raise RecordError(
-                f"{what} by {m.name}: {outline.spoken} does not depend on {m.name}",
-                loc=here(),
-                cure=f"use the argument {m.name} in {outline.spoken}, not a value from around it; or wrt= another one",
-            )
-
-
-def _moving(outline: Outline, function: Function) -> tuple[bool, ...]:
-    ids = {v.id for m in outline.moved for v in m.inputs}
-    return tuple(isinstance(p, IrValue) and p.id in ids for p in function.inputs)
-
-
 def _seeded(outline: Outline, what: str) -> tuple[ForwardFunctions, Function, list[Variable | None]]:
     """Return the forward function along each component of the arguments, and its tangents, None for zero."""
     count = sum(v.type.size for m in outline.moved for v in m.inputs)
@@ -256,38 +236,12 @@ def _seeded(outline: Outline, what: str) -> tuple[ForwardFunctions, Function, li
         seeds[v.id] = [k - len(labels) if 0 <= k - len(labels) < v.type.size else None for k in range(count)]
         letters = [""] if v.type.size == 1 else [f"_{c}" if several else c for c in _LETTERS[: v.type.size]]
         labels += [f"d{_plain(v.name)}{c}" if several or not c else f"d{c}" for c in letters]
-    simple, world = _forwards(outline, what, labels)
-    moving = _moving(outline, simple)
+    simple, world = forward_functions(outline, what, labels)
+    moving = moving_inputs(outline, simple)
     forward = world.seeded(simple, moving, seeds)
     moves = world.activities.in_function(simple, moving).outputs[0]
     rows: list[Variable | None] = list(forward.outputs[1:]) if moves else [None] * count
     return world, forward, rows
-
-
-def _call(outline: Outline, world: ForwardFunctions, forward: Function, more: Sequence[int], suffix: str) -> list[int]:
-    """Add a derived function and those that it calls to the recording, simplified, and call it."""
-    frame = outline.frame
-    recording = frame.recording
-    name = recording.function_name(_derived_name(outline.name, suffix))
-    others = outline.reached
-    module = optimise(Module("m", (), (), (), (), (*others, *world.callees, replace(forward, name=name))), fixed=False)
-    *callees, forward = module.functions[len(others) :]
-    values = not any(isinstance(p, Variable) for p in forward.inputs)
-    forward = replace(forward, pure=is_straight(forward.body) and len(forward.outputs) == 1 and values)
-    recording.functions += [*callees, forward]
-    args = [*outline.arguments, *more]
-    for port in forward.inputs[len(args) :]:  # the tangents of variables around the function, which it stores into
-        assert isinstance(port, Variable)
-        if port.length is not None:
-            raise RecordError(
-                f"{outline.spoken} stores what it derives into an array from outside of it",
-                loc=here(),
-                cure=f"the sh.Array inside of {outline.spoken}",
-            )
-        slot = frame.variable(port.type, name=port.name, loc=here())
-        frame.store(slot, _zero(outline, port.type))
-        args.append(slot)
-    return frame.call(forward, tuple(args))
 
 
 def _named_types(outline: Outline) -> list[tuple[str, Type]]:
@@ -332,10 +286,6 @@ def _of_argument(outline: Outline, moved: DerivedArgument, handles: Any) -> Any:
         kind = _OF_PLACES.get(cls.kind, "Attrib") if isinstance(moved.layout, Leaf) else cls.kind
         parts.append(arithmetic.make_value(kind, cls.type, outline.frame, next(handles)))
     return build_values(moved.layout, iter(parts))
-
-
-def _zero(outline: Outline, type: Type) -> int:
-    return outline.frame.const(type, (0,) * type.size)
 
 
 # Outside of a program

@@ -29,14 +29,16 @@ from shpy.lang.values.structure import Layout, layout_from, leaves, leaves_of
 from shpy.passes.rewriter import Rewriter
 
 
-def gradient_of(recorded: RecordedProgram, wrt: Sequence[Any], *, value: bool) -> RecordedProgram:
+def gradient_of(
+    recorded: RecordedProgram, wrt: Sequence[Any], *, value: bool, mode: Any, most: int | None
+) -> RecordedProgram:
     """Return the program with an output d_x, the derivative of the only output, for each x of `wrt`."""
     names, params = _names_of(recorded, wrt)
     opened = _lifted(recorded, params)
     outputs = tuple_class("Gradient", (*(["value"] if value else []), *(f"d_{n}" for n in names)))
 
     def body(arguments: dict[str, Any]) -> Any:
-        derived = gradient(_function(opened), tuple(names), value=value)(**arguments)
+        derived = gradient(_function(opened), tuple(names), value=value, mode=mode, most=most)(**arguments)
         return outputs(*((derived[0], *derived[1]) if value else derived))
 
     name = f"{recorded.module.name}_gradient"

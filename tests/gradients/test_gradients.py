@@ -156,10 +156,16 @@ PROGRAMS = {
 }
 
 
-def program_of(f: Any, sizes: tuple[int, ...], derived: bool) -> sh.Program:
+FORWARD_ONLY = {"arrays"}
+"""Functions that reverse mode refuses."""
+
+
+def program_of(f: Any, sizes: tuple[int, ...], mode: Any = None) -> sh.Program:
     inputs = ", ".join(f"x{k}: sh.Attrib{s}f" for k, s in enumerate(sizes))
     xs, wrt = ", ".join(f"x{k}" for k in range(len(sizes))), tuple(range(len(sizes)))
-    space: dict[str, Any] = {"sh": sh, "f": sh.gradient(f, wrt, value=True) if derived else f}
+    space: dict[str, Any] = {"sh": sh, "f": f}
+    if mode is not None:
+        space["f"] = sh.gradient(f, wrt, value=True, mode=mode, most=60)
     exec(f"@sh.program\ndef whole({inputs}):\n    return f({xs})\n", space)
     program: sh.Program = space["whole"]
     return program
@@ -170,17 +176,24 @@ def test_gradients_of_programs(name: str) -> None:
     f, sizes = PROGRAMS[name]
     rng = np.random.default_rng(3)
     data = [rng.uniform(0.3, 1.4, (40,) if s == 1 else (40, s)) for s in sizes]
-    primal = program_of(f, sizes, derived=False).compile("numpy", precision="f64")
-    derived = program_of(f, sizes, derived=True)
+    primal = program_of(f, sizes).compile("numpy", precision="f64")
+    derived = program_of(f, sizes, "forward")
     h, e = 1e-6, 0.6
     slope = (primal(*(x + h * e for x in data)) - primal(*(x - h * e for x in data))) / (2 * h)
     value, gradients = derived.compile("numpy", precision="f64").run(*data).outputs
     assert np.array_equal(value, primal(*data))
     along = sum(np.sum(g, axis=-1) if g.ndim > 1 else g for g in gradients) * e
     assert np.quantile(np.abs(along - slope) / (1 + np.abs(slope)), 0.9) < 1e-7  # the rest lies at kinks
+    backwards = None if name in FORWARD_ONLY else program_of(f, sizes, "reverse")
+    if backwards is not None:
+        again, bars = backwards.compile("numpy", precision="f64").run(*data).outputs
+        assert np.array_equal(value, again)
+        for a, b in zip(gradients, bars, strict=True):
+            assert np.allclose(a, b, rtol=1e-11, atol=1e-12)
     single = [x.astype(np.float32) for x in data]
-    value, gradients = run(derived, "numpy", *single).outputs
-    for target in TARGETS[1:]:
-        other, others = run(derived, target, *single).outputs
-        for a, b in zip((other, *others), (value, *gradients), strict=True):
-            assert not differs(a, b).any(), target
+    for program in filter(None, (derived, backwards)):
+        value, gradients = run(program, "numpy", *single).outputs
+        for target in TARGETS[1:]:
+            other, others = run(program, target, *single).outputs
+            for a, b in zip((other, *others), (value, *gradients), strict=True):
+                assert not differs(a, b).any(), target
