@@ -31,12 +31,12 @@ def forward_functions(outline: Outline, what: str, labels: Sequence[str]) -> tup
 
 
 def reverse_call(
-    outline: Outline, what: str, kept: Sequence[int], most: int | None, *, rounding: bool = False
+    outline: Outline, what: str | None, kept: Sequence[int], most: int | None, *, rounding: bool = False
 ) -> tuple[list[int], tuple[Loc | None, ...]]:
     """Call the reverse function for a cotangent of 1.
 
     Return the outputs `kept`, by position, the bars of the derived inputs, and with `rounding` the errors of lines; and
-    these lines.
+    these lines. Without `what`, the result need not depend on the inputs.
     """
     recording = outline.frame.recording
     if any(isinstance(p, Variable) for p in outline.function.inputs):
@@ -45,7 +45,7 @@ def reverse_call(
             loc=here(),
             cure='values of its own; or mode="forward"',
         )
-    module = prepared(_module_of(outline, what))
+    module = prepared(_module_of(outline, what), defined=rounding)
     originals = {g.name: g for g in outline.reached}
     names = {
         g.name: g.name if originals.get(g.name) == g else recording.function_name(g.name) for g in module.functions[:-1]
@@ -116,9 +116,11 @@ def derived_name(name: str, suffix: str) -> str:
     return f"{name}_{suffix}" if name else suffix
 
 
-def _module_of(outline: Outline, what: str) -> Module:
+def _module_of(outline: Outline, what: str | None) -> Module:
     """Return the outline with its callees; RecordError for an argument that the result does not depend on."""
     module = Module("m", (), (), (), (), (*outline.reached, outline.function))
+    if what is None:
+        return module
     read = {u for s in walk(remove_dead(promote(module)).entry.body) for u in uses(s)}
     for m in outline.moved:
         if not any(v.id in read for v in m.inputs):

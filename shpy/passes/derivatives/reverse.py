@@ -49,7 +49,7 @@ from shpy.ir.nodes import (
     Value,
     Variable,
 )
-from shpy.ir.ops import OPS
+from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.traverse import results, rewrite, uses, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.by_value import pass_by_value, takes_array
@@ -58,6 +58,7 @@ from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, 
 from shpy.passes.derivatives.structured import head_of, split_loops, structured
 from shpy.passes.derivatives.transposed import Transposition, spread
 from shpy.passes.inline import inline_calls
+from shpy.passes.lower import lower
 from shpy.passes.pipeline import optimise
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
@@ -70,8 +71,13 @@ to 5.6 s with it; below 64 iterations it only costs a second computation of the 
 """
 
 
-def prepared(module: Module) -> Module:
-    """Return a module whose functions take values, and leave each region at its end."""
+def prepared(module: Module, *, defined: bool = False) -> Module:
+    """Return a module whose functions take values, and leave each region at its end.
+
+    With `defined`, composite operations are calls of their definitions, whose roundings count one by one.
+    """
+    if defined:
+        module = lower(module, frozenset(OPS) - COMPOSITES)
     module = optimise(pass_by_value(inline_calls(module, takes_array)), fixed=False)
     functions = tuple(split_loops(structured(f), FEW) for f in module.functions)
     return optimise(replace(module, functions=functions), fixed=False)
@@ -494,7 +500,7 @@ class _ReverseRewriter:
         for a, v in zip(moving, outputs, strict=False):
             self.add(a, Live(b, v), place)
         for loc, v in zip(reverse.lines, outputs[len(moving) :], strict=True):
-            self._add_error(loc, Live(b, v))
+            self._add_error(loc or b.loc, Live(b, v))
 
     def _linear(self, let: Let, bar: Tangent, place: _Place) -> None:
         """Emit the tangent of an operation with placeholders, and transpose the statements that depend on them."""

@@ -1,0 +1,134 @@
+"""Roundings: the bound holds in every element, and the line that loses the digits is named."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_FOR, SH_IF, SH_WHILE
+from shpy.accuracy.reference import evaluate
+from shpy.testing.observers import Setting
+
+
+@sh.program
+def quadratic(b: sh.Attrib1f, c: sh.Attrib1f) -> sh.Attrib1f:
+    square = b * b
+    under = square - c
+    root = sh.sqrt(under)  # loses
+    return root - b
+
+
+@sh.program
+def heron(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib1f) -> sh.Attrib1f:
+    s = (a + b + c) / 2  # loses
+    return sh.sqrt(s * (s - a) * (s - b) * (s - c))
+
+
+@sh.program
+def variance(x: sh.Attrib4f) -> sh.Attrib1f:
+    squares = sh.dot(x, x)
+    mean = (x.x + x.y + x.z + x.w) / 4  # loses
+    return squares - mean * mean * 4
+
+
+@sh.program
+def cosine(x: sh.Attrib1f) -> sh.Attrib1f:
+    c = sh.cos(x)  # loses
+    top = 1 - c
+    return top / (x * x)
+
+
+@sh.program
+def roots(x: sh.Attrib1f) -> sh.Attrib1f:
+    more = sh.sqrt(x + 1)  # loses
+    less = sh.sqrt(x)
+    return more - less
+
+
+@sh.program
+def logarithm(x: sh.Attrib1f) -> sh.Attrib1f:
+    more = 1 + x  # loses
+    return sh.log(more)
+
+
+@sh.subroutine
+def smooth(x: sh.Attrib1f, d: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.smoothstep(0.0, 2.0, x) * d
+
+
+@sh.program
+def shaded(n: sh.Normal3f, light: sh.Vector3f, s: sh.Attrib1f) -> sh.Attrib1f:
+    d = sh.max(sh.dot(sh.normalize(n), sh.normalize(light)), 0.1)
+    y = sh.Attrib1f(0)
+    with SH_FOR(0, 5) as i:
+        with SH_IF(d * s > 0.5):
+            y += sh.pow(d, s) * 0.3 + smooth(s, d)
+        y += sh.mix(d, s, 0.1) * sh.Attrib1f(i)
+    return y
+
+
+PROGRAMS: dict[str, tuple[sh.Program, dict[str, Any]]] = {
+    "quadratic": (quadratic, {"b": (1, 100), "c": (0.1, 1)}),
+    "heron": (heron, {"a": (1, 1.1), "b": (1, 1.1), "c": (1.9, 2)}),
+    "variance": (variance, {"x": (100, 101)}),
+    "cosine": (cosine, {"x": (1e-3, 1e-1, "log")}),
+    "roots": (roots, {"x": (1e3, 1e5)}),
+    "logarithm": (logarithm, {"x": (1e-6, 1e-2, "log")}),
+    "shaded": (shaded, {"n": (-1, 1), "light": (-1, 1), "s": (0.1, 3)}),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_bound_holds_and_the_line_is_named(name: str) -> None:
+    program, domain = PROGRAMS[name]
+    report = sh.accuracy.roundings(program, domain, samples=150)
+    exact = evaluate(Setting(program, tuple(report.inputs.values()))).outputs[0].high[:, 0]
+    error = np.abs(program.compile("numpy")(*report.inputs.values()) - exact)
+    assert (error <= report.bounds * 1.001).all()
+    assert np.median(report.bounds) < 40 * max(np.median(error), np.spacing(np.float32(np.median(np.abs(exact)))))
+    assert np.isclose(sum(line.share for line in report.lines), 1)
+    if name != "shaded":
+        assert report.lines[0].text.endswith("# loses")
+        assert report.lines[0].text in str(report)
+
+
+def test_conditions() -> None:
+    """The quadratic root is well conditioned, the difference of two numbers that are close is not."""
+    report = sh.accuracy.roundings(quadratic, PROGRAMS["quadratic"][1], samples=50)
+    assert report.conditions["b"][1] < 1.2
+
+    @sh.program
+    def difference(x: sh.Attrib1f, y: sh.Attrib1f, k: sh.Attrib1i) -> sh.Attrib1f:
+        return (x - y) * sh.Attrib1f(k)
+
+    report = sh.accuracy.roundings(difference, {"x": (10, 10.1), "y": (9.9, 10), "k": (1, 2)}, samples=50)
+    assert report.conditions["x"][0] > 20
+    assert list(report.conditions) == ["x", "y"]
+
+
+def test_what_is_refused() -> None:
+    @sh.program
+    def several(x: sh.Attrib1f):
+        return {"a": x, "b": sh.vec2(x, x), "c": x * x}
+
+    with pytest.raises(sh.ShpyTypeError) as caught:
+        sh.accuracy.roundings(several, {"x": (0, 1)})
+    assert caught.value.message == "sh.accuracy.roundings takes an output of one float, not the outputs of several"
+    assert caught.value.cure == "output='a' or output='c'"
+    assert sh.accuracy.roundings(several, {"x": (1, 2)}, output="c", samples=9).lines[0].share == 1
+
+    @sh.program
+    def unbounded(x: sh.Attrib1f) -> sh.Attrib1f:
+        y = sh.Attrib1f(x)
+        with SH_WHILE(lambda: y < 10):
+            y *= 1.5
+        return y
+
+    with pytest.raises(sh.RecordError, match="this loop has no known bound") as refused:
+        sh.accuracy.roundings(unbounded, {"x": (1, 2)})
+    assert "most=64" in str(refused.value)
+    report = sh.accuracy.roundings(unbounded, {"x": (1, 2)}, most=8, samples=9)
+    assert report.conditions["x"] == (1.0, 1.0)
