@@ -63,8 +63,7 @@ def raymarch(uv: sh.TexCoord2f, resolution: sh.Attrib2f, time: sh.Attrib1f, mous
     color, t, sun = sky.copy(), march(eye, ray, time), sh.normalize(light)
     p = eye + t * ray
     with SH_IF(t < 20):
-        slope = lambda e: scene_at(p + e, time) - scene_at(p - e, time)  # noqa: E731
-        normal = sh.normalize(sh.vec3(slope((0.001, 0, 0)), slope((0, 0.001, 0)), slope((0, 0, 0.001))))
+        normal = sh.normalize(sh.gradient(scene_at)(p, time))
         tile = sh.Color3f(0.24 + 0.22 * sh.fract(0.5 * (sh.floor(p.x) + sh.floor(p.z))))
         closed = sh.saturate(0.25 + 3 * scene_at(p + 0.25 * normal, time))  # 1 where nothing is near
         direct = sh.max(sh.dot(normal, sun), 0) * lit(p + 0.004 * normal, sun, time)

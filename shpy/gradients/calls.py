@@ -16,7 +16,8 @@ from shpy.lang.programs.outline import Outline
 from shpy.lang.recording.location import here
 from shpy.passes.dead import remove_dead
 from shpy.passes.derivatives.forward import ForwardFunctions
-from shpy.passes.derivatives.reverse import ReverseFunctions, prepared
+from shpy.passes.derivatives.reverse import ReverseFunctions
+from shpy.passes.derivatives.structured import prepared
 from shpy.passes.pipeline import optimise
 from shpy.passes.promote import promote
 

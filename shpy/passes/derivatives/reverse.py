@@ -42,45 +42,22 @@ from shpy.ir.nodes import (
     Let,
     Loc,
     Loop,
-    Module,
     Region,
     Stmt,
     Store,
     Value,
     Variable,
 )
-from shpy.ir.ops import COMPOSITES, OPS
-from shpy.ir.traverse import results, rewrite, uses, walk
+from shpy.ir.ops import OPS
+from shpy.ir.traverse import results, rewrite
 from shpy.ir.types import Base, Type, vec
-from shpy.passes.by_value import pass_by_value, takes_array
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, tangent_of
-from shpy.passes.derivatives.structured import head_of, split_loops, structured
+from shpy.passes.derivatives.loop_state import LoopState, free_values, handed_on, is_stored_after
+from shpy.passes.derivatives.structured import head_of
 from shpy.passes.derivatives.transposed import Transposition, spread
-from shpy.passes.inline import inline_calls
-from shpy.passes.lower import lower
-from shpy.passes.pipeline import optimise
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
-
-FEW = 64
-"""The most iterations whose states are all kept; a longer loop becomes a loop in a loop.
-
-On llvmpipe, a loop of 1,024 iterations with four floats of state compiles in 27 to 34 s without the split, and in 0.6
-to 5.6 s with it; below 64 iterations it only costs a second computation of the loop.
-"""
-
-
-def prepared(module: Module, *, defined: bool = False) -> Module:
-    """Return a module whose functions take values, and leave each region at its end.
-
-    With `defined`, composite operations are calls of their definitions, whose roundings count one by one.
-    """
-    if defined:
-        module = lower(module, frozenset(OPS) - COMPOSITES)
-    module = optimise(pass_by_value(inline_calls(module, takes_array)), fixed=False)
-    functions = tuple(split_loops(structured(f), FEW) for f in module.functions)
-    return optimise(replace(module, functions=functions), fixed=False)
 
 
 @dataclass(frozen=True)
@@ -150,17 +127,6 @@ class _Place:
         return self.loads.get(value) or (self.parent.load_of(value) if self.parent is not None else None)
 
 
-@dataclass(frozen=True)
-class _LoopState:
-    """The slots of a loop: the count of iterations, the variables that change, and those that only stay, before it."""
-
-    count: Variable
-    arrays: dict[int, Variable]
-    steady: dict[int, Variable]
-    most: int
-    over: Variable | None
-
-
 class _ReverseRewriter:
     """Makes the reverse of one function. `env` maps its values to those of the latest forward part."""
 
@@ -178,7 +144,7 @@ class _ReverseRewriter:
         """The variables that hold the bars of values which inner regions read."""
         self.shadows: dict[int, Variable] = {}
         """The variables that hold the bars of variables."""
-        self.loops: dict[int, _LoopState] = {}
+        self.loops: dict[int, LoopState] = {}
         self.errors: dict[Loc | None, Variable] = {}
 
     def run(self, unit: bool) -> Reverse:
@@ -301,7 +267,7 @@ class _ReverseRewriter:
         until = None if loop.until is None else self.env[loop.until]
         b.append(Loop(body, b.pop(), until, loop.turns, loop.loc))
 
-    def _state(self, loop: Loop) -> _LoopState:
+    def _state(self, loop: Loop) -> LoopState:
         """Return the slots of a loop, made once for each loop."""
         if id(loop) in self.loops:
             return self.loops[id(loop)]
@@ -319,10 +285,10 @@ class _ReverseRewriter:
                 loc=loop.loc,
                 cure='mode="forward", or fewer iterations',
             )
-        changing, steady = _carried((*loop.body, *loop.continuing))
+        changing, steady = handed_on((*loop.body, *loop.continuing))
         slots = {v.id: v for v in (*self.function.variables, *self.function.outputs)}
         for v in sorted(changing | steady):
-            changes = v in changing or (slots[v].length is not None and self._is_stored_after(loop, v))
+            changes = v in changing or (slots[v].length is not None and is_stored_after(self.function, loop, v))
             if slots[v].length is not None and changes:
                 raise RecordError(
                     f"reverse mode: the array {slots[v].name or v} changes in a loop, or after one that reads it",
@@ -334,18 +300,8 @@ class _ReverseRewriter:
         single = [v for v in sorted(steady) if slots[v].length is None]
         before = {v: b.variable(slots[v].type, None, f"{slots[v].name or 'state'}_before") for v in single}
         over = b.variable(_BOOL, None, "over") if loop.turns is None else None
-        state = self.loops[id(loop)] = _LoopState(b.variable(_INT, None, "turns"), arrays, before, most, over)
+        state = self.loops[id(loop)] = LoopState(b.variable(_INT, None, "turns"), arrays, before, most, over)
         return state
-
-    def _is_stored_after(self, loop: Loop, variable: int) -> bool:
-        """Return whether a statement that follows the loop stores a variable."""
-        inside = {id(s) for s in walk((loop,))}
-        behind = False
-        for s in walk(self.function.body):
-            behind = behind or s is loop
-            if behind and id(s) not in inside and isinstance(s, Store) and s.variable == variable:
-                return True
-        return False
 
     # Values and bars
 
@@ -432,7 +388,7 @@ class _ReverseRewriter:
             for variable, slot in state.steady.items():
                 b.store(variable, b.load(slot))
             own = _Place(place)
-            outer = {v: self.env[v] for v in _free(body)}
+            outer = {v: self.env[v] for v in free_values(body)}
             for v in outer:
                 self.env[v] = self.need(v, own).value.id
                 own.visible.add(self.env[v])
@@ -540,37 +496,3 @@ class _ReverseRewriter:
 
 def _bar(name: str | None) -> str:
     return f"bar_{name}" if name else "bar"
-
-
-def _free(body: Region) -> list[int]:
-    """Return the values that statements read from outside."""
-    own = {v.id for s in walk(body) for v in results(s)}
-    return list(dict.fromkeys(u for s in walk(body) for u in uses(s) if u not in own))
-
-
-def _carried(body: Region) -> tuple[set[int], set[int]]:
-    """Return the variables that iterations hand on and store, and those that they only read."""
-    stored = {s.variable for s in walk(body) if isinstance(s, Store)}
-    first: set[int] = set()
-    _read_first(body, set(), first)
-    return first & stored, first - stored
-
-
-def _read_first(region: Region, whole: set[int], first: set[int]) -> None:
-    """Enter the variables that a region loads before it has stored the whole variable, as those of `whole` are."""
-    for s in region:
-        match s:
-            case Let(op="load", attr=int(variable)) if variable not in whole:
-                first.add(variable)
-            case Store(variable, _, components, index):
-                if components is None and index is None:
-                    whole.add(variable)
-                elif variable not in whole:
-                    first.add(variable)
-            case If(_, then, orelse):
-                one, other = set(whole), set(whole)
-                _read_first(then, one, first)
-                _read_first(orelse, other, first)
-                whole |= one & other
-            case Loop(body, continuing):
-                _read_first((*body, *continuing), set(whole), first)

@@ -19,14 +19,39 @@ from dataclasses import replace
 from math import isqrt
 
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import Break, Continue, Function, If, Let, Loop, Region, Return, Stmt, Store, Value
+from shpy.ir.nodes import Break, Continue, Function, If, Let, Loop, Module, Region, Return, Stmt, Store, Value
+from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.traverse import continues, has_exit, test_length
 from shpy.ir.types import Base, vec
+from shpy.passes.by_value import pass_by_value, takes_array
+from shpy.passes.inline import inline_calls
+from shpy.passes.lower import lower
+from shpy.passes.pipeline import optimise
 from shpy.passes.returns import returns_outside_loops
 
 _BOOL = vec(Base.B)
 _INT = vec(Base.I)
 _LEAVES = Break | Continue | Return
+
+
+FEW = 64
+"""The most iterations whose states are all kept; a longer loop becomes a loop in a loop.
+
+On llvmpipe, a loop of 1,024 iterations with four floats of state compiles in 27 to 34 s without the split, and in 0.6
+to 5.6 s with it; below 64 iterations it only costs a second computation of the loop.
+"""
+
+
+def prepared(module: Module, *, defined: bool = False) -> Module:
+    """Return a module whose functions take values, and leave each region at its end.
+
+    With `defined`, composite operations are calls of their definitions, whose roundings count one by one.
+    """
+    if defined:
+        module = lower(module, frozenset(OPS) - COMPOSITES)
+    module = optimise(pass_by_value(inline_calls(module, takes_array)), fixed=False)
+    functions = tuple(split_loops(structured(f), FEW) for f in module.functions)
+    return optimise(replace(module, functions=functions), fixed=False)
 
 
 def structured(function: Function) -> Function:
