@@ -11,7 +11,7 @@ from shpy.accuracy.measuring import measure
 from shpy.accuracy.pareto import frontier
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.report import Report
-from shpy.accuracy.roundings import Roundings, roundings
+from shpy.accuracy.rounding_lines import Roundings, roundings
 from shpy.accuracy.tradeoffs import Tradeoff, tradeoff
 from shpy.units import Budget, relative, steps, ulp  # first: tests compare with these
 
