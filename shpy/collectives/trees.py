@@ -140,7 +140,7 @@ def own_tree(place: Place, combine: Program, element: Any, value_type: Any, lift
 
 def memories_of(stream: Stream) -> list[Memory]:
     """Return the memory of each leaf of a stream."""
-    return [leaf.memory for leaf in stream.leaf_entries()]
+    return list(stream._memories)
 
 
 def fold_parts(own: Tree, stream: Stream, value_type: Any) -> Stream:

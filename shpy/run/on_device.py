@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shpy.backend.base import Array, DeviceCall, Executable, Memory, TableMemory, overlap
+from shpy.backend.base import Array, DeviceCall, Executable, Memory, Space, TableMemory, overlap
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import dtypes_at
 from shpy.ir.tabledata import TableData
@@ -45,13 +45,14 @@ class PreparedCall:
     targets: tuple[StreamLeaf, ...]
     fresh: bool
     place: Place
+    space: Space
     outputs: Any
 
     def run(self, executable: Executable) -> tuple[Any, Shape, Memory | None, Place]:
         """Start the run, store its results in the outputs, and return the parts of a `Result`."""
         call = self.call
         if math.prod(call.shape):
-            space = self.place.space
+            space = self.space
             space.start([executable.ready(call, once=True)])
             for target, new in zip(self.targets, call.outputs, strict=True):
                 kept = new
@@ -86,7 +87,7 @@ def prepare(
     written = tuple(t.memory if direct else _like(t.memory, place) for t in targets)
     status = None if executable.writes_all else space.allocate(math.prod(common), vec(Base.I), np.dtype(np.int32))
     call = DeviceCall(common, tuple(inputs), written, status, params, read)
-    return PreparedCall(call, tuple(targets), out is None, place, outputs)
+    return PreparedCall(call, tuple(targets), out is None, place, space, outputs)
 
 
 def _reads_others(inputs: Sequence[Memory], targets: Sequence[StreamLeaf], *, itself: bool) -> bool:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,10 +117,9 @@ class Stream(StreamReductions, StreamFields):
     @located
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
         """Return a stream of a shape at a place whose elements are not set, for a kernel that writes all of them."""
-        dtypes = dtypes_at(place.precision)
+        dtypes, space, count = dtypes_at(place.precision), place.space, math.prod(shape)
         memories = [
-            place.space.allocate(math.prod(shape), leaf.type, np.dtype(dtypes[leaf.base]))
-            for _, _, leaf in leaves(_layout(element), "")
+            space.allocate(count, leaf.type, np.dtype(dtypes[leaf.base])) for _, _, leaf in leaves(_layout(element), "")
         ]
         return cls.over(element, shape, place, memories)
 
@@ -433,6 +433,7 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
     return Place(name, int(device or 0), precision)
 
 
+@lru_cache(maxsize=256)
 def _layout(type: Any) -> Layout:
     return outside(layout_of(type, "a stream"), "a stream")
 

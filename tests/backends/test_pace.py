@@ -46,6 +46,15 @@ def test_a_cheap_kernel_is_soon_one_dispatch():
     assert len(durations(lambda n: 1e-9, 4096, 128, calls=3)) == 7
 
 
+def test_a_small_run_that_was_brief_is_not_waited_for_again():
+    clock = Clock(lambda n: 1e-9)
+    pace = Pace(0.1, clock)
+    for _ in pace.parts(1, 1024, 2):  # the only row, of two that a dispatch has at least
+        clock.work(1024)
+    assert pace.fits(1024)
+    assert not pace.fits(1025)
+
+
 def test_a_dear_kernel_is_many_short_ones():
     found = durations(lambda n: 1e-5, 4096, 64)
     assert found[0] == pytest.approx(pacing.FIRST * 1e-5)

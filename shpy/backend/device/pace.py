@@ -125,3 +125,5 @@ class Pace:
                 self.elements = max(1, int(fitting))
         elif whole:  # the time of a small rest does not show how many would fit
             self.elements = min(int(fitting), GROWTH * self.elements)
+        elif seconds < BRIEF:  # but that it fits itself: to wait for a small run takes as long as the run
+            self.elements = max(self.elements, elements)

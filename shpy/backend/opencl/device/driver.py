@@ -132,6 +132,11 @@ def _opened(index: int) -> Machine:
     return Machine(_listed()[index])
 
 
+def kind_of(size: int) -> Kind:
+    """Return the kind of the buffers with at least `size` bytes."""
+    return Kind(rounded(max(size, _LEAST)))
+
+
 class Machine:
     """One device with its context and queue. `lock` is held while its buffers and kernels are in use."""
 
@@ -229,8 +234,11 @@ class Machine:
 
     def take(self, size: int) -> Any:
         """Return a buffer of at least `size` bytes; the caller gives it back."""
-        size = rounded(max(size, _LEAST))
-        return self.pool.take(Kind(size), lambda: self._buffer(size))
+        return self.take_of(kind_of(size))
+
+    def take_of(self, kind: Kind) -> Any:
+        """Return a buffer of a kind of `kind_of`."""
+        return self.pool.take(kind, lambda: self._buffer(kind.bytes))
 
     def _buffer(self, size: int) -> Any:
         """Return a new buffer; MemoryError of the driver if the host's memory, where it is used, has no such part.

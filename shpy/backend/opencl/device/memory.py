@@ -24,8 +24,8 @@ import numpy as np
 
 from shpy.backend.base import Array, Collectives, Counts, too_large
 from shpy.backend.device.once import once
-from shpy.backend.device.pool import Kind, Recent
-from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine
+from shpy.backend.device.pool import Recent
+from shpy.backend.opencl.device.driver import ANY_SIZE, LOCAL_SIZE, Machine, kind_of
 from shpy.errors import ShpyTypeError
 from shpy.ir.constants import DTYPES
 from shpy.ir.nodes import Status
@@ -187,13 +187,14 @@ class OpenCLSpace:
         size = count * type.size * buffer_dtype(type, dtype).itemsize
         if size > sys.maxsize // 2:  # the next power of two is not a valid size
             raise too_large(count, type, dtype)
+        kind = kind_of(size)
         with machine.lock:
             try:
-                buffer = machine.take(max(size, 1))
+                buffer = machine.take_of(kind)
             except (machine.cl.MemoryError, machine.cl.LogicError) as error:
                 raise too_large(count, type, dtype) from error
         memory = OpenCLMemory(self, buffer, count, type, dtype)
-        memory.pooling = machine.pool.belong(memory, Kind(buffer.size), buffer)
+        memory.pooling = machine.pool.belong(memory, kind, buffer)
         return memory
 
     def owns(self, native: Any) -> bool:
