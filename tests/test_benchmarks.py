@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -200,6 +201,14 @@ def test_peers_have_processes_of_their_own(monkeypatch):
 
 
 SLOW = pytest.mark.slow
+
+
+@SLOW
+def test_decisions_are_raced():
+    done = subprocess.run([sys.executable, "scripts/decisions", "arguments", "places"], capture_output=True, text=True)
+    rows = [line.split() for line in done.stdout.splitlines()]
+    assert [row[0] for row in rows] == ["arguments", "places"], done.stderr
+    assert all(float(number) > 0 for row in rows for number in row[1:4])
 
 
 @pytest.mark.parametrize(

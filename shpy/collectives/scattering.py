@@ -123,16 +123,18 @@ def _target(values: Stream, shape: Any, out: Stream | None) -> Stream:
 
 
 def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
-    """Combine the values for each element of `target`, in their order, by the device itself or by programs.
-
-    For the programs, a stable sort by index makes the values of an element adjacent.
-    """
+    """Combine the values for each element of `target`, in their order, by the device itself or by programs."""
     own = _own_fold(values.place, combine)
-    if own is not None:
-        targets = memories_of(target)
-        taken = [_apart(memory, targets, values.place) for memory in (index, *memories_of(values))]
-        own(taken[1:], taken[0], targets)
+    if own is None:
+        _fold_by_programs(values, index, target, combine)
         return
+    targets = memories_of(target)
+    taken = [_apart(memory, targets, values.place) for memory in (index, *memories_of(values))]
+    own(taken[1:], taken[0], targets)
+
+
+def _fold_by_programs(values: Stream, index: Memory, target: Stream, combine: Program) -> None:
+    """Combine the values by programs: a stable sort by index makes the values of an element adjacent."""
     place, leaves_at = values.place, Leaves(values.place)
     keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
     counts = over_leaf(place, leaves_at.tally(index, target.size))

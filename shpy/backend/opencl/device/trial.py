@@ -3,8 +3,8 @@
 Stage: compile. A driver may print errors of a build to the terminal, refuse a kernel that it has built, or end the
 process. So the trials run in a process of their own (`works`), whose outcome is kept on disk for each device and
 version of its driver. This file is what that process runs; it needs pyopencl and numpy alone. To start it and its
-driver takes 1.5 to 1.8 s, so the trials of a driver that is known to be harmless run here, in one kernel (`outcomes`),
-which takes 0.1 s.
+driver takes 0.4 to 1.8 s, so the trials of a driver that is known to be harmless run here, in one kernel (`outcomes`),
+which takes 0.03 to 0.1 s.
 
     works((0, 0), [], {"double": Trial("int", "a[0] *= 2;", (3,), (6,))})                    # {"double"}
     outcomes(cl, context, [], {"double": Trial("int", "a[0] *= 2;", (3,), (6,))}, "")        # {"double"}
