@@ -262,7 +262,7 @@ def _merging(element: Any, descending: bool) -> Program:
     return annotated(merge, length=Attrib1i, **tables, out=tuple[element, Attrib1i])
 
 
-def _first_not_below(keys: Any, bound: Any) -> Any:
+def first_not_below(keys: Any, bound: Any) -> Any:
     """Return the index of the first key of a sorted Table that is at least the bound, or the size of the Table."""
     low, high = Attrib1i(0), Attrib1i(keys.shape[0])
     with SH_FOR(0, _BITS):
@@ -279,7 +279,7 @@ def _first_not_below(keys: Any, bound: Any) -> Any:
 def _putting(element: Any, index: Any) -> Program:
     def put(old: Any, keys: Any, order: Any, given: Any) -> Any:
         place = index(grid_index(1))
-        last = _first_not_below(keys, place + 1) - 1
+        last = first_not_below(keys, place + 1) - 1
         return cond((last >= 0) & (keys[last] == place), given[order[last]], old)
 
     tables = {"keys": TableType(index, 1), "order": TableType(Attrib1i, 1), "given": TableType(element, 1)}
@@ -290,6 +290,6 @@ def _putting(element: Any, index: Any) -> Program:
 def _tallying(number: Any) -> Program:
     def tally(keys: Any) -> Any:
         bin = number(grid_index(1))
-        return _first_not_below(keys, bin + 1) - _first_not_below(keys, bin)
+        return first_not_below(keys, bin + 1) - first_not_below(keys, bin)
 
     return annotated(tally, keys=TableType(number, 1), out=Attrib1i)

@@ -16,9 +16,8 @@ import numpy as np
 from shpy.backend.base import FoldPlaces, Memory, overlap
 from shpy.collectives.arguments import check_place, check_stream, indices_at, shaped
 from shpy.collectives.chunk_places import gather_chunks, scatter_chunks
-from shpy.collectives.leaves import Leaves, element_class, over_leaf, run_over
+from shpy.collectives.leaves import Leaves, element_class, first_not_below, over_leaf, run_over
 from shpy.collectives.programs import annotated, store
-from shpy.collectives.scanning import scan
 from shpy.collectives.trees import check_combination, memories_of, retyped
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
@@ -26,7 +25,7 @@ from shpy.ir.types import Base
 from shpy.lang.data.tables import TableType
 from shpy.lang.programs.control import SH_BREAK, SH_DISCARD, SH_FOR, SH_IF
 from shpy.lang.recording.location import here
-from shpy.lang.values.builtins import cond
+from shpy.lang.values.builtins import cond, grid_index
 from shpy.lang.values.structure import build_values, is_lazy, layout_of, leaves, spoken_type
 from shpy.lang.values.types import Attrib1i, Attrib1u
 from shpy.programs import Program
@@ -137,9 +136,9 @@ def _fold_by_programs(values: Stream, index: Memory, target: Stream, combine: Pr
     """Combine the values by programs: a stable sort by index makes the values of an element adjacent."""
     place, leaves_at = values.place, Leaves(values.place)
     keys = run_over(place, _unsigned(element_class(index)), values.size, index=over_leaf(place, index))
-    counts = over_leaf(place, leaves_at.tally(index, target.size))
-    order = leaves_at.order(keys.leaf_entries()[0].memory, descending=False)
-    inputs = {"number": counts, "end": scan(_adding(), counts)}
+    (unordered,) = memories_of(keys)
+    order = leaves_at.order(unordered, descending=False)
+    inputs = {"keys": over_leaf(place, leaves_at.take(unordered, order))}
     for k, entry in enumerate(values.leaf_entries()):
         inputs[f"given{k}"] = over_leaf(place, leaves_at.take(entry.memory, order))
     out = retyped(target, target.type, (target.size,))
@@ -177,24 +176,20 @@ def _unsigned(index: Any) -> Program:
     return annotated(key, index=index, out=Attrib1u)
 
 
-@cache
-def _adding() -> Program:
-    return annotated(lambda a, b: a + b, a=Attrib1i, b=Attrib1i, out=Attrib1i)
-
-
 @lru_cache(maxsize=256)
 def _folding(combine: Program, element: Any) -> Program:
     """Record the program that combines up to _AT_ONCE values of each place, from the one numbered `first`.
 
-    A place has `number` values, the last of which precedes index `end` in `tables`, those of the leaves.
+    The values of a place stand in `tables`, those of the leaves, where its number stands in `keys`.
     """
     layout = layout_of(element, "an element")
-    inputs = {"before": element, "first": Attrib1i, "number": Attrib1i, "end": Attrib1i}
+    inputs = {"before": element, "first": Attrib1i, "keys": TableType(Attrib1u, 1)}
     tables = {f"given{k}": TableType(cls, 1) for k, (_, _, cls) in enumerate(leaves(layout, ""))}
 
-    def fold(before: Any, first: Any, number: Any, end: Any, **tables: Any) -> Any:
-        SH_DISCARD(first >= number)
-        begin = end - number + first
+    def fold(before: Any, first: Any, keys: Any, **tables: Any) -> Any:
+        place = Attrib1u(grid_index(1))
+        begin, end = first_not_below(keys, place) + first, first_not_below(keys, place + 1)
+        SH_DISCARD(begin >= end)
         with SH_IF(first == 0):
             store(before, build_values(layout, (table[begin] for table in tables.values())))
             begin += 1
