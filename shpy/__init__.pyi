@@ -6557,6 +6557,94 @@ def atanh(x: Attrib3i | Attrib3u) -> Attrib3f: ...
 @overload
 def atanh(x: Attrib4i | Attrib4u) -> Attrib4f: ...
 @overload
+def expm1(x: _Float) -> _Float:
+    """Return e to the power of x, less 1, without cancellation near 0."""
+@overload
+def expm1(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def expm1(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def expm1(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def expm1(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def log1p(x: _Float) -> _Float:
+    """Return the natural logarithm of 1 + x, without cancellation near 0."""
+@overload
+def log1p(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def log1p(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def log1p(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def log1p(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def exp10(x: _Float) -> _Float:
+    """Return 10 to the power of x."""
+@overload
+def exp10(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def exp10(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def exp10(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def exp10(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def cbrt(x: _Float) -> _Float:
+    """Return the cube root; negative for a negative x."""
+@overload
+def cbrt(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def cbrt(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def cbrt(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def cbrt(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def erf(x: _Float) -> _Float:
+    """Return the error function, 2 / sqrt(pi) times the integral of exp(-t * t) from 0 to x."""
+@overload
+def erf(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def erf(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def erf(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def erf(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def erfc(x: _Float) -> _Float:
+    """Return 1 - erf(x), without cancellation where x is large."""
+@overload
+def erfc(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def erfc(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def erfc(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def erfc(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def sinpi(x: _Float) -> _Float:
+    """Return the sine of pi * x; 0 for whole numbers, with the sign of x."""
+@overload
+def sinpi(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def sinpi(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def sinpi(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def sinpi(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
+def cospi(x: _Float) -> _Float:
+    """Return the cosine of pi * x; 0 for halves of odd numbers."""
+@overload
+def cospi(x: _FloatScalar) -> Attrib1f: ...
+@overload
+def cospi(x: Attrib2i | Attrib2u) -> Attrib2f: ...
+@overload
+def cospi(x: Attrib3i | Attrib3u) -> Attrib3f: ...
+@overload
+def cospi(x: Attrib4i | Attrib4u) -> Attrib4f: ...
+@overload
 def pow(x: _Kind2f, y: _Operands2f) -> _Kind2f:
     """Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."""
 @overload
@@ -7129,6 +7217,7 @@ __all__ = [
     "bvec2",
     "bvec3",
     "bvec4",
+    "cbrt",
     "ceil",
     "choice",
     "clamp",
@@ -7136,6 +7225,7 @@ __all__ = [
     "cond",
     "cos",
     "cosh",
+    "cospi",
     "count_leading_zeros",
     "cross",
     "dFdx",
@@ -7145,9 +7235,13 @@ __all__ = [
     "determinant",
     "distance",
     "dot",
+    "erf",
+    "erfc",
     "exp",
+    "exp10",
     "exp2",
     "expand",
+    "expm1",
     "faceforward",
     "floatBitsToUint",
     "float_from_bits",
@@ -7174,6 +7268,7 @@ __all__ = [
     "length",
     "log",
     "log10",
+    "log1p",
     "log2",
     "loop",
     "mad",
@@ -7205,6 +7300,7 @@ __all__ = [
     "sign",
     "sin",
     "sinh",
+    "sinpi",
     "smootherstep",
     "smoothstep",
     "sort",

@@ -27,7 +27,9 @@ def in_its_domain(name, x):
             return np.abs(x) < 1
         case "acosh":
             return x >= 1
-        case "exp" | "exp2" | "sinh" | "cosh":
+        case "log1p":
+            return x > -1
+        case "exp" | "exp2" | "sinh" | "cosh" | "expm1" | "exp10" | "erfc":
             return np.abs(x) < 1000
     return np.full(x.shape, True)
 

@@ -132,6 +132,14 @@ _SCALAR: dict[str, Callable[..., Any]] = {
     "pow": _power,
     "atan2": _atan2,
     "hypot": MP.hypot,
+    "expm1": _exp(MP.expm1),
+    "log1p": _real(MP.log1p, lambda x: x > -1),
+    "cbrt": lambda x: MP.sign(x) * MP.cbrt(abs(x)),
+    "exp10": _exp(lambda x: MP.power(10, x)),
+    "erf": MP.erf,
+    "erfc": _real(MP.erfc, lambda x: abs(x) < 1e5),
+    "sinpi": MP.sinpi,
+    "cospi": MP.cospi,
 }
 """The primitive operations, on scalars."""
 

@@ -31,9 +31,9 @@ HARD: Final = os.path.join(os.path.dirname(__file__), "hard")
 """The folder of the hard cases: no Path, since importing pathlib takes 6 ms of CPU."""
 MARGIN: Final = 2.0**-46
 """The relative error allowed for a function of binary64. Hard cases are known up to twice that distance."""
-ODD: Final = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"})
+ODD: Final = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "cbrt", "erf", "sinpi"})
 """The functions with f(-x) = -f(x); the files hold only their positive inputs."""
-EVEN: Final = frozenset({"cos", "cosh"})
+EVEN: Final = frozenset({"cos", "cosh", "cospi"})
 """The functions with f(-x) = f(x); the files hold only their positive inputs."""
 
 
@@ -90,7 +90,7 @@ def _reliable(name: str) -> Callable[..., Array]:
 
     def one(x: float) -> float:
         try:
-            return float(getattr(math, name)(x))
+            return float(getattr(math, name, f)(x))
         except (ValueError, OverflowError):  # infinities and NaN are right in numpy
             return float(f(np.float64(x)))
 
@@ -124,6 +124,37 @@ def _exact(name: str, f: Callable[..., Array], *, decides: bool = False) -> Call
     return rounded
 
 
+def _each(f: Callable[[float], float]) -> Callable[..., Array]:
+    """Return a function of Python for arrays, which takes one number at a time."""
+
+    def on_arrays(x: Array, out: Array | None = None) -> Array:
+        results = np.vectorize(f, otypes=[np.float64])(x)
+        return np.asarray(np.positive(results, out=out))
+
+    return on_arrays
+
+
+def _sinpi(x: Array, out: Array | None = None) -> Array:
+    """Return the sine of pi x in binary64; a zero has the sign of x."""
+    whole = np.rint(x)
+    fraction = x - whole
+    turned = np.where(_odd(whole), -fraction, fraction)
+    return np.sin(np.pi * np.where(fraction == 0, np.copysign(0, x), turned), out=out)
+
+
+def _cospi(x: Array, out: Array | None = None) -> Array:
+    """Return the cosine of pi x in binary64, the sine of pi (1/2 - |f|) for the fraction f; all zeros are positive."""
+    whole = np.rint(x)
+    fraction = np.abs(x - whole)
+    return np.asarray(np.sin(np.pi * np.where(_odd(whole), fraction - 0.5, 0.5 - fraction), out=out))
+
+
+def _odd(whole: Array) -> Array:
+    """Return which whole numbers are odd."""
+    half = whole * 0.5
+    return np.asarray(half != np.floor(half))
+
+
 FUNCTIONS: Final[dict[str, Any]] = {}
 """The functions by the names of their operations."""
 
@@ -133,6 +164,10 @@ sin, cos, tan = _exact("sin", np.sin), _exact("cos", np.cos), _exact("tan", np.t
 asin, acos, atan = _exact("asin", np.arcsin), _exact("acos", np.arccos), _exact("atan", np.arctan)
 sinh, cosh, tanh = _exact("sinh", np.sinh), _exact("cosh", np.cosh), _exact("tanh", np.tanh)
 asinh, acosh, atanh = _exact("asinh", np.arcsinh), _exact("acosh", np.arccosh), _exact("atanh", np.arctanh)
+expm1, log1p, cbrt = _exact("expm1", np.expm1), _exact("log1p", np.log1p), _exact("cbrt", np.cbrt)
+exp10 = _exact("exp10", lambda x, out=None: np.power(10.0, x, out=out))
+erf, erfc = _exact("erf", _each(math.erf)), _exact("erfc", _each(math.erfc))
+sinpi, cospi = _exact("sinpi", _sinpi), _exact("cospi", _cospi)
 rsqrt = _exact("rsqrt", lambda x, out=None: np.divide(1, np.sqrt(x, out=out), out=out), decides=True)
 
 

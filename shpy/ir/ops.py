@@ -295,6 +295,21 @@ _transcendental("tanh", exact.tanh, 1.5, 5, 1.5, "Return the hyperbolic tangent.
 _transcendental("asinh", exact.asinh, 1.5, 4, 1.25, "Return the inverse hyperbolic sine.")
 _transcendental("acosh", exact.acosh, 1.5, 4, 1.25, "Return the inverse hyperbolic cosine.")
 _transcendental("atanh", exact.atanh, 1.5, 5, 1.25, "Return the inverse hyperbolic tangent.")
+_transcendental("expm1", exact.expm1, 1.5, 3, 1, "Return e to the power of x, less 1, without cancellation near 0.")
+_transcendental("log1p", exact.log1p, 1, 2, 1, "Return the natural logarithm of 1 + x, without cancellation near 0.")
+_transcendental("exp10", exact.exp10, 1, 3, 1, "Return 10 to the power of x.")
+_transcendental("cbrt", exact.cbrt, 1, 2, 1, "Return the cube root; negative for a negative x.")
+_transcendental(
+    "erf",
+    exact.erf,
+    1.5,
+    16,
+    1.5,
+    "Return the error function, 2 / sqrt(pi) times the integral of exp(-t * t) from 0 to x.",
+)
+_transcendental("erfc", exact.erfc, 5, 16, 5, "Return 1 - erf(x), without cancellation where x is large.")
+_transcendental("sinpi", exact.sinpi, 1, 4, 1, "Return the sine of pi * x; 0 for whole numbers, with the sign of x.")
+_transcendental("cospi", exact.cospi, 1, 4, 1, "Return the cosine of pi * x; 0 for halves of odd numbers.")
 _NEARLY = 0.5000001
 """The error of a value that is rounded to binary64 first."""
 _pow = "Raise x to the power of y; 1 for two zeros; a negative x takes a whole y (C99)."

@@ -46,7 +46,7 @@ def lower_half(module: Module, formulas: Formulas = "portable", exact: frozenset
     if Base.H not in bases_of(module):
         return module
     library = Library(module, "portable")
-    once = formulas != "portable"
+    once = formulas not in ("portable", "fast")
     changed = each_function(module, lambda f, functions: _Half(f, functions, library, once, exact).run())
     return library.added(retype_ports(changed, Base.H, Base.F))
 

@@ -62,7 +62,7 @@ CORRECTABLE = frozenset({"div", "sqrt", "fma", "convert_nan"})
 
 def is_exact(name: str, type: Type, formulas: Formulas) -> bool:
     """Return whether an operation on this type is an elementary function that gives the exact value rounded once."""
-    return name in TRANSCENDENTALS and type.base is Base.F and formulas != "portable"
+    return name in TRANSCENDENTALS and type.base is Base.F and formulas not in ("portable", "fast")
 
 
 @cache
@@ -80,10 +80,13 @@ def definition(name: str, types: tuple[Type, ...], formulas: Formulas = "doubles
 
         return define(called, rounded(name), types, fused=formulas == "fused")
     if name in TRANSCENDENTALS:
+        from shpy.passes.formulas import fast
         from shpy.passes.formulas.portable import FUNCTIONS
 
         base = "_d" if first.base is Base.D else ""
-        mode = "portable" if formulas == "portable" and not base else "strict"
+        if formulas == "fast" and not base and name in fast.FUNCTIONS:
+            return define(f"{name}_fast{first.size if first.size > 1 else ''}", fast.FUNCTIONS[name], types)
+        mode = "portable" if formulas in ("portable", "fast") and not base else "strict"
         return define(f"{name}_{mode}{base}{first.size if first.size > 1 else ''}", FUNCTIONS[name], types)
     if name in HALVES:
         from shpy.passes.formulas.strict.halves import correction

@@ -37,18 +37,19 @@ def mode_name(math: str, fuse: bool) -> str:
     return f"{math} fused" if fuse else math
 
 
-Formulas = Literal["fused", "doubles", "none", "portable"]
+Formulas = Literal["fused", "doubles", "none", "portable", "fast"]
 """The formulas of the elementary functions of binary32.
 
 fused, doubles: strict mode's, in binary64, with or without fused operations. none: strict mode has none on a device
-without binary64. portable: in binary32 alone.
+without binary64. portable: in binary32 alone. fast: portable's, or the target's other functions where a compiler may
+reassociate sums.
 """
 
 
 def formulas_of(math: Math, doubles: bool, fuses: bool = False) -> Formulas:
     """Return the formulas of a mode on a target; `doubles`: it has binary64, `fuses`: its fma of binary64 is fast."""
     if math != "strict":
-        return "portable"
+        return "fast" if math == "fast" else "portable"
     if not doubles:
         return "none"
     return "fused" if fuses else "doubles"

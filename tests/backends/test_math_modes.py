@@ -194,6 +194,9 @@ def test_fast_is_about_right_for_ordinary_numbers(backend: str) -> None:
 
 REFERENCES: dict[str, Callable[..., Any]] = {
     **{n: getattr(mp, n) for n in ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh")},
+    **{n: getattr(mp, n) for n in ("expm1", "log1p", "erf", "erfc", "sinpi", "cospi")},
+    "cbrt": lambda x: mp.sign(x) * mp.cbrt(abs(x)),
+    "exp10": lambda x: mp.power(10, x),
     **{n: getattr(mp, n) for n in ("asinh", "acosh", "atanh", "atan2", "hypot")},
     "exp2": lambda x: mp.power(2, x),
     "log2": lambda x: mp.log(x) / mp.log(2),
@@ -208,10 +211,14 @@ def doubles(name: str) -> Array:
     rng = np.random.default_rng(5)
     u = rng.uniform(-1, 1, 250)
     match name:
-        case "asin" | "acos" | "atanh":
+        case "asin" | "acos" | "atanh" | "log1p":
             return u
-        case "exp" | "exp2" | "sinh" | "cosh":
+        case "exp" | "exp2" | "sinh" | "cosh" | "expm1":
             return np.asarray(700 * u**3)
+        case "exp10":
+            return np.asarray(300 * u)
+        case "erfc":
+            return np.asarray(26 * u)
         case "log" | "log2" | "log10" | "rsqrt":
             return np.exp(700 * u**3)
         case "acosh":

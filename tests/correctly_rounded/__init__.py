@@ -27,6 +27,7 @@ Floats = NDArray[np.float32]
 FUNCTIONS: Final = (
     "exp", "exp2", "log", "log2", "log10", "sin", "cos", "tan", "asin", "acos", "atan",
     "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "rsqrt",
+    "expm1", "log1p", "cbrt", "erf", "erfc", "exp10", "sinpi", "cospi",
 )  # fmt: skip
 """The oracle's functions of one argument."""
 PAIRS: Final = ("pow", "atan2", "hypot")

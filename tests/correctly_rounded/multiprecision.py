@@ -8,10 +8,12 @@ from typing import Any
 import mpmath as mp
 
 _BY_NAME = ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "log10", "sinh", "cosh", "tanh",
-            "asinh", "acosh", "atanh")  # fmt: skip
+            "asinh", "acosh", "atanh", "erf", "erfc", "sinpi", "cospi", "expm1", "log1p")  # fmt: skip
 
 EXACT: dict[str, Callable[[Any], Any]] = {
     **{name: getattr(mp, name) for name in _BY_NAME},
+    "cbrt": lambda x: mp.sign(x) * mp.cbrt(abs(x)),
+    "exp10": lambda x: mp.power(10, x),
     "exp2": lambda x: mp.power(2, x),
     "log2": lambda x: mp.log(x) / mp.log(2),
     "rsqrt": lambda x: 1 / mp.sqrt(x),

@@ -15,7 +15,8 @@ from shpy.testing.conformance.exact import apply
 
 UNARY = sorted(name for name in exact.FUNCTIONS if len(OPS[name].takes) == 1)
 NUMPY = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "rsqrt": lambda x: 1 / np.sqrt(x),
-         "asinh": np.arcsinh, "acosh": np.arccosh, "atanh": np.arctanh}  # fmt: skip
+         "asinh": np.arcsinh, "acosh": np.arccosh, "atanh": np.arctanh,
+         **{n: OPS[n].meaning for n in ("exp10", "erf", "erfc", "sinpi", "cospi")}}  # fmt: skip
 SPECIAL = np.float32([0.0, -0.0, np.inf, -np.inf, np.nan, 1.0, -1.0, 1e-45, -1e-45, 1e-38, 3.4e38, -3.4e38])
 
 

@@ -23,7 +23,7 @@ from shpy.errors import RecordError
 from shpy.ir.nodes import Loc
 from shpy.ir.ops import OPS
 from shpy.lang.mistakes.expressions import ends_of, is_vector, named, prefix_of, rewritten, size_of
-from shpy.lang.mistakes.foreign import OTHER_NAMES, SPELLED_OUT, is_in_library, module_cure
+from shpy.lang.mistakes.foreign import OTHER_NAMES, is_in_library, module_cure
 from shpy.lang.recording.location import here, user_frame
 from shpy.lang.recording.text import Text
 from shpy.lang.recording.tree import quoted
@@ -55,7 +55,6 @@ _OF_COUNTS = {
     ("square", 1): "{0} * {0}",
     ("uniform", 2): "{0} + ({1} - {0}) * {prefix}unit_float({prefix}hash(i))",
     ("randint", 2): "the bits of {prefix}hash(i), the same in every run",
-    **{(name, 1): spelled for name, spelled in SPELLED_OUT.items()},
 }
 """Cures for functions of Python and numpy, by their number of arguments."""
 _NUMERIC = ("math", "cmath", "np", "numpy")

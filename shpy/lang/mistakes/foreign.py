@@ -41,7 +41,7 @@ _SHADING = {
     "ones": "vec3(1) for a vector", "linspace": "Table(np.linspace(a, b, n), sh.Attrib1f)",
     "arange": "Table(np.arange(n), sh.Attrib1i)", "discard": "SH_DISCARD()",
     "random": "unit_float(sh.hash(i))", "rand": "unit_float(sh.hash(i))",
-    "exp10": "pow(10, x)", "modf": "trunc(x) and x - sh.trunc(x)",
+    "tanpi": "sinpi(x) / sh.cospi(x)", "modf": "trunc(x) and x - sh.trunc(x)",
     "kernel": "program", "func": "program", "function": "subroutine",
     **dict.fromkeys(("grad", "autodiff", "backward", "bwd_diff"), "gradient(f)(x), or program.gradient(\"x\")"),
     **dict.fromkeys(("fwd_diff", "forward_diff", "pushforward"), "jvp(f, [x], [dx]), or program.jvp(\"x\")"),
@@ -49,19 +49,6 @@ _SHADING = {
     "hessian": "jacobian(sh.gradient(f))(x)", "derivative": "gradient(f)(x)",
     "uniform": "Param(type, value)", "buffer": "Table(array, type)", "Uniform": "Param(type, value)",
 }  # fmt: skip
-SPELLED_OUT = {
-    "log1p": "{prefix}cond(abs({0}) < 0.5, 2 * {prefix}atanh({0} / (2 + {0})), {prefix}log(1 + {0}))",
-    "expm1": "{prefix}tanh({0} / 2) * ({prefix}exp({0}) + 1)",
-    "cbrt": "{prefix}sign({0}) * {prefix}pow(abs({0}), 1 / 3)",
-    "sinpi": "(1 - 2 * {prefix}mod({prefix}round({0}), 2)) * {prefix}sin(math.pi * ({0} - {prefix}round({0})))",
-    "cospi": "{prefix}sin(math.pi * (0.5 - abs({0} - 2 * {prefix}round({0} / 2))))",
-    "tanpi": "{prefix}sin(math.pi * ({0} - {prefix}round({0}))) "
-    "/ {prefix}sin(math.pi * (0.5 - abs({0} - {prefix}round({0}))))",
-}  # fmt: skip
-"""Functions of one argument that shpy lacks, by forms of it that are accurate for all arguments.
-
-Where x is near 0, exp(x) - 1 and log(1 + x) lose all digits, and sin(math.pi * x) where x is a large whole number.
-"""
 _PLAIN = {
     "pi": "math.pi", "PI": "math.pi", "tau": "math.tau", "e": "math.e", "inf": "math.inf", "nan": "math.nan",
     "fmod": "x - y * sh.trunc(x / y), or sh.mod(x, y) with the sign of y",
@@ -106,8 +93,6 @@ def module_cure(name: str, names: Iterable[str]) -> str | None:
     """Return the cure for `sh.name`; `names` are those of shpy."""
     if name in _PLAIN:
         return _PLAIN[name]
-    if name in SPELLED_OUT:
-        return SPELLED_OUT[name].format("x", prefix="sh.")
     if name in OTHER_NAMES:
         return f"sh.{OTHER_NAMES[name]}"
     if name in _SHADING:

@@ -179,6 +179,8 @@ def _double(name: str, target: DeviceChoice) -> Finding:
 
 def _exact(mp: Any, name: str) -> Any:
     others = {
+        "cbrt": lambda x: mp.sign(x) * mp.cbrt(abs(x)),
+        "exp10": lambda x: mp.power(10, x),
         "exp2": lambda x: mp.power(2, x),
         "log2": lambda x: mp.log(x) / mp.log(2),
         "pow": mp.power,
@@ -191,10 +193,14 @@ def _doubles(name: str) -> tuple[Array, ...]:
     """Numbers from where the function is defined."""
     u, v = (_between(k) for k in (1, 2))
     match name:
-        case "asin" | "acos" | "atanh":
+        case "asin" | "acos" | "atanh" | "log1p":
             return (u,)
-        case "exp" | "exp2" | "sinh" | "cosh":
+        case "exp" | "exp2" | "sinh" | "cosh" | "expm1":
             return (700 * u * u * u,)
+        case "exp10":
+            return (300 * u,)
+        case "erfc":
+            return (26 * u,)
         case "log" | "log2" | "log10" | "rsqrt":
             return (np.ldexp(1.5 + 0.25 * u, (1000 * v).astype(np.int32)),)
         case "acosh":

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from shpy.backend.glsl.text.prologue import VERSION
-from shpy.passes.formulas.coefficients import STRICT_FAR_DIGITS, STRICT_INVERSE_PI, STRICT_SIN
+from shpy.passes.formulas.strict.coefficients import STRICT_FAR_DIGITS, STRICT_INVERSE_PI, STRICT_SIN
 
 # The operations that a device may get wrong.
 PROBE: Final = f"""\

@@ -37,7 +37,8 @@ NATIVE: Final = frozenset({"clamp"})
 """Composite operations that are one call here, with exactly the table's meaning."""
 
 GEOMETRIC: Final = frozenset({"dot", "length", "distance", "normalize", "cross", "reflect", "refract", "faceforward"})
-FAST: Final = (TRANSCENDENTALS - {"hypot", "log10"}) | GEOMETRIC
+_LACKING: Final = frozenset("hypot log10 expm1 log1p cbrt erf erfc exp10 sinpi cospi".split())
+FAST: Final = (TRANSCENDENTALS - _LACKING) | GEOMETRIC
 """Operations that are one call here, but GLSL says too little of how exact they are and of their edges."""
 
 _ORDERED: Final = frozenset({"lt", "le", "gt", "ge"})

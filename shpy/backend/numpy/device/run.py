@@ -58,12 +58,13 @@ _OF_PLACE: Final[dict[tuple[str, str], Callable[[Place], Any]]] = {
 """The arguments of a text that depend on the tile."""
 _KEPT_MEMORY: Final = 1 << 24
 # Far out and beside a multiple of pi / 2, numpy's own sine and cosine of binary64 lose up to half of the digits.
-# numpy has no function for rsqrt.
+LACKING: Final = frozenset({"exp10", "erf", "erfc", "sinpi", "cospi"})
+"""Functions that numpy has not, and computes by their formulas in every mode."""
 TARGET: Final = Target(
-    "numpy", native=frozenset(OPS) - {"rsqrt"}, bounded=frozenset({"sin", "cos", "tan"}), vector=True
+    "numpy", native=frozenset(OPS) - {"rsqrt"} - LACKING, bounded=frozenset({"sin", "cos", "tan"}), vector=True
 )
 
-EXACT: Final = frozenset(exact.FUNCTIONS) - {"sin", "cos"}
+EXACT: Final = frozenset(exact.FUNCTIONS) - {"sin", "cos"} - LACKING
 """Functions that numpy does faster than a formula: its sine and cosine of binary64 take one element at a time."""
 
 

@@ -52,7 +52,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
         op: op
         for op in (
             "floor ceil trunc sqrt fma isnan isinf popcount any all exp exp2 log log2 log10 sin cos tan asin acos atan "
-            "sinh cosh tanh asinh acosh atanh pow atan2 hypot rsqrt"
+            "sinh cosh tanh asinh acosh atanh expm1 log1p cbrt erf erfc exp10 sinpi cospi pow atan2 hypot rsqrt"
         ).split()
     },
     "count_leading_zeros": "clz",
@@ -73,11 +73,12 @@ UNARY: Final = [
     *"sqrt rsqrt".split(),
     "fabs",
     *"sign exp exp2 log log2 log10 sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh".split(),
+    *"expm1 log1p cbrt erf erfc exp10 sinpi cospi".split(),
 ]
 """OpenCL C's functions of one float that give a float."""
 
 NATIVE: Final[Mapping[str, str]] = {
-    op: f"native_{op}" for op in "sqrt rsqrt exp exp2 log log2 log10 sin cos tan".split()
+    op: f"native_{op}" for op in "sqrt rsqrt exp exp2 exp10 log log2 log10 sin cos tan".split()
 }
 """Functions of binary32 that fast mode calls instead: OpenCL leaves their accuracy to the device."""
 

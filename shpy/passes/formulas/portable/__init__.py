@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from shpy.passes.formulas.portable import circular, exponential, logarithm, root
+from shpy.passes.formulas.portable import circular, cube_root, error, exponential, logarithm, root
 from shpy.passes.formulas.terms import Term
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
@@ -20,6 +20,8 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (exponential.sinh, exponential.cosh, exponential.tanh)},
     **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
     **{f.__name__: f for f in (logarithm.asinh, logarithm.acosh, logarithm.atanh)},
+    **{f.__name__: f for f in (exponential.expm1, exponential.exp10, logarithm.log1p, cube_root.cbrt)},
+    **{f.__name__: f for f in (error.erf, error.erfc, circular.sinpi, circular.cospi)},
     "pow": logarithm.pow_,
     "rsqrt": exponential.rsqrt,
     "hypot": root.hypot,

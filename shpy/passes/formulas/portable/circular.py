@@ -133,6 +133,37 @@ def tan(x: Term) -> Term:
     return where(abs(x) < TINY[x.type.base], x, q + rest / d)
 
 
+def _of_half_turns(x: Term) -> tuple[Term, Term, Term, Term]:
+    """Return (f, odd, sine, cosine): f is x less the nearest whole number, which is odd or not; those of pi f."""
+    k = x.op("round").named("k")
+    half = (k * 0.5).named("half")
+    f = (x - k).named("f")
+    a = abs(f).named("a")
+    steep = (a > 0.25).named("steep")
+    g = where(steep, 0.5 - a, a).named("g")
+    pi, pi_low = constants(x, PI)
+    high, low = two_product(g, g.constant(pi))
+    low = (low + g * pi_low).named("low")
+    z = (high * high).named("z")
+    whole, rest = _cosine(high, low, z)
+    sine = where(g < 2.0**-64, high, high + _sine_rest(high, low, z)).named("sine")  # the low part may be denormal
+    cosine = (whole + rest).named("cosine")
+    size = where(steep, cosine, sine)
+    return f, half.differs(half.op("floor")), where(f < 0, -size, size), where(steep, sine, cosine)
+
+
+def sinpi(x: Term) -> Term:
+    """Return the sine of pi x; a zero has the sign of x (IEEE 754-2019 section 9.2.1)."""
+    f, odd, sine, _ = _of_half_turns(x)
+    return where(f.equals(0), where(sign_bit(x), x.constant(-0.0), 0.0), where(odd, -sine, sine))
+
+
+def cospi(x: Term) -> Term:
+    """Return the cosine of pi x; all zeros are positive."""
+    _, odd, _, cosine = _of_half_turns(x)
+    return where(odd & cosine.differs(0), -cosine, cosine)
+
+
 def _asin_rest(a: Term) -> Term:
     """Return (asin(a) - a) / a for 0 <= a <= 1/2."""
     z = (a * a).named("z")

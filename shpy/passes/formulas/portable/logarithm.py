@@ -110,6 +110,12 @@ def log(x: Term) -> Term:
     return edges(x, _log_of(x))
 
 
+def log1p(x: Term) -> Term:
+    """Return the logarithm of 1 + x, the sum in two parts."""
+    u, low = two_sum(x.constant(1), x)
+    return where(x.equals(0), x, edges(u, _log_of(u, low)))
+
+
 def log2(x: Term) -> Term:
     """Return the binary logarithm of x."""
     f, k = parted(x)

@@ -25,8 +25,9 @@ import numpy as np
 
 from shpy.ir.exact import FUNCTIONS as ELEMENTARY
 from shpy.ir.types import Base
+from shpy.passes.formulas.portable import cube_root
 from shpy.passes.formulas.rounding import with_exceptions
-from shpy.passes.formulas.strict import circular, exponential, hyperbolic, inverse, logarithm, power, root
+from shpy.passes.formulas.strict import circular, error, exponential, hyperbolic, inverse, logarithm, power, root
 from shpy.passes.formulas.terms import Term
 
 FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
@@ -36,6 +37,9 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Term]]] = {
     **{f.__name__: f for f in (hyperbolic.sinh, hyperbolic.cosh, hyperbolic.tanh)},
     **{f.__name__: f for f in (hyperbolic.asinh, hyperbolic.acosh, hyperbolic.atanh)},
     **{f.__name__: f for f in (logarithm.log, logarithm.log2, logarithm.log10)},
+    **{f.__name__: f for f in (hyperbolic.expm1, hyperbolic.log1p, exponential.exp10)},
+    **{f.__name__: f for f in (error.erf, error.erfc, circular.sinpi, circular.cospi)},
+    "cbrt": cube_root.rounded_once,
     "pow": power.pow_,
     **{f.__name__: f for f in (root.rsqrt, root.hypot)},
 }
@@ -45,7 +49,18 @@ EXCEPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "asinh": ("0x1.bacb4ap+24", "0x1.b121a6p+75", "0x1.6351d8p+94"),
     "atan": ("0x1.1ad646p-4",),
     "cos": ("0x1.3170fp+63", "0x1.119ae6p+115"),
+    "erfc": ("-0x1.d93ec4p-17",),
     "exp2": ("-0x1.e7526ep-6",),
+    "expm1": ("0x1.6a09e6p-24", "0x1.94c582p-22", "0x1.645636p-19"),
+    "log1p": (
+        "-0x1.dfff6ap-17",
+        "-0x1.1fffcap-17",
+        "-0x1.7ffffap-21",
+        "0x1.bdb59cp-18",
+        "0x1.0f1fd6p+3",
+        "0x1.b121a6p+76",
+        "0x1.6351d8p+95",
+    ),
     "log": ("0x1.bacb4ap+25", "0x1.b121a6p+76", "0x1.6351d8p+95"),
 }
 """Inputs that a formula misrounds in one of its spellings; the positive ones of odd and even functions."""

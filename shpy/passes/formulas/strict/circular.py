@@ -11,14 +11,14 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import (
+from shpy.passes.formulas.parts import horner, sign_bit, whole
+from shpy.passes.formulas.strict.coefficients import (
     STRICT_FAR_DIGITS,
     STRICT_INVERSE_PI,
     STRICT_SIN,
     STRICT_TAN_ABOVE,
     STRICT_TAN_BELOW,
 )
-from shpy.passes.formulas.parts import horner, whole
 from shpy.passes.formulas.terms import Term, replaced, where
 
 FAR: Final = 2.0**24
@@ -71,6 +71,23 @@ def cos(x: Term) -> Term:
     """Return the cosine of x, which is the sine of x + pi / 2."""
     f, odd = _parts_of(x, 1, 0.5)
     return _sine(f, ~odd)
+
+
+def sinpi(x: Term) -> Term:
+    """Return the sine of pi x, from the exact difference of x and the nearest whole number."""
+    k = x.op("round").named("k")
+    half = (k * 0.5).named("half")
+    f = (x - k).named("f")
+    sine = _sine(f.based(Base.D), half.differs(half.op("floor")))
+    return where(f.equals(0), where(sign_bit(x), x.constant(-0.0), 0.0), sine)
+
+
+def cospi(x: Term) -> Term:
+    """Return the cosine of pi x, the sine of pi (1/2 - |f|) for the same difference f; all zeros are positive."""
+    k = x.op("round").named("k")
+    half = (k * 0.5).named("half")
+    f = (0.5 - abs(x - k).based(Base.D)).named("f")
+    return _sine(f, half.differs(half.op("floor")) & f.differs(0))
 
 
 def _sine(f: Term, odd: Term) -> Term:

@@ -6,11 +6,13 @@ binary32, and of e to the r / 2, a polynomial. Binary64 holds all results, also 
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import STRICT_LN2, STRICT_ROOT_OF_EXP, STRICT_ROOT_OF_EXP2
+from shpy.passes.formulas.coefficients import LOG10_2
 from shpy.passes.formulas.parts import MAGIC, horner
+from shpy.passes.formulas.strict.coefficients import STRICT_LN2, STRICT_ROOT_OF_EXP, STRICT_ROOT_OF_EXP2
 from shpy.passes.formulas.terms import Term, where
 
 _EVEN_MAGIC: Final = 2 * MAGIC[Base.F]
@@ -20,10 +22,15 @@ _EVEN_MAGIC: Final = 2 * MAGIC[Base.F]
 def exp(x: Term) -> Term:
     """Return e to the x; x is clamped to a range outside which the result is 0 or infinite."""
     near = clamped(x, -105.0, 90.0).named("near")
+    return exp_of(near, near.based(Base.D))
+
+
+def exp_of(near: Term, exponent: Term) -> Term:
+    """Return e to the power of a binary64 between -105 and 90; `near` is the exponent in binary32."""
     shifted = (near * 1.442695 + _EVEN_MAGIC).named("shifted")
     k = (shifted - _EVEN_MAGIC).based(Base.D).named("k")
     ln2, ln2_low = STRICT_LN2
-    r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
+    r = k.mul_add(-ln2_low, k.mul_add(-ln2, exponent)).named("r")
     return _squared(horner(r, STRICT_ROOT_OF_EXP), shifted)
 
 
@@ -33,6 +40,16 @@ def exp2(x: Term) -> Term:
     shifted = (near + _EVEN_MAGIC).named("shifted")
     r = (near - (shifted - _EVEN_MAGIC)).based(Base.D).named("r")
     return _squared(horner(r, STRICT_ROOT_OF_EXP2), shifted)
+
+
+def exp10(x: Term) -> Term:
+    """Return 10 to the x; x is clamped to a range outside which the result is 0 or infinite."""
+    near = clamped(x, -46.0, 39.0).named("near")
+    shifted = (near * 3.321928 + _EVEN_MAGIC).named("shifted")
+    k = (shifted - _EVEN_MAGIC).based(Base.D).named("k")
+    step, step_low = LOG10_2[Base.D]
+    r = (k.mul_add(-step_low, k.mul_add(-step, near.based(Base.D))) * math.log(10)).named("r")
+    return _squared(horner(r, STRICT_ROOT_OF_EXP), shifted)
 
 
 def clamped(x: Term, low: float, high: float) -> Term:

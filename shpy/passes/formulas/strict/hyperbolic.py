@@ -12,7 +12,8 @@ import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import (
+from shpy.passes.formulas.parts import MAGIC, horner, sign_bit
+from shpy.passes.formulas.strict.coefficients import (
     STRICT_ATANH,
     STRICT_COSH,
     STRICT_EXPM1,
@@ -20,7 +21,6 @@ from shpy.passes.formulas.coefficients import (
     STRICT_SINH,
     STRICT_TWICE_ATANH,
 )
-from shpy.passes.formulas.parts import MAGIC, horner, sign_bit
 from shpy.passes.formulas.strict.exponential import clamped
 from shpy.passes.formulas.terms import Term, where
 
@@ -84,6 +84,28 @@ def tanh(x: Term) -> Term:
     power, less_one = _power(n).named("power"), (r * horner(r, STRICT_EXPM1)).named("less_one")
     quotient = power.mul_add(less_one, power - 1) / power.mul_add(less_one, power + 1)
     return where(x.equals(0), x, quotient.based(Base.F))
+
+
+def expm1(x: Term) -> Term:
+    """Return e to the x, less 1; the last factor 2 keeps 2**k within binary32."""
+    near = clamped(x, -20.0, 89.0).named("near")
+    k, n = _whole(near, 1.442695)
+    ln2, ln2_low = STRICT_LN2
+    r = k.mul_add(-ln2_low, k.mul_add(-ln2, near.based(Base.D))).named("r")
+    half = _power(n - 1).named("half")
+    inside = half.mul_add(r * horner(r, STRICT_EXPM1), half - 0.5)
+    return where(x.equals(0), x, (inside + inside).based(Base.F))
+
+
+def log1p(x: Term) -> Term:
+    """Return the logarithm of 1 + x, which is 2**k (1 + f); where k is 0, f is x."""
+    moved = (1 + x).op("bits_from_float") + (_ONE - _ROOT_HALF)
+    n = ((moved >> 23).based(Base.I) - 127).named("n")
+    scale = (_power(3 - n) * 0.125).named("scale")
+    f = x.based(Base.D).mul_add(scale, scale - 1).named("f")
+    inside = _logarithm((f / (f + 2)).named("s"), n.based(Base.F).based(Base.D)).based(Base.F).named("inside")
+    outside = where(x.equals(-1), x.constant(-math.inf), where(x < -1, math.nan, x))
+    return where((x > -1) & (x < math.inf) & x.differs(0), inside, outside.named("outside"))
 
 
 def _logarithm(s: Term, k: Term) -> Term:

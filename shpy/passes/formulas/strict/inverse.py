@@ -10,8 +10,8 @@ import math
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import STRICT_ASIN, STRICT_ATAN
 from shpy.passes.formulas.parts import horner, sign_bit
+from shpy.passes.formulas.strict.coefficients import STRICT_ASIN, STRICT_ATAN
 from shpy.passes.formulas.terms import Term, where
 
 HALF_PI: Final = math.pi / 2

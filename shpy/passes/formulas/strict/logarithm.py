@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import STRICT_LOG2, STRICT_LOG10, STRICT_LOG10_2, STRICT_TWICE_ATANH
 from shpy.passes.formulas.parts import horner
 from shpy.passes.formulas.portable.logarithm import Pair, edges, mantissa_and_exponent
+from shpy.passes.formulas.strict.coefficients import STRICT_LOG2, STRICT_LOG10, STRICT_LOG10_2, STRICT_TWICE_ATANH
 from shpy.passes.formulas.terms import Term
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 from shpy.ir.types import Base
-from shpy.passes.formulas.coefficients import STRICT_LOG2_REST, STRICT_TWO_BY_LN2
 from shpy.passes.formulas.parts import MAGIC, fast_two_sum, polynomial
 from shpy.passes.formulas.portable.exponential import two_to_the
 from shpy.passes.formulas.portable.logarithm import Pair, mantissa_and_exponent, power_edges
+from shpy.passes.formulas.strict.coefficients import STRICT_LOG2_REST, STRICT_TWO_BY_LN2
 from shpy.passes.formulas.strict.exponential import clamped, times_power
 from shpy.passes.formulas.terms import Term, where
 
