@@ -14,7 +14,7 @@ Stage: above all others. `Program` stands over the backends; `lang` only records
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import chain
 from types import MethodType
 from typing import TYPE_CHECKING, Any, Generic, Literal, overload
@@ -229,6 +229,19 @@ class Program(Unchanging, Generic[_P, _R]):
         if at is not None and "at" in list(self.recorded.inputs)[len(args) :]:
             named, at = {**named, "at": at}, None
         return trace(self.recorded, args, named, shape, at)
+
+    @located
+    def fpcore(self, domain: Mapping[str, Any] | None = None, *, precision: Precision = "f32") -> str:
+        """Return the program as FPCore 2.0, FPBench's language, for Herbie, FPTaylor, Satire and other tools.
+
+        `domain` has the lower and upper end of inputs and Params, which become `:pre`; a Param has its `range` there
+        without it. Params are arguments, vectors are arrays, and several results are one array. Ints are whole numbers
+        that do not wrap. Raises ShpyError with the line of what FPCore lacks: tables, arrays that change, bits,
+        unsigned ints, discards, places in a grid; ShpyTypeError for anything else as a domain.
+        """
+        from shpy.fpcore import write_fpcore  # here: few programs ask for it
+
+        return write_fpcore(self.ir, domain, precision)
 
     if TYPE_CHECKING:  # a program that is a method is a `Method`, which gives the program of an instance
 
