@@ -9,7 +9,7 @@ The rules follow these conventions where there is no derivative:
 
 - `min`, `max`, `clamp`, `cond`: the tangent of the operand that is returned; of equal ones the first.
 - `abs` at 0: 0. `floor`, `ceil`, `round`, `trunc`, `sign`, `step`, comparisons, ints, bits: 0 everywhere.
-- A finite value with an infinite slope (`sqrt(0)`, `asin(1)`, `acosh(1)`, `pow(0, 0.5)`): 0.
+- A finite value with an infinite slope (`sqrt(0)`, `asin(1)`, `acosh(1)`, `pow(0, 0.5)`, `cbrt(0)`): 0.
 - `length`, `normalize`, `distance`, `hypot`, `atan2` at the origin: 0.
 - An infinite value or NaN (`log(0)`, `1 / 0`): the result of the formula in IEEE arithmetic.
 """
@@ -96,6 +96,7 @@ def _refract(y: Values, i: Values, n: Values, eta: Values, di: Values, dn: Value
 
 
 _LN2, _LN10 = math.log(2), math.log(10)
+_SLOPE_OF_ERF = 2 / math.sqrt(math.pi)
 
 TANGENTS: Final[dict[str, Rule]] = {
     **dict.fromkeys("sign floor ceil round trunc step bits_from_float float_from_bits unit_float".split(), flat),
@@ -144,6 +145,14 @@ TANGENTS: Final[dict[str, Rule]] = {
     "asinh": lambda y, x, dx: dx / x.op("hypot", number(1, x)),
     "acosh": lambda y, x, dx: dx * _inverse(np.not_equal(x, 1), np.sqrt(x - 1) * np.sqrt(x + 1)),
     "atanh": lambda y, x, dx: dx / ((1 - x) * (1 + x)),
+    "expm1": lambda y, x, dx: dx * x.op("exp"),
+    "log1p": lambda y, x, dx: dx / (1 + x),
+    "exp10": lambda y, x, dx: dx * (y * _LN10),
+    "cbrt": lambda y, x, dx: dx * _over(3 * (y * y)),
+    "erf": lambda y, x, dx: dx * ((-(x * x)).op("exp") * _SLOPE_OF_ERF),
+    "erfc": lambda y, x, dx: -(dx * ((-(x * x)).op("exp") * _SLOPE_OF_ERF)),
+    "sinpi": lambda y, x, dx: dx * (x.op("cospi") * math.pi),
+    "cospi": lambda y, x, dx: -(dx * (x.op("sinpi") * math.pi)),
     # Geometry
     "dot": lambda y, a, b, da, db: dot(da, b) + dot(db, a),
     "cross": lambda y, a, b, da, db: cross(da, b) + cross(a, db),

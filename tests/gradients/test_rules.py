@@ -22,6 +22,7 @@ DOMAINS = {
     **dict.fromkeys(("asin", "acos", "atanh"), (-0.9, 0.9)),
     **dict.fromkeys(("sqrt", "rsqrt", "log", "log2", "log10", "pow"), (0.2, 3.0)),
     "acosh": (1.2, 4.0),
+    "log1p": (-0.8, 2.0),
     "refract": (-0.7, 0.7),
 }
 """The ranges of operands outside of which an operation has no derivative; others are drawn from -2 to 2."""
@@ -107,6 +108,7 @@ KINKS = [
     ("pow(x, 1.0)", 0, 1),
     ("pow(x, 2.0)", 0, 0),
     ("acos(sh.clamp(x, -1.0, 1.0))", 2, 0),
+    ("cbrt(x)", 0, 0),
     ("asin(x)", 1, 0),
     ("acosh(x)", 1, 0),
     ("length(sh.Attrib3f(x, 0, 0))", 0, 0),
