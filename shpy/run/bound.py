@@ -72,23 +72,18 @@ class Bound(ABC):
 class BoundArrays(Bound):
     """A call over arrays: the flat shape and dtype of each input; the shape, flat shape and dtype of each output.
 
-    The flat shape of an array that is flat already is None, since `reshape` takes 0.4 µs.
+    `flat_inputs` and `flat_outputs` tell that all of them have their flat shape already.
     """
 
-    inputs: tuple[tuple[Shape | None, Any], ...]
-    outputs: tuple[tuple[Shape, Shape | None, Any], ...]
+    inputs: tuple[tuple[Shape, Any], ...]
+    flat_inputs: bool
+    outputs: tuple[tuple[Shape, Shape, Any], ...]
+    flat_outputs: bool
     dtypes: Mapping[Base, Any]
 
     def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran | None:
         """Run over arrays of the signature."""
-        flat = [
-            array
-            if shape is None
-            else array.reshape(shape)
-            if type(array) is np.ndarray
-            else np.full(shape, array, dtype)
-            for array, (shape, dtype) in zip(inputs, self.inputs, strict=True)
-        ]
+        flat = inputs if self.flat_inputs else self._flattened(inputs)
         layout = self.recorded.output
         if out is None:
             make: Any = np.empty if self.executable.writes_all else np.zeros
@@ -99,16 +94,21 @@ class BoundArrays(Bound):
             if not fits or not out.flags.carray or any(np.may_share_memory(out, array) for array in flat):
                 return None
             arrays = [out]
-        written = [
-            array if shape is None else array.reshape(shape)
-            for array, (_, shape, _) in zip(arrays, self.outputs, strict=True)
-        ]
+        written = arrays
+        if not self.flat_outputs:
+            written = [array.reshape(shape) for array, (_, shape, _) in zip(arrays, self.outputs, strict=True)]
         data = {name: table.data(self.dtypes[table.type.base]) for name, table in tables.items()}
         call = Call(self.shape, tuple(flat), tuple(written), params, data)
         status = self.executable.run(call)
         # Only now: the rows of a matrix are copied into one array.
         result = arrays[0] if type(layout) is Leaf else build_arrays(layout, iter(arrays))
         return result, self.shape, status, None
+
+    def _flattened(self, inputs: Sequence[Any]) -> list[Array]:
+        return [
+            array.reshape(shape) if type(array) is np.ndarray else np.full(shape, array, dtype)
+            for array, (shape, dtype) in zip(inputs, self.inputs, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ def bound_of(
         return BoundStreams(recorded, executable, common, place) if streams else None
     if not common or 0 in common:
         return None
-    flat: list[tuple[Shape | None, Any]] = []
+    flat = []
     for array, type_ in zip(inputs, types, strict=True):
         assert isinstance(type_, Leaf)
         cls = type_.cls
@@ -162,10 +162,10 @@ def bound_of(
         count = math.prod(shape)
         if array.dtype != dtype or array.shape[len(shape) :] != tail or (shape != common and count != 1):
             return None
-        flat.append((None if array.shape == (count, *tail) else (count, *tail), dtype))
+        flat.append(((count, *tail), dtype))
     outputs = []
     for _, _, cls in leaves(recorded.output, ""):
         tail = (cls.size,) if cls.size > 1 else ()
-        elements = None if len(common) == 1 else (math.prod(common), *tail)
-        outputs.append(((*common, *tail), elements, np.dtype(dtypes[cls.base])))
-    return BoundArrays(recorded, executable, common, tuple(flat), tuple(outputs), dtypes)
+        outputs.append(((*common, *tail), (math.prod(common), *tail), np.dtype(dtypes[cls.base])))
+    flat_inputs = all(getattr(array, "shape", None) == shape for array, (shape, _) in zip(inputs, flat, strict=True))
+    return BoundArrays(recorded, executable, common, tuple(flat), flat_inputs, tuple(outputs), len(common) == 1, dtypes)

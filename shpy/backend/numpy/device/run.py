@@ -180,7 +180,7 @@ class NumpyExecutable:
 
     def run(self, call: Call) -> Array | None:
         """Run it; return the status of each element, or None when every element was written."""
-        return self.run_until(call, lambda done: False)[1]
+        return self.run_until(call, _never)[1]
 
     @np.errstate(all="ignore")
     def run_until(self, call: Call, stop: Callable[[int], bool]) -> tuple[bool, Array | None]:
@@ -275,6 +275,11 @@ class NumpyExecutable:
             view = TableView(np.asarray(data.array, DTYPES[type.base]), rank)
         self.views[data] = data.version, view
         return view
+
+
+def _never(done: int) -> bool:
+    """Return False: no run is to stop."""
+    return False
 
 
 def _uniform(value: Array, type: Type) -> Any:
