@@ -80,6 +80,7 @@ _LATER = {
     ),
     **dict.fromkeys(("map_blocks", "map_overlap"), "cluster"),
     **dict.fromkeys(("gradient", "jacobian", "jvp"), "gradients.functions"),
+    "value_and_gradient": "fitting",
     "ChainResult": "chains.running",
     "animate": "pictures.animation",
     "choice": "choices",

@@ -34,6 +34,7 @@ from shpy.chains.chain import sequence as sequence
 from shpy.chains.running import ChainResult as ChainResult
 from shpy.chains.share import share as share
 from shpy.choices import choice as choice
+from shpy.fitting import value_and_gradient as value_and_gradient
 from shpy.gradients.functions import gradient as gradient
 from shpy.gradients.functions import jacobian as jacobian
 from shpy.gradients.functions import jvp as jvp
@@ -7320,6 +7321,7 @@ __all__ = [
     "uvec2",
     "uvec3",
     "uvec4",
+    "value_and_gradient",
     "vec2",
     "vec3",
     "vec4",
