@@ -20,7 +20,7 @@ from shpy.lang.data.tables import Table
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.joined import rerecorded
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import build_arrays, flatten
+from shpy.lang.values.structure import Layout, build_arrays, flatten
 from shpy.passes.modes import Precision
 from shpy.programs import Program, check_program
 from shpy.streams.stream import Stream, streams_in
@@ -41,22 +41,7 @@ def value_and_gradient(
     Raises ShpyTypeError for a program with other outputs, and for anything but Params; RecordError where the output
     does not depend on one.
     """
-    check_program(program)
-    params = tuple(wrt) if isinstance(wrt, tuple | list) else (wrt,)
-    for p in params:
-        named = program.inputs | program.tables
-        if isinstance(p, Table) or (isinstance(p, str) and p in named):
-            raise ShpyTypeError(
-                f"sh.value_and_gradient takes Params, and {getattr(p, 'name', p)} is a Table or an input",
-                loc=here(),
-                cure=f"{program.name}.gradient(…) for the derivative by an input, element by element",
-            )
-    derived = gradient_of(program.recorded, params, value=True, mode=mode, most=most)
-
-    def leaves(arguments: dict[str, Any]) -> Any:
-        return tuple(flatten(derived.output, call_recorded(derived, arguments), "the gradient"))
-
-    flat = Program(rerecorded(derived.module.name, derived, derived.inputs, None, leaves, derived.defaults))
+    flat, layout = _gradient(program, tuple(wrt) if isinstance(wrt, tuple | list) else (wrt,), mode, most)
 
     def run(
         *args: Any,
@@ -73,10 +58,29 @@ def value_and_gradient(
             kernel, precision = flat.compile_for(stream), stream.precision
         outputs = kernel(*args, shape=shape, **inputs)
         sums = [_sum(x, cls, precision) for x, cls in zip(outputs, flat.outputs.values(), strict=True)]
-        value, *gradients = build_arrays(derived.output, iter(sums))
+        value, *gradients = build_arrays(layout, iter(sums))
         return value, tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
 
     return run
+
+
+def _gradient(program: Program, params: tuple[Any, ...], mode: Any, most: int | None) -> tuple[Program, Layout]:
+    """Return the program of the value and the gradient, with an output for each leaf; and the layout of these."""
+    check_program(program)
+    for p in params:
+        if isinstance(p, Table) or (isinstance(p, str) and p in program.inputs | program.tables):
+            raise ShpyTypeError(
+                f"sh.value_and_gradient takes Params, and {getattr(p, 'name', p)} is a Table or an input",
+                loc=here(),
+                cure=f"{program.name}.gradient(…) for the derivative by an input, element by element",
+            )
+    derived = gradient_of(program.recorded, params, value=True, mode=mode, most=most)
+
+    def leaves(arguments: dict[str, Any]) -> Any:
+        return tuple(flatten(derived.output, call_recorded(derived, arguments), "the gradient"))
+
+    flat = rerecorded(derived.module.name, derived, derived.inputs, None, leaves, derived.defaults)
+    return Program(flat), derived.output
 
 
 def _sum(x: Any, cls: Any, precision: Precision) -> Any:
