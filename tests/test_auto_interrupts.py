@@ -177,7 +177,11 @@ def test_ctrl_c_while_pyopencl_is_imported_ends_the_process_by_sigint(tmp_path):
     )
     ended = subprocess.run(
         [sys.executable, "-c", text],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(SHPY).parent)])},
+        env={
+            **os.environ,
+            "SHPY_CACHE_DIR": "",
+            "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(SHPY).parent)]),
+        },
         capture_output=True,
         text=True,
         timeout=HANGING,

@@ -43,7 +43,7 @@ def test_worker_processes_stay_on_numpy():
 def python(text, **settings):
     return subprocess.run(
         [sys.executable, "-c", textwrap.dedent(text)],
-        env={**os.environ, "SHPY_BACKEND": "", **settings},
+        env={**os.environ, "SHPY_BACKEND": "", "SHPY_CACHE_DIR": "", **settings},
         capture_output=True,
         text=True,
         timeout=HANGING,
@@ -132,7 +132,7 @@ def test_processes_end_at_any_moment(way, seed):
     seconds = np.random.default_rng(seed).uniform(0, 1.6)
     text = ENDED.format(seed=seed, seconds=3600 if way == "interrupt" else seconds, fork=way == "fork")
     command = [sys.executable, "-c", text]
-    settings = {**os.environ, "SHPY_BACKEND": "auto"}
+    settings = {**os.environ, "SHPY_BACKEND": "auto", "SHPY_CACHE_DIR": ""}
     with subprocess.Popen(command, env=settings, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "begun\n"
         if way == "interrupt":
