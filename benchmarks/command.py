@@ -32,6 +32,7 @@ from benchmarks import (
     features,
     frames,
     fused,
+    gradients,
     machine,
     peers,
     rays,
@@ -63,6 +64,7 @@ STUDIES = studies.STUDIES | {
     "calls": calls.calls,
     "features": features.features,
     "fused": lambda mesh, quick: fused.fused(quick),
+    "gradients": lambda mesh, quick: gradients.gradients(quick),
     "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
 }

@@ -1,0 +1,106 @@
+"""The cost of derivatives: a value with its gradient by three inputs, beside the value alone and beside differences.
+
+    print(gradients(quick=True).markdown())
+
+The four programs are compiled for OpenCL where there is a device, otherwise for numpy, in strict mode, and read and
+write streams, so that only kernels count. Differences are central ones: six evaluations in one kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import shpy as sh
+from benchmarks.rounds import in_turns
+from benchmarks.studies import backend
+from benchmarks.tables import Table
+from shpy import SH_FOR
+
+ELEMENTS, ROUNDS = 1_000_000, 9
+STEP = 2.0**-10
+"""The step of the differences; none is right for all elements."""
+BODIES = sh.Table(np.random.default_rng(7).normal(size=(12, 3)), sh.Attrib3f)
+
+
+@sh.program
+def box(p: sh.Attrib3f) -> sh.Attrib1f:
+    q = sh.abs(p) - sh.vec3(1, 0.5, 0.25)
+    return sh.length(sh.max(q, 0)) + sh.min(sh.max(q.x, sh.max(q.y, q.z)), 0)
+
+
+@sh.program
+def phong(p: sh.Attrib3f) -> sh.Attrib1f:
+    normal, eye = sh.vec3(0, 0, 1), sh.normalize(sh.vec3(0.5, 0.25, 1))
+    light = sh.normalize(p - sh.vec3(0.1, 0.2, 0.3))
+    shine = sh.max(sh.dot(sh.reflect(-light, normal), eye), 0)
+    return 0.1 + 0.6 * sh.max(sh.dot(normal, light), 0) + 0.3 * sh.pow(shine, 20)
+
+
+@sh.program
+def ggx(p: sh.Attrib3f) -> sh.Attrib1f:
+    rough, facing, metal = (sh.mix(0.05, 1, sh.fract(sh.abs(c))) for c in (p.x, p.y, p.z))
+    square = rough * rough * rough * rough
+    around = facing * facing * (square - 1) + 1
+    masked = facing + sh.sqrt(square + (1 - square) * facing * facing)
+    fresnel = metal + (1 - metal) * sh.pow(1 - facing, 5)
+    return square * fresnel / (np.pi * around * around * masked * masked)
+
+
+@sh.program
+def nbody(p: sh.Attrib3f) -> sh.Attrib1f:
+    energy = sh.Attrib1f(0)
+    with SH_FOR(0, 12) as k:
+        way = BODIES[k] - p
+        energy -= sh.rsqrt(sh.dot(way, way) + 1e-4)
+    return energy
+
+
+PROGRAMS = {"box": box, "Phong": phong, "GGX": ggx, "n-body, 12 bodies": nbody}
+
+
+def differences(program: sh.Program) -> sh.Program:
+    """Return the program of the value and of its central differences along each axis."""
+
+    @sh.program
+    def sloped(p: sh.Attrib3f) -> tuple[sh.Attrib1f, sh.Attrib3f]:
+        axes = np.eye(3) * STEP
+        slopes = [(program(p + sh.vec3(*axis)) - program(p - sh.vec3(*axis))) / (2 * STEP) for axis in axes]
+        return program(p), sh.vec3(*slopes)
+
+    return sloped
+
+
+def waiting(kernel: Any, points: sh.Stream, out: Any) -> None:
+    """Run a kernel, and wait until its device has finished."""
+    kernel.run(points, out=out)
+    points.place.space.finish()
+
+
+def gradients(quick: bool) -> Table:
+    """Measure each program, and its value with a gradient in three ways, in turns."""
+    count, target = (1_000 if quick else ELEMENTS), backend()
+    points = sh.Stream(np.random.default_rng(3).normal(size=(count, 3)), sh.Attrib3f, target)
+    rows, rounds = [], {}
+    for name, program in PROGRAMS.items():
+        ways = {
+            "value": program,
+            "forward": program.gradient("p", value=True),
+            "reverse": program.gradient("p", value=True, mode="reverse"),
+            "differences": differences(program),
+        }
+        runs: dict[str, Callable[[], Any]] = {}
+        for way, derived in ways.items():
+            kernel = derived.compile(target)
+            runs[way] = partial(waiting, kernel, points, kernel(points))
+        times = in_turns(runs, 2 if quick else ROUNDS)
+        whole = np.array(times["value"].seconds)
+        ratios = [f"{np.median(np.array(times[way].seconds) / whole):.2f}" for way in list(ways)[1:]]
+        rows.append([name, f"{1e9 * np.median(whole) / count:.2f}", *ratios])
+        rounds |= {f"{name}, {way}": t.seconds for way, t in times.items()}
+    note = f"A value and its gradient by three inputs, {count:,} elements on {target}: medians of ratios to the value."
+    head = ["program", "value, ns", "forward", "reverse", "differences"]
+    return Table("gradients", note, head, rows, rounds)
