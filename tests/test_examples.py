@@ -81,6 +81,7 @@ SHOWN = {
     "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),
     "cubemap": lambda m, backend: m.by_cube_map((16, 12), 8, 4, backend=backend).pixels,
     "occlusion": lambda m, backend: m.occlusion(Scene.framed(box()), (16, 12), 4, backend),
+    "fabrics": lambda m, backend: render(m.fabrics(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
     "metals": lambda m, backend: render(m.metals(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
     "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
 }
@@ -409,6 +410,17 @@ def test_trace():
     slope, change = (next(s for s in steps if s.name == name) for name in ("slope", "change"))
     assert change.loc.line == slope.loc.line + 1
     assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)
+
+
+def test_fabrics():
+    """Each cloth has its own colour, and its sheen makes it brighter than it is without."""
+    m = example("fabrics")
+    image = render(m.fabrics(), (60, 32), integrator=Path(samples=4), backend="numpy", transparent=True)
+    assert 0 < image.alpha.mean() < 1
+    for k, channel in enumerate((0, 1, 2)):
+        seen = image.pixels[image.object_id == 1 + 2 * k]
+        assert len(seen) > 20
+        assert seen.mean(axis=0).argmax() == channel
 
 
 def test_metals():

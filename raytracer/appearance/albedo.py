@@ -27,9 +27,9 @@ _DRAWS: Final = 64
 """Visible normals lie on a lattice of this many by as many."""
 _STEP: Final = 1 / 65535
 """The numbers of the file are multiples of it."""
-_FINE: Final = 4
+FINE: Final = 4
 """Interpolation is compared with the integrals on a grid that is as many times as fine as the table."""
-_ROUNDS: Final = 8
+ROUNDS: Final = 8
 """Nodes are raised so often: each time by half of what interpolation lacks beside them."""
 Floats = NDArray[np.float64]
 
@@ -47,18 +47,18 @@ def compute_table() -> NDArray[np.uint16]:
     Nodes are raised until interpolation errs upward alone: the matt light below a layer is then a little too weak,
     never too strong. Row 0 is that of a perfect mirror, which everything as smooth as row 1 is (`SMOOTHEST`).
     """
-    roots = np.linspace(0, 1, _FINE * (ACROSS - 1) + 1)
+    roots = np.linspace(0, 1, FINE * (ACROSS - 1) + 1)
     exact = np.stack([_row(roots, roughness) for roughness in roots])
-    nodes = exact[::_FINE, ::_FINE].copy()
-    grazing = (1 - roots[::_FINE] ** 2) ** 5
+    nodes = exact[::FINE, ::FINE].copy()
+    grazing = (1 - roots[::FINE] ** 2) ** 5
     nodes[0] = np.stack([1 - grazing, grazing], axis=1)
-    for _ in range(_ROUNDS):
-        nodes[1:] += 0.5 * _lack(nodes, exact)[1:]
+    for _ in range(ROUNDS):
+        nodes[1:] += 0.5 * lack(nodes, exact, FINE)[1:]
     nodes[..., 1] = np.minimum(nodes[..., 1], 1)
     nodes[..., 0] = np.minimum(nodes[..., 0], 1 - nodes[..., 1])
     # The mean over the hemisphere, of the interpolated values: 2 mu d mu = 4 x**3 dx for the root x.
     x = (np.arange(64 * (ACROSS - 1)) + 0.5) / (64 * (ACROSS - 1))
-    means = [[np.average(np.interp(x, roots[::_FINE], row[:, k]), weights=x**3) for k in range(2)] for row in nodes]
+    means = [[np.average(np.interp(x, roots[::FINE], row[:, k]), weights=x**3) for k in range(2)] for row in nodes]
     columns = [np.ceil(nodes / _STEP - 1e-9), np.floor(np.array(means)[:, None] / _STEP)]
     return np.asarray(np.clip(np.concatenate(columns, axis=1), 0, 65535), np.uint16)
 
@@ -69,19 +69,22 @@ def _row(roots: Floats, roughness: float) -> Floats:
     return np.stack([a - b, b], axis=1)
 
 
-def _lack(nodes: Floats, exact: Floats) -> Floats:
-    """Return the largest lack of interpolation in the cells around each node, against numbers on the fine grid."""
-    places = np.arange(len(exact)) / _FINE
+def lack(nodes: Floats, exact: Floats, first: int = 0) -> Floats:
+    """Return the largest lack of interpolation in the cells around each node, against numbers on the fine grid.
+
+    The rows of the fine grid before the `first` lack nothing.
+    """
+    places = np.arange(len(exact)) / FINE
     low = np.minimum(places.astype(int), ACROSS - 2)
     part = places - low
     rows = nodes[low] * (1 - part)[:, None, None] + nodes[low + 1] * part[:, None, None]
     values = rows[:, low] * (1 - part)[None, :, None] + rows[:, low + 1] * part[None, :, None]
-    lack = np.maximum(exact - values, 0)
-    lack[:_FINE] = 0
+    missing = np.maximum(exact - values, 0)
+    missing[:first] = 0
     largest = np.zeros_like(nodes)
     for down in (0, 1):
         for across in (0, 1):
-            np.maximum.at(largest, np.ix_(low + down, low + across), lack)
+            np.maximum.at(largest, np.ix_(low + down, low + across), missing)
     return largest
 
 

@@ -25,7 +25,10 @@ NUMBERS: Final = ("diffuse", "specular", "shininess", "reflectivity", "transmiss
 """The coefficients that are one number."""
 PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
-LAYERED: Final = ("metallic", "roughness", "index", "tint", "clearcoat", "clearcoat_roughness", "thin")
+LAYERED: Final = (
+    *("metallic", "roughness", "index", "tint", "clearcoat", "clearcoat_roughness", "thin"),
+    *("sheen", "sheen_roughness"),
+)
 """The kernels' names of what only a `MetallicRoughness` may have as a `Texture`."""
 _REAL: Final = float | int | np.integer | np.floating
 CUTOFF: Final = 0.5

@@ -19,14 +19,18 @@ from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import one_float, three_floats
 from raytracer.errors import SceneError
 
-_SHARES: Final = ("metallic", "roughness", "specular", "clearcoat", "clearcoat_roughness", "transmission", "alpha")
+_SHARES: Final = (
+    *("metallic", "roughness", "specular", "clearcoat", "clearcoat_roughness", "sheen_roughness"),
+    *("transmission", "alpha"),
+)
 """The fields that are a number from 0 to 1."""
-_COLORS: Final = {"base_color": 1.0, "specular_color": math.inf, "emission": math.inf}
+_COLORS: Final = {"base_color": 1.0, "specular_color": math.inf, "sheen_color": 1.0, "emission": math.inf}
 """The fields that are a colour, and the largest number of each."""
 _KERNEL_NAMES: Final = {
     "base_color": "color", "metallic": "metallic", "roughness": "roughness", "ior": "index", "specular": "specular",
     "specular_color": "tint", "clearcoat": "clearcoat", "clearcoat_roughness": "clearcoat_roughness",
-    "transmission": "thin", "emission": "emission", "cutout": "cutout", "normal": "normal_map",
+    "sheen_color": "sheen", "sheen_roughness": "sheen_roughness", "transmission": "thin", "emission": "emission",
+    "cutout": "cutout", "normal": "normal_map",
 }  # fmt: skip
 """The names that kernels have for the fields that may be a `Texture`; `alpha` is a transmission there."""
 
@@ -38,7 +42,8 @@ class MetallicRoughness:
     `base_color`, linear RGB in [0, 1], is the colour of the matt light of what is no metal (`metallic` 0) and of the
     mirror image in a metal (`metallic` 1). `roughness` goes from a mirror (0) to a surface without highlights (1). What
     is no metal mirrors by its refractive index `ior`, times `specular`, tinted by `specular_color`; `ior` 0 mirrors
-    all. `clearcoat` is the share of a clear coat over it, of the roughness `clearcoat_roughness`.
+    all. `clearcoat` is the share of a clear coat over it, of the roughness `clearcoat_roughness`. Between both lies a
+    sheen, as of the fibres of velvet, of the colour `sheen_color` and the roughness `sheen_roughness`.
 
     `transmission` is the share of what is no metal that is a thin clear wall, tinted by the base colour: light goes
     straight on, in path tracing blurred by `roughness`. `emission` is as in `Material`. `alpha` is the
@@ -60,6 +65,8 @@ class MetallicRoughness:
     specular_color: Triple | Texture = (1.0, 1.0, 1.0)
     clearcoat: float | Texture = 0.0
     clearcoat_roughness: float | Texture = 0.0
+    sheen_color: Triple | Texture = (0.0, 0.0, 0.0)
+    sheen_roughness: float | Texture = 0.0
     transmission: float | Texture = 0.0
     emission: Triple | Texture = (0.0, 0.0, 0.0)
     alpha: float | Texture = 1.0
@@ -122,6 +129,12 @@ class MetallicRoughness:
         tint = (1.0, 1.0, 1.0) if isinstance(self.specular_color, Texture) else self.specular_color
         coat = _number(self.clearcoat), _number(self.clearcoat_roughness)
         return (*tint, _number(self.ior)), (*coat, _number(self.transmission), 1.0)
+
+    @property
+    def sheen(self) -> tuple[float, ...]:
+        """The row of `Layout.sheens`: the sheen's colour and roughness, white and 1 where they are pictures."""
+        tint = (1.0, 1.0, 1.0) if isinstance(self.sheen_color, Texture) else self.sheen_color
+        return (*tint, _number(self.sheen_roughness))
 
     @property
     def mirror(self) -> Triple:

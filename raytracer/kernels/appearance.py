@@ -110,7 +110,7 @@ class Appearance:
                 elif name == "color":
                     variables[name] *= color
                 else:
-                    variables[name][:] = color if name in ("emission", "tint") else color.r
+                    variables[name][:] = color if name in ("emission", "tint", "sheen") else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():

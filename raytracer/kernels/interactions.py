@@ -87,6 +87,18 @@ class LayeredInteraction(ProgrammedInteraction):
     chances: sh.Attrib3f
 
 
+@sh.struct
+class SheenInteraction(LayeredInteraction):
+    """A `LayeredInteraction` in a scene with a sheen, of the colour `sheen`.
+
+    `fuzz` holds its roughness, the share of the light that it lets pass to the view, and the probability of its lobe in
+    what the coat leaves.
+    """
+
+    sheen: sh.Color3f
+    fuzz: sh.Attrib3f
+
+
 Interaction = Any
 """One of these structs, as the scene needs."""
 

@@ -22,6 +22,7 @@ class MaterialKinds(NamedTuple):
     light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors; `media`: bodies that refract
     or absorb; `straight`: clear surfaces that let light go straight on. `tinted`: mirrors with a colour. `layered`: a
     `MetallicRoughness`, with `coats`, or as `thin` walls; `mixed`: other materials beside it. `unlit`: an `Unlit`.
+    `sheen`: a `MetallicRoughness` with one.
     """
 
     glows: bool
@@ -38,6 +39,7 @@ class MaterialKinds(NamedTuple):
     thin: bool
     mixed: bool
     unlit: bool
+    sheen: bool
 
     @classmethod
     def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
@@ -62,6 +64,7 @@ class MaterialKinds(NamedTuple):
             thin=bool((layers[1::2, 2] > 0).any()),
             mixed=bool(layered.any() and not layered.all()),
             unlit=any(isinstance(material, Unlit) for material in layout.materials),
+            sheen=bool((layout.sheens[:, :3] > 0).any()),
         )
 
 

@@ -1,11 +1,12 @@
-"""The lobes of a `MetallicRoughness`: a clear coat, a rough mirror, and matt light below; as functions and densities.
+"""The lobes of a `MetallicRoughness`: a coat, a sheen, a rough mirror, and matt light; as functions and densities.
 
 Stage: kernel. Microfacets have the distribution GGX (Walter and others 2007, equation 33) with Smith's masking, which
 is height-correlated (Heitz 2014, equation 99), and Schlick's approximation of Fresnel's equations (1994). Directions
 are mirrored at visible normals, drawn on a spherical cap (Dupuy and Benyoub 2023). The matt lobe is lit by the light
 that its upper layer lets in and out, (1 - E(view)) (1 - E(light)) / (1 - mean E), so that a white one loses nothing
-(Kelemen and Szirmay-Kalos 2001, equations 5 to 8). Light crosses a coat twice, too. All of it is reciprocal, but where
-`lift` has raised the view.
+(Kelemen and Szirmay-Kalos 2001, equations 5 to 8). Light crosses a coat twice, too. What lies below a sheen of the
+colour c has the factor min(1 - max(c) E(view), 1 - max(c) E(light)) of KHR_materials_sheen. All of it is reciprocal,
+but where `lift` has raised the view.
 
 Lobes of a roughness below `SMOOTHEST` are mirrors in path tracing, as binary32 does not resolve them. A thin wall as
 smooth as that lets light go straight on, and is no lobe: a tracer takes it with the probability `straight`.
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.appearance.albedo import ACROSS, albedo_table
+from raytracer.appearance.sheen_albedo import FINEST, sheen_table
 from raytracer.kernels.directions import around, frame, largest
 from shpy import SH_ELSE, SH_IF
 
@@ -43,10 +45,11 @@ class Scattering(NamedTuple):
 
 
 class Microfacets:
-    """The lobes of the layered surfaces of a scene that has `coats`, or `thin` walls."""
+    """The lobes of the layered surfaces of a scene that has `coats`, `thin` walls, or a `sheen`."""
 
-    def __init__(self, coats: bool, thin: bool) -> None:
+    def __init__(self, coats: bool, thin: bool, sheen: bool = False) -> None:
         self.coats, self.thin = coats, thin
+        self.sheen = Sheen() if sheen else None
         self.table = sh.Table(albedo_table(), sh.Attrib2f, "albedos")
 
     def prepare(self, surface: Any) -> None:
@@ -73,6 +76,8 @@ class Microfacets:
         surface.spread[:] = matt + glossy - surface.mirror
         surface.chances.y = share_of(largest(glossy), largest(matt))
         opaque = largest(glossy) + largest(matt)
+        if self.sheen is not None:
+            opaque = self.sheen.cover(surface, away, opaque, thin=self.thin)
         if self.coats:
             opaque = self.cover(surface, away, opaque)
         if self.thin:
@@ -142,6 +147,10 @@ class Microfacets:
         lambert = cosine * (1 / pi)
         matt = lambert * (1 - self.upper_albedo(surface, self.albedo(cosine, roughness))) * surface.matt
         density = lambert + surface.chances.y * (glossy_density - lambert)
+        if self.sheen is not None:
+            below, fuzz = self.sheen.evaluate(surface, half, cosine, away)
+            glossy, matt = below * glossy + fuzz, below * matt
+            density = density + surface.fuzz.z * (lambert - density)
         value = glossy + matt
         if self.coats:
             coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least)
@@ -168,6 +177,11 @@ class Microfacets:
             roughness[:] = sh.cond(is_coat, surface.coat.y, roughness)
             likely *= sh.cond(is_thin, 1.0, sh.cond(is_coat, chances.x, 1 - chances.x))
             which[:] = (which - chances.x) / sh.max(1 - chances.x, 2.0**-24)
+        if self.sheen is not None:
+            fuzzy = surface.fuzz.z
+            is_fibre = sh.Attrib1b(~(is_coat | is_thin) & (which < fuzzy))
+            likely *= sh.cond(is_coat | is_thin, 1.0, 1 - fuzzy)
+            which[:] = sh.cond(is_fibre, 1.0, (which - fuzzy) / sh.max(1 - fuzzy, 2.0**-24))
         is_glossy = sh.Attrib1b(is_coat | is_thin | (which < chances.y))
         is_mirror = sh.Attrib1b(is_glossy & (roughness < SMOOTHEST))
         ray = sh.Vector3f(mirrored)
@@ -197,10 +211,62 @@ class Microfacets:
         """Return the share of the light that the coat, or the base below it, mirrors as a perfect mirror."""
         grazing = fifth(1 - sh.saturate(sh.dot(surface.normal, surface.seen)))
         share = surface.f0 + (surface.f90 - surface.f0) * grazing
+        if self.sheen is not None:
+            share = share * surface.fuzz.y
         if not self.coats:
             return share
         coat = surface.coat.x * (COAT + (1 - COAT) * grazing)
         return sh.cond(is_coat, sh.Color3f(coat), surface.through * surface.through * share)
+
+
+class Sheen:
+    """The lobe of fibres (`appearance.sheen_albedo`).
+
+    It is divided by its albedos at the view and at the light where they exceed 1, so that it never sends out more.
+    """
+
+    def __init__(self) -> None:
+        self.table = sh.Table(sheen_table(), sh.Attrib1f, "sheen_albedos")
+
+    def cover(self, surface: Any, away: Any, opaque: Any, *, thin: bool) -> Any:
+        """Put the sheen over a surface whose lobes send out about the share `opaque`; return that of both."""
+        surface.sheen[:] = sh.clamp(surface.sheen, 0, 1)
+        roughness = sh.clamp(surface.fuzz.x, FINEST, 1)
+        sent = sh.min(self.albedo(away, roughness), 1.0) * surface.sheen
+        below = 1 - largest(sent)
+        surface.mirror *= below
+        surface.spread[:] = below * surface.spread + sent
+        if thin:
+            surface.thin *= below
+        surface.fuzz[:] = sh.Attrib3f(roughness, below, share_of(largest(sent), below * opaque))
+        return largest(sent) + below * opaque
+
+    def evaluate(self, surface: Any, half: Any, cosine: Any, away: Any) -> tuple[Any, Any]:
+        """Return the share of light that the base below gets and sends out, and the light of the fibres."""
+        roughness = surface.fuzz.x
+        from_view, from_light = (self.albedo(c, roughness) for c in (away, cosine))
+        left = 1 - largest(surface.sheen) * sh.min(from_light, 1.0)
+        inverse = 1 / (roughness * roughness)
+        across = sh.cross(surface.normal, half)
+        sine = sh.sqrt(sh.saturate(sh.dot(across, across)))
+        fibres = (2 + inverse) * sh.pow(sine, inverse) * (1 / (2 * pi))
+        shown = fibres * cosine / (4 * sh.max(cosine + away - cosine * away, 2.0**-20))
+        shown = shown / (sh.max(from_view, 1.0) * sh.max(from_light, 1.0))
+        return sh.min(surface.fuzz.y, left), shown * surface.sheen
+
+    def albedo(self, cosine: Any, roughness: Any) -> Any:
+        """Interpolate the albedo of white fibres."""
+        row, down = cell_of(roughness)
+        column, part = cell_of(sh.sqrt(sh.clamp(cosine, 0, 1)))
+        upper, lower = (sh.mix(self.table[row + k, column], self.table[row + k, column + 1], part) for k in (0, 1))
+        return sh.mix(upper, lower, down)
+
+
+def cell_of(part: Any) -> tuple[Any, Any]:
+    """Return a row or column of a table from 0 to 1, and the part of the way to the next."""
+    place = part * (ACROSS - 1)
+    cell = sh.min(sh.Attrib1i(sh.floor(place)), ACROSS - 2)
+    return cell, place - sh.Attrib1f(cell)
 
 
 def lobe(normal: Any, half: Any, cosine: Any, away: Any, roughness: Any, least: float) -> tuple[Any, Any]:

@@ -28,11 +28,13 @@ from raytracer.kernels.interactions import (
     LayeredInteraction,
     PlainInteraction,
     ProgrammedInteraction,
+    SheenInteraction,
     blank,
 )
 from raytracer.kernels.kinds import MaterialKinds, glow_rows
 from raytracer.kernels.media import Media, RayBodies
 from raytracer.kernels.microfacets import SMOOTHEST, Microfacets
+from raytracer.kernels.normal_maps import tilted
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
 from raytracer.kernels.walk import meet
@@ -40,8 +42,6 @@ from raytracer.scene.bodies import Bodies
 from raytracer.scene.layout import Change, Layout, is_programmed
 from shpy import SH_ELSE, SH_IF
 
-FLAT = 1 / 250
-"""The largest slope of a normal map that is taken for 0: 8 bits store 0 as 127 or 128 of 255, which is 1/255 off."""
 BLURRED: Final = 1 / 16
 """The least roughness of the highlight of a point light in a Whitted tracer, so that it is seen."""
 
@@ -63,11 +63,13 @@ class SurfaceTables:
         self.kinds = MaterialKinds.of(layout, self.appearance)
         self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects, *_ = self.kinds
         self.tinted, self.mixed = self.kinds.tinted, self.kinds.mixed
-        self.lobes = Microfacets(self.kinds.coats, self.kinds.thin) if self.kinds.layered else None
+        self.lobes = Microfacets(self.kinds.coats, self.kinds.thin, self.kinds.sheen) if self.kinds.layered else None
         if self.tinted:
             self.mirrors = sh.Table(layout.mirrors, sh.Attrib4f, "mirrors")
         if self.lobes is not None:
             self.layers = sh.Table(layout.layers, sh.Attrib4f, "layers")
+        if self.kinds.sheen:
+            self.sheens = sh.Table(layout.sheens, sh.Attrib4f, "sheens")
         self.media: Media | None = None
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
@@ -88,7 +90,7 @@ class SurfaceTables:
     def interaction(self) -> Any:
         """The struct of interactions in this scene."""
         if self.lobes is not None:
-            return LayeredInteraction
+            return SheenInteraction if self.kinds.sheen else LayeredInteraction
         if self.clear:
             return ClearInteraction
         return ProgrammedInteraction if self.appearance.shades else PlainInteraction
@@ -133,6 +135,8 @@ class SurfaceTables:
             self.mirrors.update(layout.mirrors)
         if self.lobes is not None:
             self.layers.update(layout.layers)
+        if self.kinds.sheen:
+            self.sheens.update(layout.sheens)
         if self.media is not None:
             self.media.renew(self.bodies_of(layout))
         if self.glows:
@@ -240,6 +244,10 @@ class SurfaceTables:
         surface.index[:] = row.a
         surface.coat[:] = upper.xyz
         surface.is_layered[:] = upper.w > 0
+        if self.kinds.sheen:
+            fibres = self.sheens[number]
+            surface.sheen[:] = fibres.rgb
+            surface.fuzz[:] = sh.Attrib3f(fibres.a, 1, 0)
 
     def recall(self, hit: RayHit, surface: Interaction, side: Any) -> Any:
         """Set the surface's normal and colour to those of its sample, the rest to the numbers of its material.
@@ -405,32 +413,16 @@ class SurfaceTables:
             coat, blur, thin = (sh.Attrib1f(surface.coat[k]) for k in range(3))
             variables |= {"metallic": diffuse, "roughness": shininess, "index": surface.index, "tint": surface.tint}
             variables |= {"clearcoat": coat, "clearcoat_roughness": blur, "thin": thin}
-        self.appearance.describe(number, seen, variables, lambda color: self.tilted(hit, surface.normal, side, color))
+        if self.kinds.sheen:
+            fuzz = sh.Attrib1f(surface.fuzz.x)
+            variables |= {"sheen": surface.sheen, "sheen_roughness": fuzz}
+        self.appearance.describe(number, seen, variables, lambda color: tilted(self, hit, surface.normal, side, color))
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
         if self.lobes is not None:
             surface.coat[:] = sh.Attrib3f(coat, blur, thin)
+        if self.kinds.sheen:
+            surface.fuzz.x = fuzz
         return self._noted(surface, reflectivity, number)
-
-    def tilted(self, hit: RayHit | SeenHit, normal: Any, side: Any, color: Any) -> Any:
-        """Return a unit normal on the viewer's side, turned by a colour of a normal map.
-
-        The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
-        to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
-        bumps become dents.
-        """
-        a, b, c = (corner.xyz for corner in self.triangles[hit.id])
-        start, to_b, to_c = rows_of(self.uvs, hit)
-        to_b, to_c = to_b - start, to_c - start
-        area = to_b.x * to_c.y - to_c.x * to_b.y
-        hand = sh.cond(area > 0, 1.0, -1.0)
-        along = sh.Vector3f(hand * ((b - a) * to_c.y - (c - a) * to_b.y))
-        outward = side * sh.Vector3f(normal)
-        tangent = sh.normalize(along - outward * sh.dot(along, outward))
-        bitangent = hand * sh.cross(outward, tangent)
-        slope = 2 * color - 1
-        turned = sh.normalize(slope.r * tangent + slope.g * bitangent + slope.b * outward)
-        flat = (sh.max(abs(slope.r), abs(slope.g)) <= FLAT) | (area == 0)
-        return sh.cond(flat, normal, sh.Normal3f(side * turned))
 
     def world(self, point: Any) -> Any:
         """Return a point in the scene's coordinates."""

@@ -28,6 +28,8 @@ from raytracer.meshes.pictures import Picture, channel
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """The material of a mesh whose file has neither material nor colours: friendlier than white."""
+CLOTH: Final = 0.5
+"""The roughness of a sheen for which a file has none."""
 WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
 SHARPEST = 1000.0
@@ -44,8 +46,8 @@ _MTL_READ = {
 }
 _LAYERED = {"pr", "pm", "pc", "map_pr", "map_pm"}
 """The statements that make a material a `MetallicRoughness`."""
-_MTL_LAYERS = {*_LAYERED, "pcr"}
-_MTL_ZEROS = {"ps", "aniso", "anisor", *_MTL_LAYERS} - {"map_pr", "map_pm"}
+_MTL_LAYERS = {*_LAYERED, "pcr", "ps"}
+_MTL_ZEROS = {"aniso", "anisor", *_MTL_LAYERS} - {"map_pr", "map_pm"}
 """Statements that say nothing where their number is 0; exporters write them for every material."""
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
 _TRANSPARENT = 4
@@ -73,7 +75,8 @@ class GltfMaterial:
     """A material of glTF as its file has it: `color` is linear; `color_picture` multiplies it, as the others do theirs.
 
     `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; those of numbers
-    multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` is an alpha.
+    multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` and
+    `sheen_roughness_picture` are alphas.
     `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; an `unlit` material shows its
     colour alone. `opacity` is the share of the surface that is there, and `cutout` where it is; `blend`, in place of
     `opacity`, is a picture of it.
@@ -102,6 +105,10 @@ class GltfMaterial:
     clearcoat_picture: Picture | None = None
     clearcoat_roughness: float = 0.0
     clearcoat_roughness_picture: Picture | None = None
+    sheen_color: Triple = BLACK
+    sheen_color_picture: Picture | None = None
+    sheen_roughness: float = 0.0
+    sheen_roughness_picture: Picture | None = None
     unlit: bool = False
 
     @property
@@ -132,6 +139,8 @@ def material_of(look: GltfMaterial) -> AnyMaterial:
         specular_color=_color(look.specular_color, look.specular_color_picture),
         clearcoat=_number_of(look.clearcoat, look.clearcoat_picture, 0),
         clearcoat_roughness=_number_of(look.clearcoat_roughness, look.clearcoat_roughness_picture, 1),
+        sheen_color=_color(look.sheen_color, look.sheen_color_picture) if any(look.sheen_color) else BLACK,
+        sheen_roughness=_number_of(look.sheen_roughness, look.sheen_roughness_picture, 0),
         transmission=_number_of(look.transmission, look.transmission_picture, 0),
         emission=_color(look.emission, look.emission_picture) if any(look.emission) else BLACK,
         alpha=look.opacity if look.blend is None else look.blend,
@@ -304,7 +313,9 @@ def _clear(words: Mapping[str, list[str]]) -> float:
 
 
 def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float) -> MetallicRoughness:
-    """Return a material with Pr, Pm, Pc and Pcr: map_Pr and map_Pm multiply them, and are their numbers alone.
+    """Return a material with Pr, Pm, Ps, Pc and Pcr: map_Pr and map_Pm multiply them, and are their numbers alone.
+
+    Ps is a sheen without colour, whose roughness the format does not have: it is that of `CLOTH`.
 
     Ks, Ns and illum say the same of a surface in Phong's model, and are not read beside them. Ni is the refractive
     index, 1 - d the share that is not there.
@@ -315,6 +326,8 @@ def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float)
         metallic=_number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0),
         roughness=_number_of(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), pictures.roughness, 0),
         ior=_number(words, "ni", 1.5),
+        sheen_color=(_number_of(_number(words, "ps", 0.0), None, 0),) * 3,
+        sheen_roughness=CLOTH if _number(words, "ps", 0.0) > 0 else 0.0,
         clearcoat=_number_of(_number(words, "pc", 0.0), None, 0),
         clearcoat_roughness=_number_of(_number(words, "pcr", 0.0), None, 0),
         alpha=1 - clear,

@@ -1,8 +1,8 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_specular, _clearcoat, _transmission, _volume, _unlit, _pbrSpecularGlossiness and KHR_texture_transform are read as
-well. `appearance` converts a material; `Notices` counts what has no counterpart.
+_specular, _clearcoat, _sheen, _transmission, _volume, _unlit, _pbrSpecularGlossiness and KHR_texture_transform are read
+as well. `appearance` converts a material; `Notices` counts what has no counterpart.
 
     materials = GltfMaterials(document, notices)
     material = materials.get(0, has_uv=True)
@@ -109,6 +109,8 @@ class GltfMaterials:
         textures["normals"] = entry.get("normalTexture")
         specular, coat = _extension(entry, "specular"), _extension(entry, "clearcoat")
         textures |= {"specular": specular.get("specularTexture"), "tint": specular.get("specularColorTexture")}
+        sheen = _extension(entry, "sheen")
+        textures |= {"sheen": sheen.get("sheenColorTexture"), "fuzz": sheen.get("sheenRoughnessTexture")}
         textures |= {"coat": coat.get("clearcoatTexture"), "coat roughness": coat.get("clearcoatRoughnessTexture")}
         return {name: table(textures, name) for name, texture in textures.items() if texture}
 
@@ -140,7 +142,9 @@ class GltfMaterials:
         return material_of(self._clear(material, entry, used.get("transmission")))
 
     def _layers(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> dict[str, Any]:
-        """Return the fields of a material that KHR_materials_specular and KHR_materials_clearcoat decide."""
+        """Return the fields of a material that KHR_materials_specular, _clearcoat and _sheen decide."""
+        sheen = _extension(entry, "sheen")
+        fibres = [min(max(x, 0.0), 1.0) for x in numbers_of(sheen, "sheenColorFactor", (0, 0, 0))]
         specular, coat = _extension(entry, "specular"), _extension(entry, "clearcoat")
         self.notices.ignore("normal maps of coats", int("clearcoatNormalTexture" in coat))
         r, g, b = (max(x, 0.0) for x in numbers_of(specular, "specularColorFactor", (1, 1, 1)))
@@ -153,6 +157,10 @@ class GltfMaterials:
             "clearcoat_picture": self._picture(used.get("coat")),
             "clearcoat_roughness": number_of(coat, "clearcoatRoughnessFactor", 0),
             "clearcoat_roughness_picture": self._picture(used.get("coat roughness")),
+            "sheen_color": (fibres[0], fibres[1], fibres[2]),
+            "sheen_color_picture": self._picture(used.get("sheen")),
+            "sheen_roughness": number_of(sheen, "sheenRoughnessFactor", 0),
+            "sheen_roughness_picture": self._picture(used.get("fuzz"), alpha=True),
         }
 
     def _normals(self, used: dict[str, Any] | None) -> Texture | None:

@@ -258,6 +258,12 @@ class Layout:
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
     @property
+    def sheens(self) -> Rows:
+        """(M, 4): the colour and the roughness of the sheen of each `MetallicRoughness`; 0 for other materials."""
+        rows = [m.sheen if isinstance(m, MetallicRoughness) else (0.0,) * 4 for m in self.materials]
+        return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+    @property
     def mirrors(self) -> Rows:
         """(M, 4): the reflectivity of each material as a colour, then 0."""
         return np.array([(*material.mirror, 0.0) for material in self.materials], dtype=np.float64).reshape(-1, 4)

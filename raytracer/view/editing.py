@@ -43,14 +43,16 @@ _RANGES: Final = {
     "specular_color": (0.0, 1.0),
     "clearcoat": (0.0, 1.0),
     "clearcoat_roughness": (0.0, 1.0),
+    "sheen_color": (0.0, 1.0),
+    "sheen_roughness": (0.0, 1.0),
     "alpha": (0.0, 1.0),
 }
 """The span of the slider of each number of a material."""
 _BOUNDED: Final = (
     *("reflectivity", "transmission", "base_color", "metallic", "roughness"),
-    *("clearcoat", "clearcoat_roughness", "alpha"),
+    *("clearcoat", "clearcoat_roughness", "sheen_color", "sheen_roughness", "alpha"),
 )
-_COLORS: Final = ("color", "base_color", "specular_color")
+_COLORS: Final = ("color", "base_color", "specular_color", "sheen_color")
 _SAID: Final = {
     "shininess": "the exponent of the highlight",
     "transmission": "the share that lets light through, as glass does",
@@ -62,6 +64,7 @@ _SAID_OF_LAYERS: Final = {
     "roughness": "0 for a mirror, 1 for a surface without highlights",
     "ior": "the refractive index: how much is mirrored where it is no metal",
     "specular": "a factor of what is mirrored where it is no metal",
+    "sheen_color": "the light of fibres at grazing angles, as of velvet",
     "transmission": "the share of what is no metal that is a thin clear wall",
     "alpha": "the share of the surface that is there",
 }

@@ -325,7 +325,11 @@ def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, s
         ("Pr 0.5\nKs 1 1 1\nNs 9\nillum 3\nd 0.25", [], MetallicRoughness(alpha=0.25)),
         ("Pr 0.5\nTr 1", ["Tr 1 of materials without d, which are opaque (1)"], MetallicRoughness()),
         ("Pr 0.5\nPs 0\naniso 0\nanisor 0.0", [], MetallicRoughness()),
-        ("Pr 0.5\nPs 0.5\naniso 0.1", ["ps of materials (1), aniso of materials (1)"], MetallicRoughness()),
+        (
+            "Pr 0.5\nPs 0.5\naniso 0.1",
+            ["aniso of materials (1)"],
+            MetallicRoughness(sheen_color=(0.5,) * 3, sheen_roughness=0.5),
+        ),
         ("Ps 0.0\nPcr 0\nKs 0.125", [], Material(diffuse=1, specular=0.125)),
         (
             "illum 7\nPr 0.5\nPm 0\nNi 1.4",

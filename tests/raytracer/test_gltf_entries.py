@@ -41,7 +41,10 @@ from raytracer.scene.animated_file import AnimatedFile
         (lambda tree: tree["bufferViews"][0].update(byteLength=10**9), "accessor 0: buffer view 0 ends at byte"),
         (lambda tree: tree["accessors"][2].update(componentType=5126), "accessor 2: its 6 elements end at byte 24 of"),
         (lambda tree: tree.update(extensionsRequired=["KHR_draco_mesh_compression"]), "export it without"),
-        (lambda tree: tree.update(extensionsRequired=["KHR_materials_sheen"]), "KHR_materials_sheen, which is not"),
+        (
+            lambda tree: tree.update(extensionsRequired=["KHR_materials_iridescence"]),
+            "KHR_materials_iridescence, which is not",
+        ),
         (lambda tree: tree.update(extensionsRequired=["MSFT_lod", "A_b"]), "needs A_b, MSFT_lod, which are not read"),
         (lambda tree: tree.update(asset={"version": "1.0"}), "version of glTF is 1.0"),
         (lambda tree: tree.update(nodes=[{"mesh": 0, "children": "x"}]), "node 0: its children is x, not a list"),
@@ -115,7 +118,7 @@ def test_the_scenes_that_are_not_shown_are_told(tmp_path):
     assert loaded(file.save(tmp_path / "two.glb"), said, "ignored: scenes but the default one (1)").triangles
 
 
-@pytest.mark.parametrize("name", ["KHR_materials_sheen", "KHR_materials_iridescence"])
+@pytest.mark.parametrize("name", ["KHR_materials_anisotropy", "KHR_materials_iridescence"])
 def test_extensions_of_the_look_of_materials_refuse_no_file(tmp_path, name):
     file = File()
     material = file.material(extensions={name: {}}, pbrMetallicRoughness={"baseColorFactor": [1, 0.5, 0, 1]})

@@ -164,9 +164,9 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     file.light(type="area")
     file.add("animations", {})
     file.add("scenes", {"nodes": []})
-    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_sheen"]
+    file.tree["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_ior", "KHR_materials_x"]
     expected = (
-        "animations (1), scenes but the default one (1), KHR_materials_sheen (1), morph targets of colours or uv (1), "
+        "animations (1), scenes but the default one (1), KHR_materials_x (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
         "alpha of clear bodies (1), blur of clear bodies (1), tints of clear bodies (1), "
         "points and lines (1), lights of the type area (1)"

@@ -8,7 +8,7 @@ import pytest
 import shpy as sh
 from raytracer import Camera, EnvironmentLight, MetallicRoughness, Path, Scene, render
 from raytracer.appearance.albedo import ACROSS, albedo_table, compute_table, integrals
-from raytracer.kernels.interactions import LayeredInteraction, blank
+from raytracer.kernels.interactions import LayeredInteraction, SheenInteraction, blank
 from raytracer.kernels.microfacets import Microfacets
 from raytracer.meshes.shapes import box, floor, sphere
 
@@ -22,6 +22,8 @@ LOOKS = {
     "thin": {"roughness": 0.4, "transmission": 0.5},
     "neither metal nor mirror": {"specular": 0.0},
     "tinted": {"roughness": 0.3, "specular_color": (3.0, 1.0, 0.2)},
+    "velvet": {"roughness": 0.8, "sheen_color": (1.0, 0.6, 0.2), "sheen_roughness": 0.4},
+    "satin": {"metallic": 0.5, "clearcoat": 0.5, "sheen_color": (0.4, 0.9, 1.0), "sheen_roughness": 0.15},
 }
 
 
@@ -29,7 +31,10 @@ def surface_of(lobes, look, view):
     """Return the interaction with a surface of this look, seen from `view`; its normal is z."""
     material = MetallicRoughness((1.0, 0.6, 0.2), **look)
     (red, green, blue, index), (coat, blur, thin, _) = material.layers
-    surface = blank(LayeredInteraction)
+    surface = blank(SheenInteraction if any(material.sheen_color) else LayeredInteraction)
+    if any(material.sheen_color):
+        surface.sheen[:] = sh.Color3f(*material.sheen_color)
+        surface.fuzz.x = material.sheen_roughness
     surface.color[:] = sh.Color3f(*material.tint)
     surface.coefficients[:] = sh.Attrib3f(material.metallic, material.specular, material.roughness)
     surface.tint[:] = sh.Color3f(red, green, blue)
@@ -44,7 +49,7 @@ def surface_of(lobes, look, view):
 
 def kernels(look):
     """Return the value and the density of a direction, and a sampled direction, as kernels."""
-    lobes = Microfacets(look.get("clearcoat", 0) > 0, look.get("transmission", 0) > 0)
+    lobes = Microfacets(look.get("clearcoat", 0) > 0, look.get("transmission", 0) > 0, "sheen_color" in look)
 
     @sh.program
     def value(view: sh.Vector3f, light: sh.Vector3f) -> sh.Color3f:
@@ -192,6 +197,8 @@ def random_material(rng):
         clearcoat_roughness=one_of(0, rng.random()),
         transmission=one_of(0, 0, 0, 1, rng.random()),
         alpha=one_of(1, 1, 1, 0.5),
+        sheen_color=one_of((0, 0, 0), (0, 0, 0), (1, 1, 1), tuple(rng.random(3))),
+        sheen_roughness=one_of(0, 1, rng.random(), rng.random()),
     )
 
 
