@@ -321,13 +321,14 @@ def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float)
     index, 1 - d the share that is not there.
     """
     red, green, blue = (min(x, 1.0) for x in _rgb(words, "kd", 0.8))
+    fibres = min(max(_number(words, "ps", 0.0), 0.0), 1.0)
     return MetallicRoughness(
         base_color=_color((red, green, blue), pictures.color),
         metallic=_number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0),
         roughness=_number_of(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), pictures.roughness, 0),
         ior=_number(words, "ni", 1.5),
-        sheen_color=(_number_of(_number(words, "ps", 0.0), None, 0),) * 3,
-        sheen_roughness=CLOTH if _number(words, "ps", 0.0) > 0 else 0.0,
+        sheen_color=(fibres, fibres, fibres),
+        sheen_roughness=CLOTH if fibres else 0.0,
         clearcoat=_number_of(_number(words, "pc", 0.0), None, 0),
         clearcoat_roughness=_number_of(_number(words, "pcr", 0.0), None, 0),
         alpha=1 - clear,

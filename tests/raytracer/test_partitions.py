@@ -23,9 +23,11 @@ from raytracer import (
     PointLight,
     Scene,
     SceneError,
+    SpotLight,
     Staged,
     Surface,
     Texture,
+    Unlit,
     render,
 )
 from raytracer.cluster import connection, part, partitioned
@@ -55,7 +57,7 @@ def sky(direction):
 
 
 def mirrors():
-    """Boxes and balls that share faces, edges and corners, with lights, mirrors, programs and a texture."""
+    """Boxes and balls that share faces, edges and corners, with lights, mirrors, programs, a texture and an Unlit."""
     mirror = Material((0.9, 0.9, 0.9), reflectivity=0.7)
     picture = Material(Texture(np.random.default_rng(0).random((4, 4, 3))))
     meshes = (
@@ -65,9 +67,10 @@ def mirrors():
         sphere(0.7, Material((0.8, 0.2, 0.1), specular=0.6), rings=6, segments=8).moved((-0.5, 1.2, 0)),
         box((0.5, 2, 0.5), Material(cutout=Texture(np.eye(4)))).moved((-1.5, 0.5, 1)),
         sphere(0.3, Material(surface=numbered), rings=3, segments=4).moved((1, 1.2, 0.5)),
+        sphere(0.3, Unlit((0.2, 0.7, 0.9)), rings=3, segments=4).moved((-1.2, 1.5, -0.5)),
         floor(9, picture).moved((0, -0.5, 0)),
     )
-    lights = (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), PointLight((-4, 5, 3), (0.3, 0.3, 0.4)))
+    lights = (PointLight((3, 6, 5), (0.8, 0.8, 0.7)), SpotLight((-4, 5, 3), (4, -5, -3), 5, 30, (9, 9, 12), range=20.0))
     return Scene(meshes, lights, background=sky)
 
 
