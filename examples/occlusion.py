@@ -22,8 +22,8 @@ def around(row, column, k):
     return sh.Vector3f(sh.sqrt(1 - z * z) * sh.vec2(sh.cos(angle), sh.sin(angle)), z)
 
 
-def occlusion(scene, size, rays=64, backend=None):
-    """Return a picture (height, width): 1 where all of `rays` cosine-distributed rays leave the scene."""
+def sky_of(scene, size, rays=64, backend=None):
+    """Return the program of a picture: 1 where all of `rays` cosine-distributed rays leave the scene."""
     near = Intersector(scene, backend=backend)
     eye, corner, across, down = (sh.Param(sh.Vector3f, v) for v in scene.camera.view(*size))
 
@@ -36,7 +36,12 @@ def occlusion(scene, size, rays=64, backend=None):
             free += sh.cond(near.blocked(hit.position, hit.normal + around(row, column, k)), 0, 1)
         return sh.cond(hit.hit, sh.Attrib1f(free) / rays, 1.0)
 
-    return sky.compile(backend)(shape=size[::-1])
+    return sky
+
+
+def occlusion(scene, size, rays=64, backend=None):
+    """Return the picture (height, width)."""
+    return sky_of(scene, size, rays, backend).compile(backend)(shape=size[::-1])
 
 
 if __name__ == "__main__":
