@@ -96,6 +96,24 @@ def hypot_as_c99(x: sh.Attrib1f, y: sh.Attrib1f) -> sh.Attrib1f:
     return sh.hypot(x, y)
 
 
+@case(x=f(-0.0, -INF, INF, NAN, 1, -1, -2), ulp=1,
+      expected=(f(-0.0, -1, INF, NAN, np.e - 1, 1 / np.e - 1, np.exp(-2) - 1),
+                f(-0.0, NAN, INF, NAN, np.log(2), -INF, NAN),
+                f(-0.0, -INF, INF, NAN, 1, -1, -(2 ** (1 / 3))),
+                f(1, 0, INF, NAN, 10, 0.1, 0.01),
+                f(-0.0, -1, 1, NAN, 0.8427007929497149, -0.8427007929497149, -0.9953222650189527),
+                f(1, 2, 0, NAN, 0.15729920705028513, 1.8427007929497149, 1.9953222650189527)))  # fmt: skip
+def functions_by_annex_f(x: sh.Attrib1f):
+    return sh.expm1(x), sh.log1p(x), sh.cbrt(x), sh.exp10(x), sh.erf(x), sh.erfc(x)
+
+
+@case(x=f(-0.0, 1, -1, 2, -3, 0.5, -0.5, 1.5, 2.0**23 + 1, -(2.0**24), INF, NAN), expected=(
+          f(-0.0, 0, -0.0, 0, -0.0, 1, -1, -1, 0, -0.0, NAN, NAN), f(1, -1, -1, 1, -1, 0, 0, 0, -1, 1, NAN, NAN)
+      ))  # fmt: skip
+def multiples_of_pi_as_ieee_754(x: sh.Attrib1f):
+    return sh.sinpi(x), sh.cospi(x)
+
+
 @case(v=np.array([[0, 0, 0], [-0.0, 0, 0], [3, 0, 4], [0, -2, 0]], np.float32),
       expected=np.array([[0, 0, 0], [0, 0, 0], [0.6, 0, 0.8], [0, -1, 0]], np.float32))  # fmt: skip
 def normalize_of_zero_is_zero(v: sh.Vector3f) -> sh.Vector3f:
