@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from benchmarks.record import glsl_text
+from benchmarks.record import TEXTS
 from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
 from shpy.backend.glsl.text.prologue import SPLIT
 
@@ -62,7 +62,7 @@ PROGRAMS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_golden_text(name: str, snapshots: Any) -> None:
-    snapshots.check(f"{name}.glsl", glsl_text(PROGRAMS[name].ir))
+    snapshots.check(f"{name}.glsl", TEXTS["glsl"](PROGRAMS[name].ir))
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

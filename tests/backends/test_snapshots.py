@@ -13,7 +13,7 @@ from backends import snapshot_programs
 from backends.running import TARGETS
 
 import shpy as sh
-from benchmarks.record import glsl_text, numpy_text, opencl_text
+from benchmarks.record import TEXTS
 from shpy.backend.base import Options
 from shpy.backend.opencl.device.driver import PACKET_TARGET
 from shpy.backend.opencl.packets.kernel import print_packets
@@ -38,7 +38,7 @@ def test_the_ir(name, snapshots):
 def test_the_text_for(target, name, snapshots):
     """GLSL's is for a device without faults: others get corrections of their own."""
     program = PROGRAMS[name]
-    text = glsl_text(program.ir) if target == "glsl" else program.compile(target, lanes=1).source
+    text = TEXTS["glsl"](program.ir) if target == "glsl" else program.compile(target, lanes=1).source
     snapshots.check(f"programs/{name}.{SUFFIX[target]}", text)
 
 
@@ -63,10 +63,10 @@ for name in PRINTED:
 def texts(name):
     """The texts of a program for every target, OpenCL's at three widths."""
     module = PRINTED[name].ir
-    yield numpy_text(module)
-    yield opencl_text(module)
+    yield TEXTS["numpy"](module)
+    yield TEXTS["opencl"](module)
     if name in PROGRAMS:  # GLSL has no vectors of doubles
-        yield glsl_text(module)
+        yield TEXTS["glsl"](module)
     prepared = prepare(module, Options(), PACKET_TARGET).module
     for lanes in (8, 64):
         yield print_packets(prepared, lanes, Abilities()).text
