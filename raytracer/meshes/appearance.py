@@ -194,7 +194,7 @@ def _numbers(look: GltfMaterial, shared: float) -> dict[str, Any]:
         shape = max((image.shape[:2] for image in pixels.values()), key=math.prod)
         for name, (picture, number) in places.items():
             if picture is not None:
-                factors[name] = factors[name] * _resized(channel(pixels[picture], number), *shape)
+                factors[name] = factors[name] * resized(channel(pixels[picture], number), *shape)
         return {
             name: float(x.flat[0]) if np.ptp(x) == 0 else pictures[0].texture(x, srgb=False)
             for name, x in _lobe(look, shared, **factors).items()
@@ -205,10 +205,10 @@ def _numbers(look: GltfMaterial, shared: float) -> dict[str, Any]:
     return numbers
 
 
-def _resized(pixels: Any, height: int, width: int) -> Any:
-    """Repeat or leave out pixels (h, w), so that there are (height, width)."""
-    rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=True))
-    return pixels[rows][:, columns]
+def resized(pixels: Any, height: int, width: int, part: slice = slice(None)) -> Any:
+    """Repeat or leave out pixels (h, w, ...), so that there are (height, width, ...); return a part of the rows."""
+    rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=False))
+    return pixels[rows[part]][:, columns]
 
 
 def _lobe(look: GltfMaterial, shared: float, *, roughness: Any, metallic: Any, transmission: Any) -> dict[str, Any]:

@@ -11,7 +11,6 @@ as well. `appearance` converts a material; `Notices` counts what has no counterp
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
 from typing import Any, Final, NamedTuple
@@ -26,7 +25,8 @@ from raytracer.errors import SceneError
 from raytracer.meshes.appearance import BLACK, Alpha, GltfMaterial, alpha_of, material_of
 from raytracer.meshes.folder import BadEntry, Notices
 from raytracer.meshes.gltf import BROKEN, Document, count_of, is_data, needed, number_of, numbers_of, reason_of, table
-from raytracer.meshes.pictures import Picture, Pictures, channel
+from raytracer.meshes.pictures import Picture, Pictures
+from raytracer.meshes.specular_glossiness import glossy
 
 _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST: Final = 9728
@@ -36,10 +36,6 @@ _SHARP: Final = 0.2
 """The roughness above which a clear material blurs its background visibly."""
 _DARKEST: Final = 2.0**-24
 """The least share of light that is taken to be left by an attenuation: a finite absorption never reaches 0."""
-_DIELECTRIC: Final = 0.04
-"""The share of light that non-metals reflect at normal incidence."""
-_PERCEIVED: Final = np.array((0.299, 0.587, 0.114))
-"""The weights of the squared channels in the brightness that is perceived."""
 
 
 class GltfMaterials:
@@ -137,7 +133,12 @@ class GltfMaterials:
             **self._layers(entry, used),
         )
         if gloss := _extension(entry, _GLOSSY):
-            material = self._glossy(material, gloss, color[:3], used.get("gloss"))
+            specular, gloss_factor = (
+                numbers_of(gloss, "specularFactor", (1, 1, 1)),
+                number_of(gloss, "glossinessFactor", 1),
+            )
+            shine, mask = (self._picture(used.get("gloss"), alpha=alpha) for alpha in (False, True))
+            material = glossy(material, specular, gloss_factor, shine, mask)
         material = replace(material, **self._alpha(entry, color[3], used.get("color"))._asdict())
         return material_of(self._clear(material, entry, used.get("transmission")))
 
@@ -167,25 +168,6 @@ class GltfMaterials:
         """Return the picture of normals (section 3.9.3)."""
         picture = self._picture(used)
         return None if picture is None or used is None else picture.normals(number_of(used, "scale", 1))
-
-    def _glossy(
-        self, material: GltfMaterial, gloss: dict[str, Any], diffuse: Sequence[float], used: dict[str, Any] | None
-    ) -> GltfMaterial:
-        """Return a material with what KHR_materials_pbrSpecularGlossiness says, and of its second picture the mean."""
-        specular = np.asarray(numbers_of(gloss, "specularFactor", (1, 1, 1)))
-        glossiness = number_of(gloss, "glossinessFactor", 1)
-        picture, mask = self._picture(used), self._picture(used, alpha=True)
-        if picture is not None:
-            self.notices.ignore("detail of pictures of glossiness")
-            specular = specular * picture.mean()
-        if mask is not None:
-            glossiness *= float(channel(mask.pixels, 0).mean())
-        seen = material.color_picture
-        color, metallic, roughness = converted(
-            diffuse, specular.tolist(), glossiness, None if seen is None else seen.mean()
-        )
-        seen = None if is_metal(metallic) else seen
-        return replace(material, color=color, metallic=metallic, roughness=roughness, color_picture=seen)
 
     def _alpha(self, entry: dict[str, Any], factor: float, used: dict[str, Any] | None) -> Alpha:
         """Return the effect of alpha (section 3.9.4): a mask cuts out, blending makes clear."""
@@ -303,40 +285,3 @@ def _absorption(volume: dict[str, Any]) -> Triple:
 def _extension(entry: dict[str, Any], name: str) -> dict[str, Any]:
     """Return an extension of KHR_materials of a material; {} where it is not used."""
     return table(table(entry, "extensions"), f"KHR_materials_{name}")
-
-
-def converted(
-    diffuse: Sequence[float], specular: Sequence[float], glossiness: float, picture: NDArray[np.float64] | None
-) -> tuple[Triple, float, float]:
-    """Return the colour, metallic and roughness for colours (3,).
-
-    `picture` (3,) is the mean of the picture that multiplies `diffuse`. With a picture, the colour is the factor that
-    multiplies it; for a surface that is more than half a metal, the colour replaces the picture.
-    """
-    factor, shine = np.asarray(diffuse, np.float64), np.asarray(specular, np.float64)
-    seen = factor if picture is None else factor * picture
-    left = 1 - float(shine.max())
-    metallic = _metallic(_brightness(seen), _brightness(shine), left)
-    matt = factor * (left / (1 - _DIELECTRIC) / max(1 - metallic, 1e-6))
-    metal = (shine - _DIELECTRIC * (1 - metallic)) / max(metallic, 1e-6)
-    share = metallic**2 if picture is None else float(is_metal(metallic))
-    r, g, b = np.clip(matt + share * (metal - matt), 0, 1).tolist()
-    return (r, g, b), metallic, min(max(1 - glossiness, 0.0), 1.0)
-
-
-def is_metal(metallic: float) -> bool:
-    """Return whether a surface shows its specular colour more than its diffuse one."""
-    return metallic**2 > 0.5
-
-
-def _brightness(color: NDArray[np.float64]) -> float:
-    return float(np.sqrt(_PERCEIVED @ color**2))
-
-
-def _metallic(diffuse: float, specular: float, left: float) -> float:
-    """Solve for the share that is a metal, from brightnesses: a quadratic equation."""
-    if specular < _DIELECTRIC:
-        return 0.0
-    b = diffuse * left / (1 - _DIELECTRIC) + specular - 2 * _DIELECTRIC
-    root = math.sqrt(max(b * b - 4 * _DIELECTRIC * (_DIELECTRIC - specular), 0.0))
-    return min(max((root - b) / (2 * _DIELECTRIC), 0.0), 1.0)

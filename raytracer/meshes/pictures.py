@@ -143,6 +143,10 @@ class Picture:
         texture.name = self.name
         return texture
 
+    def like(self, pixels: Pixels) -> Picture:
+        """Return a picture of other pixels that materials read as this one."""
+        return Picture(pixels, self.name, self.wrap, self.filter, self.budget)
+
     def memoize(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return the result of `make`, which is called once for each key."""
         if key not in self._cache:

@@ -129,14 +129,23 @@ def test_specular_and_glossiness(gloss, look, tmp_path):
 
 
 def test_pictures_of_specular_and_glossiness(tmp_path):
-    """The picture of the colour stays; of the other the mean is taken, its alpha for the glossiness."""
-    wood = np.full((2, 2, 3), (188, 92, 20))
-    with pytest.warns(sh.ShpyWarning, match=r"detail of pictures of glossiness \(1\)"):
-        found = glossy(tmp_path, wood, np.full((2, 2, 4), (56, 56, 56, 51)), glossinessFactor=0.5)
-    assert isinstance(found.base_color, Texture)
-    rough = plain(tmp_path, metallicFactor=0, roughnessFactor=1 - 0.5 * 0.2)
-    assert found.roughness == pytest.approx(rough.roughness)
-    assert found.metallic == pytest.approx(rough.metallic, abs=0.02)
-    with pytest.warns(sh.ShpyWarning, match="glossiness"):
-        metal = glossy(tmp_path, np.zeros((2, 2, 3)), np.full((2, 2, 4), (255, 188, 99, 255)))
-    assert metal.base_color == pytest.approx((1, 0.5028865, 0.1247718), abs=1e-4)
+    """Each texel is converted by itself: here the left half is wood, and the right half a metal."""
+    colors = np.zeros((2, 4, 3))
+    colors[:, :2] = 188, 92, 20
+    shine = np.full((2, 2, 4), (56, 56, 56, 51))  # half as wide: its texels are repeated
+    shine[:, 1] = 255, 188, 99, 255
+    look = glossy(tmp_path, colors, shine, glossinessFactor=0.5)
+    wood, metal = (plain_numbers(part) for part in ((188, 92, 20), (255, 188, 99)))
+    base, metallic, roughness = (texture.image for texture in (look.base_color, look.metallic, look.roughness))
+    np.testing.assert_allclose(base[0, 3], metal, atol=1e-4)
+    np.testing.assert_allclose(base[0, 0] / wood, (base[0, 0] / wood)[0] * np.ones(3), atol=0.02)
+    np.testing.assert_allclose(metallic[0, :, 0], [0, 0, 1, 1], atol=0.02)
+    np.testing.assert_allclose(roughness[0, :, 0], [0.9, 0.9, 0.5, 0.5], atol=1e-5)
+    same = glossy(tmp_path, np.full((2, 2, 3), (188, 92, 20)), specularFactor=[0.04] * 3, glossinessFactor=0.25)
+    assert (same.metallic, same.roughness) == (pytest.approx(0, abs=1e-3), pytest.approx(0.75))
+    np.testing.assert_allclose(same.base_color.image[0, 0], wood, atol=1e-3)
+
+
+def plain_numbers(color):
+    """Return a colour of sRGB bytes as linear numbers."""
+    return Texture(np.array([[color]], np.uint8)).image[0, 0]
