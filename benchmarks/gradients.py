@@ -74,10 +74,10 @@ def differences(program: sh.Program) -> sh.Program:
     return sloped
 
 
-def waiting(kernel: Any, points: sh.Stream, out: Any) -> None:
+def waiting(kernel: Any, streams: list[sh.Stream], out: Any) -> None:
     """Run a kernel, and wait until its device has finished."""
-    kernel.run(points, out=out)
-    points.place.space.finish()
+    kernel.run(*streams, out=out)
+    streams[0].place.space.finish()
 
 
 def gradients(quick: bool) -> Table:
@@ -95,7 +95,7 @@ def gradients(quick: bool) -> Table:
         runs: dict[str, Callable[[], Any]] = {}
         for way, derived in ways.items():
             kernel = derived.compile(target)
-            runs[way] = partial(waiting, kernel, points, kernel(points))
+            runs[way] = partial(waiting, kernel, [points], kernel(points))
         times = in_turns(runs, 2 if quick else ROUNDS)
         whole = np.array(times["value"].seconds)
         ratios = [f"{np.median(np.array(times[way].seconds) / whole):.2f}" for way in list(ways)[1:]]
@@ -104,3 +104,47 @@ def gradients(quick: bool) -> Table:
     note = f"A value and its gradient by three inputs, {count:,} elements on {target}: medians of ratios to the value."
     head = ["program", "value, ns", "forward", "reverse", "differences"]
     return Table("gradients", note, head, rows, rounds)
+
+
+def chained(count: int) -> sh.Program:
+    """Return a program of `count` numbers in vectors of four, whose last statements depend on all of them."""
+    names = [f"x{k}" for k in range(count // 4)]
+
+    def mixed(*vectors: Any) -> Any:
+        total = sh.Attrib1f(0)
+        for x in (x for v in vectors for x in v):
+            total = total * 0.9 + x * x
+        for _ in range(24):
+            total = total * total * 0.01 + total * 0.5
+        return total
+
+    space: dict[str, Any] = {"sh": sh, "mixed": mixed}
+    inputs = ", ".join(f"{n}: sh.Attrib4f" for n in names)
+    exec(f"@sh.program\ndef chain({inputs}) -> sh.Attrib1f:\n    return mixed({', '.join(names)})\n", space)
+    program: sh.Program = space["chain"]
+    return program
+
+
+def components(quick: bool) -> Table:
+    """Measure forward and reverse mode by the number of components."""
+    count, target = (1_000 if quick else ELEMENTS), backend()
+    rows, rounds = [], {}
+    for size in (8, 16) if quick else (4, 8, 16, 32, 64):
+        program = chained(size)
+        streams = [sh.Stream(np.full((count, 4), 0.5, np.float32), sh.Attrib4f, target) for _ in program.inputs]
+        ways = {
+            "value": program,
+            **{m: program.gradient(*program.inputs, value=True, mode=m) for m in ("forward", "reverse")},
+        }
+        runs = {
+            way: partial(waiting, k, streams, k(*streams))
+            for way, k in ((w, p.compile(target)) for w, p in ways.items())
+        }
+        times = in_turns(runs, 2 if quick else ROUNDS)
+        whole = np.array(times["value"].seconds)
+        rows.append(
+            [str(size), *(f"{np.median(np.array(times[m].seconds) / whole):.1f}" for m in ("forward", "reverse"))]
+        )
+        rounds |= {f"{size}, {way}": t.seconds for way, t in times.items()}
+    note = f"A value and its gradient by n numbers, each statement of all of them, {count:,} elements on {target}."
+    return Table("components", note, ["n", "forward", "reverse"], rows, rounds)

@@ -53,7 +53,7 @@ def gradient(
     gradient. docs/gradients.md lists the derivatives at kinks.
 
     `mode="reverse"` computes all components in one walk backwards, at a cost that does not grow with their number: it
-    is faster from about 16 components on. It keeps the state of each iteration of a loop, so a loop without a known
+    is faster from about 8 components on. It keeps the state of each iteration of a loop, so a loop without a known
     bound needs `most`, and an element that takes more iterations gives NaN. The modes round differently.
 
     Raises ShpyTypeError for a function of another type and for an argument of ints or bools, RecordError where f does

@@ -64,6 +64,17 @@ def doubled(x: Any) -> Any:
     return n + s
 
 
+def long(p: Any) -> Any:
+    """Reverse mode splits a loop of so many iterations into a loop in a loop."""
+    s, n = sh.Attrib1f(p.x), sh.Attrib1f(0)
+    with SH_FOR(0, 1100) as i:
+        s += sh.sin(s * p.y) * 0.01
+        SH_CONTINUE(s > 1.4)
+        n += s * 0.001
+        SH_BREAK(i > 900 + sh.Attrib1i(p.x * 100))
+    return s + n
+
+
 def curvature(p: Any) -> Any:
     f = lambda q: sh.length(sh.Attrib2f(sh.length(q.xy) - 1, q.z)) - 0.3 * sh.sin(q.x)  # noqa: E731
     j = sh.jacobian(lambda q: sh.normalize(sh.gradient(f)(q)))(p)
@@ -145,6 +156,7 @@ PROGRAMS = {
     "early": (early, (1, 1)),
     "nested": (nested, (2,)),
     "doubled": (doubled, (1,)),
+    "long": (long, (2,)),
     "curvature": (curvature, (3,)),
     "noise": (lambda p: sh.noise(p) + sh.noise(p * 2), (3,)),
     "arrays": (arrays, (2,)),
