@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from shpy.chains.chain import Chain
 from shpy.display.png import png
 from shpy.display.screen import pixels
 from shpy.errors import ShpyError, ShpyTypeError
@@ -33,6 +34,7 @@ from shpy.lang.recording.text import written
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.programs import Program
 from shpy.testing import defaults
+from shpy.testing.chained import assert_golden_chain
 from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting
 from shpy.testing.reference import split_options, targets
@@ -45,7 +47,7 @@ _UPDATE: Final = "pytest --shpy-update or update=True"
 
 
 def assert_golden(
-    program: Program,
+    program: Program | Chain,
     *inputs: Any,
     name: str,
     folder: str | Path | None = None,
@@ -59,7 +61,8 @@ def assert_golden(
     `folder` is by default the folder "golden" beside the file of the calling line. `pytest --shpy-update`, or `update`,
     writes the file where it is missing or not that of this program and these bits, after the backends agreed; of one
     output of numbers over two axes, also `name.png`. `backends`, `inputs` and other names are those of
-    `assert_equivalent`.
+    `assert_equivalent`. Of a chain the names are those of `chain.run`, the results are its streams, and `backends` are
+    names without a width.
 
     Raises AssertionError where the file is missing or a bit differs: it names the element, its inputs, both values, and
     the first statement of the program that is not that of the file. Raises ShpyTypeError for a name that no file can
@@ -68,16 +71,22 @@ def assert_golden(
     """
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise ShpyTypeError(f"name={name!r} is no name of a file", loc=here(), cure='name="planet"')
+    path = _folder(folder) / f"{name}.npz"
+    updates = defaults.update if update is None else update
+    if isinstance(program, Chain):
+        arguments = named | ({} if shape is None else {"shape": shape})
+        if backends is None and defaults.backends is not None:
+            backends = [target.partition("-")[0] for target in defaults.backends]
+        return assert_golden_chain(program, path, updates, _UPDATE, backends, arguments)
     inputs_by_name, options = split_options(named, program)
     mode = options.get("math", "strict")
     if mode not in REPRODUCIBLE:
         raise ShpyTypeError(
             f"math={mode!r} gives other bits on other backends", loc=here(), cure='math="strict" or math="portable"'
         )
-    path = _folder(folder) / f"{name}.npz"
     setting = Setting(program, inputs, inputs_by_name, shape, options)
     targets_ = targets(backends if backends is not None else defaults.backends)
-    if not (defaults.update if update is None else update):
+    if not updates:
         golden = Golden.load(path)
         return _compare(golden, setting, [run(setting, target) for target in targets_])
     runs = [run(setting, target) for target in targets_]

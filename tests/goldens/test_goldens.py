@@ -86,6 +86,14 @@ CASES = {
 """The program of each example, and its inputs; a name after the point tells several of one file apart."""
 
 
+CHAINS = {
+    "life": lambda m: (sh.repeat(m.life, 20), {"cells": BOARD, "age": GRAY}),
+    "gray_scott": lambda m: (sh.repeat(m.react, 30), {"u": GRAY, "v": GRAY * GRAY}),
+    "heat": lambda m: (sh.loop(m.relax, where="free"), dict(zip(("heat", "free"), m.plate(*SIZE), strict=True))),
+}
+"""The chain of each example that has one, and its streams."""
+
+
 def rendered(scene):
     """Return the program of a scene's picture with the values of its Params for it."""
     renderer = Renderer(scene, backend="numpy")
@@ -104,6 +112,14 @@ def test_examples_have_their_bits(name, monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
     program, inputs = CASES[name](importlib.import_module(name.partition(".")[0]))
     sh.testing.assert_golden(program, name=f"example.{name}", backends=BACKENDS, **inputs)
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("name", CHAINS)
+def test_chains_of_examples_have_their_bits(name, monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    chain, streams = CHAINS[name](importlib.import_module(name))
+    sh.testing.assert_golden(chain, name=f"chain.{name}", **streams)
 
 
 @pytest.mark.sampled(6)

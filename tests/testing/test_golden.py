@@ -225,3 +225,31 @@ def test_pytest_writes_reads_and_renews(tmp_path):
     assert "return x * 0.25" in changed
     assert "1 passed" in pytest_of_a_user(0.25, "--shpy-update").stdout
     assert "1 passed" in pytest_of_a_user(0.25).stdout
+
+
+def heat(rate: float = 0.25):
+    @sh.program
+    def spread(u: sh.Table[sh.Attrib1f]):
+        k = sh.grid_index(1)
+        return {"u": u[k] + (u[k - 1] + u[k + 1] - 2 * u[k]) * rate}
+
+    return sh.repeat(spread, 5)
+
+
+def test_a_chain_is_held_by_its_streams(tmp_path):
+    def read(chain, **options):
+        return sh.testing.assert_golden(chain, name="heat", folder=tmp_path, u=X, **options)
+
+    with pytest.raises(AssertionError, match="no golden result"):
+        read(heat())
+    read(heat(), update=True, backends=["numpy", "opencl"])
+    assert read(heat()).backends == ("golden", "numpy", "opencl", "glsl")
+    with pytest.raises(AssertionError) as failure:
+        read(heat(0.125), backends=["numpy"])
+    text = str(failure.value)
+    assert "stream u: golden and numpy differ in " in text
+    assert "of 17 numbers, first in (" in text
+    assert "const 0x1p-2" in text
+    assert "const 0x1p-3" in text
+    with pytest.raises(sh.ShpyTypeError, match="a chain does not run on opencl-8"):
+        read(heat(), backends=["opencl-8"])

@@ -1,0 +1,124 @@
+"""Golden results of chains: the streams that a chain writes, in a file that every backend and later version must give.
+
+Stage: test. `golden.assert_golden` hands chains to `assert_golden_chain`. A chain runs on a backend as streams do, so a
+width of OpenCL's packets is not chosen. Its file holds each stream and the IR of each kernel.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from shpy.backend.registry import backends as all_backends
+from shpy.chains.chain import Chain
+from shpy.errors import ShpyError, ShpyTypeError
+from shpy.files import check_writable, replacing
+from shpy.ir.text import print_module
+from shpy.lang.recording.location import here
+from shpy.testing.arrays import Array, differing, flat_leaves
+from shpy.testing.equivalence import Agreement
+
+_STREAM: Final = "stream "
+
+
+def assert_golden_chain(
+    chain: Chain, path: Path, update: bool, renewal: str, backends: Iterable[str] | None, streams: dict[str, Any]
+) -> Agreement:
+    """Compare the streams of a chain on each backend with a file, or write it; see `golden.assert_golden`.
+
+    `streams` are the arguments of `chain.run`; `renewal` tells how to write the file.
+    """
+    available = [b.name for b in all_backends() if b.available]
+    chosen = list(dict.fromkeys(available if backends is None else backends))
+    if unknown := set(chosen) - set(available):
+        cure = f"backends={available}"
+        raise ShpyTypeError(f"a chain does not run on {', '.join(sorted(unknown))}", loc=here(), cure=cure)
+    results = {name: _arrays(chain, name, streams) for name in chosen}
+    text = "\n".join(print_module(kernel.recorded.module, locations=False) for kernel in chain.kernels)
+    if update:
+        first = results[chosen[0]]
+        for name in chosen[1:]:
+            _compare(chosen[0], first, name, results[name], ())
+        if not path.exists() or not _is_like(_load(path, renewal), first, text):
+            _save(path, first, text)
+        return Agreement(tuple(chosen), _count(first), {})
+    golden, before = _load(path, renewal)
+    for name, arrays in results.items():
+        _compare("golden", golden, name, arrays, [*_change(before, text), f"  {renewal} takes the new bits"])
+    return Agreement(("golden", *chosen), _count(golden), {})
+
+
+def _arrays(chain: Chain, backend: str, streams: dict[str, Any]) -> dict[str, Array]:
+    """Return the streams that the chain writes, by name; of a struct each leaf."""
+    written = chain.run(**streams, backend=backend).streams
+    leaves = {name: flat_leaves(stream.numpy()) for name, stream in written.items()}
+    return {
+        name if len(parts) == 1 else f"{name}, leaf {k}": np.asarray(part)
+        for name, parts in leaves.items()
+        for k, part in enumerate(parts)
+    }
+
+
+def _count(arrays: dict[str, Array]) -> int:
+    return sum(a.size for a in arrays.values())
+
+
+def _compare(first: str, a: dict[str, Array], second: str, b: dict[str, Array], notes: Iterable[str]) -> None:
+    """Raise AssertionError for the first number that differs."""
+    for name in {**a, **b}:
+        x, y = a.get(name), b.get(name)
+        if x is None or y is None or (x.shape, x.dtype) != (y.shape, y.dtype):
+            shapes = ["none" if v is None else f"{v.dtype} {v.shape}" for v in (x, y)]
+            line = f"stream {name}: {first} has {shapes[0]} and {second} has {shapes[1]}"
+            raise AssertionError("\n".join([line, *notes]))
+        wrong = np.argwhere(differing(x, y))
+        if len(wrong):
+            at = tuple(wrong[0].tolist())
+            lines = [f"stream {name}: {first} and {second} differ in {len(wrong)} of {x.size} numbers, first in {at}"]
+            lines += [f"    {n:12} {v[at].item()!r}" for n, v in ((first, x), (second, y))]
+            raise AssertionError("\n".join([*lines, *notes]))
+
+
+def _change(before: str, text: str) -> Iterator[str]:
+    """Yield the first statement of the kernels that is not that of the file."""
+    old, new = before.splitlines(), text.splitlines()
+    for a, b in zip([*old, "no more statements"], [*new, "no more statements"], strict=False):
+        if a != b:
+            yield from (
+                "the first statement that changed:",
+                f"  golden       {a.strip()}",
+                f"  now          {b.strip()}",
+            )
+            return
+    yield "the kernels are those of the file"
+
+
+def _is_like(content: tuple[dict[str, Array], str], arrays: dict[str, Array], text: str) -> bool:
+    kept, before = content
+    same = kept.keys() == arrays.keys() and all(
+        (kept[n].dtype, kept[n].shape, kept[n].tobytes()) == (a.dtype, a.shape, a.tobytes()) for n, a in arrays.items()
+    )
+    return same and before == text
+
+
+def _load(path: Path, renewal: str) -> tuple[dict[str, Array], str]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name.removeprefix(_STREAM): file[name] for name in file if name.startswith(_STREAM)}
+            return arrays, str(file["text"])
+    except FileNotFoundError:
+        raise AssertionError(f"there is no golden result {path}; {renewal} writes it") from None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ShpyError(f"{path} holds no golden result: {error}", loc=here(), cure=renewal) from None
+
+
+def _save(path: Path, arrays: dict[str, Array], text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(path)
+    parts: dict[str, Any] = {_STREAM + name: array for name, array in arrays.items()}
+    with replacing(path) as file:
+        np.savez_compressed(file, **parts, text=text)
