@@ -51,7 +51,8 @@ class MetallicRoughness:
     `normal` is a picture of normals as its `normal_map`.
 
     Each number and colour may be a `Texture`. `surface` is a program as in `Material`; its Surface gives base_color (or
-    color), metallic, roughness, specular, clearcoat, clearcoat_roughness, emission and normal.
+    color), metallic, roughness, specular, clearcoat, clearcoat_roughness, sheen_color, sheen_roughness, emission and
+    normal.
 
     Both sides of a triangle are seen, as of every material. docs/materials.md has the model and its sources. Raises
     SceneError for numbers out of their ranges and for what is neither a number nor a Texture.

@@ -34,6 +34,8 @@ from shpy import SH_IF
 Program = Callable[..., Any]
 LINEAR = 4
 """Added to the number of the wrap in the mode of a texture."""
+_KERNEL_NAMES = {"base_color": "color", "sheen_color": "sheen"}
+"""The variables for what a program gives under other names."""
 PART = 1 << 16
 """Texels that are copied at once."""
 
@@ -114,7 +116,7 @@ class Appearance:
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():
-                    place = variables["color" if name == "base_color" else name]
+                    place = variables[_KERNEL_NAMES.get(name, name)]
                     place[:] = sh.normalize(value) if name == "normal" else value
         for name in ("reflectivity", "transmission"):
             if name in self.gives:

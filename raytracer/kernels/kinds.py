@@ -64,7 +64,7 @@ class MaterialKinds(NamedTuple):
             thin=bool((layers[1::2, 2] > 0).any()),
             mixed=bool(layered.any() and not layered.all()),
             unlit=any(isinstance(material, Unlit) for material in layout.materials),
-            sheen=bool((layout.sheens[:, :3] > 0).any()),
+            sheen=bool((layout.sheens[:, :3] > 0).any()) or "sheen_color" in gives,
         )
 
 

@@ -148,7 +148,7 @@ def reader(name):
 
 def giver(name):
     """Return a surface that decides a field."""
-    colors = ("color", "base_color", "normal", "emission")
+    colors = ("color", "base_color", "sheen_color", "normal", "emission")
     return lambda hit: Surface(**{name: (0.3, 0.2, 0.9) if name in colors else 0.3})
 
 

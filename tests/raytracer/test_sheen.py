@@ -8,6 +8,7 @@ from scene_pictures import same
 from test_file_materials import gltf
 from test_microfacets import check_gains_nothing, error_of, furnace
 
+import shpy as sh
 from raytracer import (
     Camera,
     EnvironmentLight,
@@ -19,6 +20,7 @@ from raytracer import (
     Scene,
     SceneError,
     Staged,
+    Surface,
     Texture,
     Whitted,
     render,
@@ -125,11 +127,18 @@ def test_other_tracers_pictures_and_changes():
     renderer.show(changed)
     same(renderer.render((12, 8)), render(changed, (12, 8), backend="numpy"))
     assert renderer.builds == 1
+
+    def fibres(hit):
+        return Surface(sheen_color=0.5 * sh.Color3f(1, 1, 1), sheen_roughness=0.4)
+
     square = floor(1, dataclasses.replace(VELVET, sheen_color=Texture(np.full((2, 2, 3), 0.5), srgb=False)))
     numbers = floor(1, dataclasses.replace(VELVET, sheen_color=(0.5, 0.5, 0.5)))
     above = Camera((0, 1, 2), (0, 0, 0), fov=20)
-    seen = [render(Scene([m], [PointLight((0, 2, -2))], above), (6, 6), backend="numpy") for m in (square, numbers)]
-    np.testing.assert_allclose(seen[0].pixels, seen[1].pixels, rtol=1e-5)
+    described = floor(1, dataclasses.replace(VELVET, sheen_color=(0, 0, 0), surface=fibres))
+    meshes = square, numbers, described
+    seen = [render(Scene([m], [PointLight((0, 2, -2))], above), (6, 6), backend="numpy").pixels for m in meshes]
+    for pixels in seen[1:]:
+        np.testing.assert_allclose(pixels, seen[0], rtol=1e-5)
 
 
 def test_files_have_a_sheen(tmp_path):
