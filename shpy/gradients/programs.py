@@ -38,7 +38,7 @@ def gradient_of(
     outputs = tuple_class("Gradient", (*(["value"] if value else []), *(f"d_{n}" for n in names)))
 
     def body(arguments: dict[str, Any]) -> Any:
-        derived = gradient(_function(opened), tuple(names), value=value, mode=mode, most=most)(**arguments)
+        derived = gradient(_function(opened, alone=True), tuple(names), value=value, mode=mode, most=most)(**arguments)
         return outputs(*((derived[0], *derived[1]) if value else derived))
 
     name = f"{recorded.module.name}_gradient"
@@ -68,11 +68,13 @@ def jvp_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> RecordedProgram:
     return bound(rerecorded(name, opened, types, None, body, opened.defaults), params)
 
 
-def _function(recorded: RecordedProgram) -> Callable[..., Any]:
-    """Return the program as a function of its inputs."""
+def _function(recorded: RecordedProgram, *, alone: bool = False) -> Callable[..., Any]:
+    """Return the program as a function of its inputs; with `alone`, a single output without its name."""
 
     def function(*args: Any, **named: Any) -> Any:
-        return call_recorded(recorded, dict(zip(recorded.inputs, args, strict=False)) | named)
+        result = call_recorded(recorded, dict(zip(recorded.inputs, args, strict=False)) | named)
+        parts = values_of(recorded.output, result, fields=True)
+        return parts[0] if alone and len(parts) == 1 else result
 
     function.__name__ = recorded.module.name
     function.inputs = recorded.inputs  # type: ignore[attr-defined]
@@ -93,6 +95,9 @@ def _names_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> tuple[list[str],
                 cure=f"one of {', '.join([*map(repr, recorded.inputs), *uniforms]) or 'none'}",
             )
         assert name is not None
+        if name in names:
+            text = f"{name} is named twice among the inputs and Params of a derivative of {recorded.module.name}"
+            raise ShpyTypeError(text, loc=here(), cure=f"{name} once")
         names.append(name)
     return names, {n: uniforms[n] for n in names if n not in recorded.inputs}
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_FOR, SH_IF
+from shpy import SH_ELIF, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
 from tests.backends.running import TARGETS, differs, run
 
 GAIN = sh.Param(sh.Attrib1f, 2.0, name="gain")
@@ -242,3 +242,60 @@ def test_a_block_that_the_derivative_is_in() -> None:
     expected = run(descent, "numpy", x).outputs
     assert ((expected <= 1.5) & (expected >= 1)).all()
     assert not differs(run(descent, "opencl", x).outputs, expected).any()
+
+
+def test_meetings_of_derivatives_with_the_language() -> None:
+    """A derivative in a subroutine, in conditions, and of an element of an array; a derivative of a derived program."""
+    cube = lambda q: q * q * q  # noqa: E731
+
+    @sh.subroutine
+    def steep(x: sh.Attrib1f) -> sh.Attrib1f:
+        slope = sh.gradient(cube)(x)
+        with SH_IF(slope > 3):
+            SH_RETURN(slope)
+        return slope * 2
+
+    @sh.program
+    def meeting(x: sh.Attrib1f) -> sh.Attrib1f:
+        y, parts = sh.Attrib1f(x), sh.Array(sh.Attrib1f, [1, 2, 3])
+        with SH_WHILE(lambda: sh.gradient(cube)(y) < 10):
+            y += 0.5
+        with SH_IF(y > 5):
+            y += 1
+        with SH_ELIF(sh.gradient(cube)(y) > 12):
+            y += 2
+        with SH_FOR(0, 3) as i:
+            parts[i] = sh.gradient(lambda q: q * parts[i])(y)
+        return y + steep(x) + parts[2]
+
+    x = np.float32([0.1, 1, 6])
+    for target in TARGETS:
+        assert np.allclose(run(meeting, target, x).outputs, [4.1 + 0.06 + 3, 2 + 6 + 3, 7 + 108 + 3])
+    mixed = shade.gradient("k", "p").gradient
+    with pytest.raises(sh.ShpyTypeError, match="gives one float, and shade_gradient gives several values"):
+        mixed("p")
+    twice = lit_alone.gradient("s").gradient("t")
+    assert list(twice.outputs) == ["d_t"]
+    assert twice(3, 4).d_t == 2 * 4
+
+
+@sh.program
+def lit_alone(s: sh.Attrib1f, t: sh.Attrib1f) -> sh.Attrib1f:
+    return s * t * t
+
+
+def test_values_that_leave_the_function_are_refused() -> None:
+    kept = []
+
+    def keeping(q: Any) -> Any:
+        kept.append(q * 2)
+        return q * q
+
+    with pytest.raises(sh.RecordError, match=r"was made inside the sh.gradient block at .* and is used after it"):
+
+        @sh.program
+        def leaving(x: sh.Attrib1f) -> sh.Attrib1f:
+            return sh.gradient(keeping)(x) + kept[0]
+
+    with pytest.raises(sh.ShpyTypeError, match="k is named twice"):
+        shade.gradient("k", "k")

@@ -90,7 +90,7 @@ def outlined(
     ]
     passed = [leaf._read(frame) for m, x in zip(moved, values, strict=True) for leaf in flatten(m.layout, x, m.name)]
     first_slot = len(frame.variables)
-    region = OpenRegion(f"function of {what}", here(), frame.scope)
+    region = OpenRegion(what, here(), frame.scope)
     frame.scopes.append(region)
     try:
         symbolic: dict[Any, Any] = {**dict(enumerate(args)), **named}
