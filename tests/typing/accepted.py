@@ -251,6 +251,21 @@ def data(
     return map((0.5, 0.5)) + heights[row, column] + sh.Color3f(grid[i, 0]) * line[i].w
 
 
+def ball(p: sh.Point3f, radius: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.length(p) - radius
+
+
+@sh.program
+def derived(p: sh.Point3f, radius: sh.Attrib1f) -> sh.Normal3f:
+    value, (by_p, by_radius) = sh.gradient(ball, (0, "radius"), value=True, mode="reverse", most=8)(p, radius)
+    same, change = sh.jvp(ball, [p, radius], [sh.Vector3f(1, 0, 0), None])
+    columns = sh.jacobian(lambda q: q * value)(p)
+    normal: sh.Normal3f = sh.gradient(ball)(p, radius)
+    return normal + sh.Normal3f(by_p * (by_radius * same * change) + columns[0])
+
+
+along: sh.Program[..., Any] = derived.jvp("p", "radius")
+
 sky_box = sh.library.TextureCube(np.zeros((6, 2, 2, 3)))
 
 
