@@ -122,8 +122,8 @@ class Term(Formula):
         return self.binary("ne", other)
 
     def based(self, base: Base) -> Term:
-        """Return this term converted to another base."""
-        return self.op("convert", type=self.type.based(base))
+        """Return this term converted to a base; itself where it has that base."""
+        return self if self.type.base is base else self.op("convert", type=self.type.based(base))
 
 
 def where(c: Term, a: Term | float, b: Term | float) -> Term:
