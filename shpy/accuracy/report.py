@@ -24,6 +24,17 @@ BINS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0, 256.0, 4096.0, 65536.0, 2.0**2
 """Upper ends of the histogram's bins, in ULP; a last bin holds all larger errors."""
 
 
+LARGE = 16.0
+"""ULP; strict results that are further off have lost more than one of their seven digits."""
+
+
+def pointer(math: str | None, precision: str, errors: float, output: str) -> str | None:
+    """Return a line that points to `roundings`, None where these are not of a large error in strict mode at f32."""
+    if math != "strict" or precision != "f32" or errors <= LARGE:
+        return None
+    return f"more than {LARGE:g} ULP: sh.accuracy.roundings(program, domain{output}) names the lines"
+
+
 @dataclass(frozen=True)
 class Row:
     """The errors of one output of one variant, over the elements inside the domain.
@@ -94,7 +105,14 @@ class Report:
         ]
         lines = [f"{self.program}, against {self.reference}", *columns([head, *body], left=(0, 1, 2, 3, 9))]
         lines += [f"  not measured: {what}: {why}" for what, why in self.skipped]
+        lines += dict.fromkeys(f"  {p}" for p in map(self._pointer, self.rows) if p is not None)
         return "\n".join(lines)
+
+    def _pointer(self, row: Row) -> str | None:
+        """Return a line that points to `roundings`, which is for outputs of one float of inputs of floats."""
+        moving = any(x.dtype.kind == "f" for x in self.inputs[row.precision].values())
+        name = f", output={row.output!r}" if len({r.output for r in self.rows}) > 1 else ""
+        return pointer(row.math, row.precision, row.ulp[0], name) if moving and isinstance(row.found, float) else None
 
     def __str__(self) -> str:
         return self.table()

@@ -11,34 +11,48 @@ al. 2018; CHEF-FP, Vassiliev and Vassilev 2022).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shpy.accuracy.domain import Domain, draw
+from shpy.accuracy.domain import Domain, Samples, draw
+from shpy.accuracy.stable_forms import StableForm, stable_forms
 from shpy.errors import Loc, ShpyTypeError
 from shpy.gradients.calls import reverse_call
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.joined import rerecorded
 from shpy.lang.programs.outline import outlined
+from shpy.lang.programs.record import RecordedProgram
 from shpy.lang.recording.location import here
 from shpy.lang.recording.text import written
 from shpy.lang.values import arithmetic
 from shpy.lang.values.structure import Layout, flatten, leaves
+from shpy.passes.pipeline import optimise
 from shpy.programs import Program, check_count
 
 Array = NDArray[Any]
 
 
+ENOUGH = 4.0
+"""ULP; a program whose bounds are at most this far apart from its results needs no other form."""
+_TRIES = 16
+"""The most forms that are measured; each takes about as long as the report without forms."""
+
+
 @dataclass(frozen=True)
 class RoundingLine:
-    """A line of the program: its share of the error's bound, 0 to 1, in the mean over the elements."""
+    """A line of the program: its share of the error's bound, 0 to 1, in the mean over the elements.
+
+    `form` is the text of an expression that loses fewer digits than one of the line, where one is found.
+    """
 
     loc: Loc | None
     share: float
+    form: str | None = None
 
     @property
     def text(self) -> str:
@@ -52,7 +66,8 @@ class Roundings:
 
     `conditions` has for each leaf of an input the median and the largest condition number: by how much a relative error
     of the input grows in the result. `values` are the results in binary64, (n,); `bounds` are the most that all
-    roundings at f32 may change each by, to the first order, (n,); `inputs` are the elements, by leaf.
+    roundings at f32 may change each by, to the first order, (n,); `inputs` are the elements, by leaf. `better` are the
+    bounds of the program with the forms of the lines, (n,); None without forms.
     """
 
     program: str
@@ -61,14 +76,17 @@ class Roundings:
     values: Array = field(repr=False)
     bounds: Array = field(repr=False)
     inputs: dict[str, Array] = field(repr=False)
+    better: Array | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
-        with np.errstate(all="ignore"):
-            ulps = np.abs(self.bounds / np.spacing(np.abs(self.values).astype(np.float32)))
-        kept = ulps[np.isfinite(ulps)]
-        size = f"{np.median(kept):.3g} ULP in the median, {np.max(kept):.3g} at most" if kept.size else "unknown"
-        rows = [f"{self.program}: roundings at f32 may change the result by {size}"]
-        rows += [f"  {line.share:6.1%}  {line.loc}: {line.text}".rstrip() for line in self.lines if line.share >= 5e-4]
+        rows = [f"{self.program}: roundings at f32 may change the result by {_spoken(self.values, self.bounds)}"]
+        for line in self.lines:
+            if line.share >= 5e-4 or line.form is not None:
+                rows.append(f"  {line.share:6.1%}  {line.loc}: {line.text}".rstrip())
+            if line.form is not None:
+                rows.append(f"          write {line.form}")
+        if self.better is not None:
+            rows.append(f"  so written, roundings may change it by {_spoken(self.values, self.better)}")
         rows.append("condition of each input (median, largest)")
         rows += [f"  {name}: {median:.3g}, {largest:.3g}" for name, (median, largest) in self.conditions.items()]
         return "\n".join(rows)
@@ -86,7 +104,8 @@ def roundings(
     """Return the lines of a program by their share of the error of its result, and the condition of each input.
 
     The result is one float, of several outputs the one called `output`. `domain` is that of `measure`, without special
-    values. `most` is the number of iterations that are kept of a loop without a known bound, as in `sh.gradient`.
+    values. `most` is the number of iterations that are kept of a loop without a known bound, as in `sh.gradient`. A
+    line that cancels has a `form` where one of `stable_forms` has the same values and a smaller bound on the domain.
 
     Raises ShpyTypeError for a result of another type and for a domain that does not fit, RecordError for a loop without
     a bound.
@@ -94,26 +113,113 @@ def roundings(
     drawn = draw(program, domain, samples, np.random.default_rng(seed), special=False)
     check_count("seed", seed, 0)
     leaf = _leaf_of(program, output)
-    derived, names, lines = _derived(program, leaf, most)
+
+    def study(recorded: RecordedProgram) -> _Study:
+        return _study(program.name, recorded, leaf, most, drawn)
+
+    first = study(program.recorded)
+    forms, better = _forms(program.recorded, first, study)
+    counted = np.isfinite(first.total) & (first.total > 0)
+    shares = (first.errors[:, counted] / first.total[counted]).mean(axis=1) if counted.any() else first.errors[:, 0] * 0
+    lines = {loc: float(share) for loc, share in zip(first.lines, shares, strict=True)}
+    lines = dict.fromkeys(forms, 0.0) | lines
+    ordered = sorted(lines, key=lambda loc: -lines[loc])
+    return Roundings(
+        program.name,
+        tuple(RoundingLine(loc, lines[loc], forms.get(loc)) for loc in ordered),
+        _conditions(first, drawn),
+        first.value,
+        first.total,
+        drawn.leaves,
+        better.total if forms else None,
+    )
+
+
+@dataclass(frozen=True)
+class _Study:
+    """The values of a program at f64, (n,), its derivatives by the leaves of inputs, the errors of lines, (k, n)."""
+
+    value: Array
+    derivatives: dict[str, Array]
+    lines: list[Loc | None]
+    errors: Array
+
+    @cached_property
+    def total(self) -> Array:
+        """The bounds, (n,)."""
+        return np.asarray(self.errors.sum(axis=0))
+
+
+def _study(name: str, recorded: RecordedProgram, leaf: int, most: int | None, drawn: Samples) -> _Study:
+    derived, names, lines = _derived(name, recorded, leaf, most)
     results = derived.compile("numpy", precision="f64").run(*drawn.inputs).outputs
     columns: dict[str, Array] = {
         name: np.broadcast_to(np.asarray(x, np.float64), (drawn.count, *np.shape(x)[1:])) for name, x in results.items()
     }
-    value = columns["value"]
-    bounds = np.stack([columns[f"line_{k}"] for k in range(len(lines))]) if lines else np.zeros((1, drawn.count))
-    total = bounds.sum(axis=0)
-    counted = np.isfinite(total) & (total > 0)
-    shares = (bounds[:, counted] / total[counted]).mean(axis=1) if counted.any() else np.zeros(len(bounds))
-    order = [RoundingLine(loc, float(share)) for loc, share in zip(lines, shares, strict=False)]
+    errors = [columns[f"line_{k}"] for k in range(len(lines))]
+    derivatives = {name: columns[f"d_{k}"] for k, name in enumerate(names)}
+    return _Study(columns["value"], derivatives, lines, np.reshape(errors, (len(lines), drawn.count)))
+
+
+def _conditions(study: _Study, drawn: Samples) -> dict[str, tuple[float, float]]:
+    """Return the median and the largest condition of each leaf of an input."""
     conditions = {}
-    for k, name in enumerate(names):
-        change = np.abs(columns[f"d_{k}"] * drawn.leaves[name])
+    for name, derivative in study.derivatives.items():
+        change = np.abs(derivative * drawn.leaves[name])
         with np.errstate(all="ignore"):
-            condition = (change.sum(axis=-1) if change.ndim > 1 else change) / np.abs(value)
+            condition = (change.sum(axis=-1) if change.ndim > 1 else change) / np.abs(study.value)
         condition = condition[np.isfinite(condition)]
         conditions[name] = (float(np.median(condition)), float(np.max(condition))) if condition.size else (0.0, 0.0)
-    ordered = tuple(sorted(order, key=lambda line: -line.share))
-    return Roundings(program.name, ordered, conditions, value, total, drawn.leaves)
+    return conditions
+
+
+def _forms(
+    recorded: RecordedProgram, first: _Study, study: Callable[[RecordedProgram], _Study]
+) -> tuple[dict[Loc | None, str], _Study]:
+    """Return the forms that lower the bound, by line, and the study of the program with all of them."""
+    forms: dict[Loc | None, str] = {}
+    module, best, tries = optimise(recorded.module, fixed=False), first, 0
+    while _ulps(best.value, best.total).max(initial=0) > ENOUGH:
+        found: list[tuple[float, _Study, StableForm]] = []
+        for form in stable_forms(module):
+            if found and form.loc != found[0][2].loc:
+                break
+            if form.loc not in forms and tries < _TRIES:
+                tries += 1
+                other = study(replace(recorded, module=form.module))
+                if _is_better(other, best):
+                    found.append((float(np.median(_ulps(other.value, other.total))), other, form))
+        if not found:
+            break
+        _, best, form = min(found, key=lambda entry: entry[0])
+        forms[form.loc], module = form.text, optimise(form.module, fixed=False)
+    return forms, best
+
+
+def _is_better(other: _Study, best: _Study) -> bool:
+    """Return whether a form has the same values, and a bound that is lower by a quarter, or at most by three quarters.
+
+    The values of two forms at f64 differ by their roundings, which are 2**-29 of those at f32.
+    """
+    counted = np.isfinite(best.value) & np.isfinite(best.total)
+    a, b = (s.total[counted] for s in (best, other))
+    with np.errstate(all="ignore"):
+        same = np.abs(best.value - other.value)[counted] <= 2.0**-20 * (a + b)
+        median = np.median(_ulps(other.value, other.total)) / np.median(_ulps(best.value, best.total))
+        largest = _ulps(other.value, other.total).max() / _ulps(best.value, best.total).max()
+    return bool(same.all() and largest <= 1 and (median < 0.75 or largest < 0.25))
+
+
+def _ulps(values: Array, bounds: Array) -> Array:
+    """Return the finite bounds in units of the last place of the values at f32."""
+    with np.errstate(all="ignore"):
+        ulps = np.abs(bounds / np.spacing(np.abs(values).astype(np.float32)))
+    return np.asarray(ulps[np.isfinite(ulps)])
+
+
+def _spoken(values: Array, bounds: Array) -> str:
+    ulps = _ulps(values, bounds)
+    return f"{np.median(ulps):.3g} ULP in the median, {np.max(ulps):.3g} at most" if ulps.size else "unknown"
 
 
 def _leaf_of(program: Program, output: str | None) -> int:
@@ -130,16 +236,17 @@ def _leaf_of(program: Program, output: str | None) -> int:
     )
 
 
-def _derived(program: Program, leaf: int, most: int | None) -> tuple[Program, list[str], list[Loc | None]]:
+def _derived(
+    name: str, recorded: RecordedProgram, leaf: int, most: int | None
+) -> tuple[Program, list[str], list[Loc | None]]:
     """Return the program of the value, its derivatives and the errors of lines; the names of inputs; the lines."""
-    recorded = program.recorded
     moving = [
         n
         for n, layout in recorded.inputs.items()
         if isinstance(layout, Layout) and all(cls.type.is_float for _, _, cls in leaves(layout, n))
     ]
     if not moving:
-        raise ShpyTypeError(f"{program.name} has no input of floats", loc=here(), cure="x: sh.Attrib1f")
+        raise ShpyTypeError(f"{name} has no input of floats", loc=here(), cure="x: sh.Attrib1f")
     names = [path for n in moving for path, _, _ in leaves(recorded.inputs[n], n)]  # type: ignore[arg-type]
     lines: list[Loc | None] = []
 
@@ -156,5 +263,5 @@ def _derived(program: Program, leaf: int, most: int | None) -> tuple[Program, li
         values = [arithmetic.make_value("Attrib", t, outline.frame, h) for t, h in zip(types, handles, strict=True)]
         return dict(zip(keys, values, strict=True))
 
-    again = rerecorded(f"{program.name}_roundings", recorded, recorded.inputs, None, body, recorded.defaults)
+    again = rerecorded(f"{name}_roundings", recorded, recorded.inputs, None, body, recorded.defaults)
     return Program(again), names, lines

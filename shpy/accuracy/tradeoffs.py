@@ -22,8 +22,10 @@ from shpy.accuracy.measuring import Variant, error_of, variants
 from shpy.accuracy.pareto import Comparison, Point, frontier, names_of, rivals, timed
 from shpy.accuracy.pareto_plot import draw as draw_comparison
 from shpy.accuracy.reference import Kind, Truth, evaluate
+from shpy.accuracy.report import pointer
 from shpy.choices import Choice, combinations
 from shpy.errors import BackendUnavailable, CompileError, ShpyError, ShpyTypeError
+from shpy.ir.nodes import Value
 from shpy.lang.recording.location import here
 from shpy.pictures.outputs import new_figure, save_figure
 from shpy.programs import Program, check_count, check_program
@@ -106,7 +108,9 @@ class Tradeoff:
 
     def table(self) -> str:
         """Return the candidates as text, with a legend of its marks, columns and short names."""
-        return self._comparison.table()
+        errors = ((c, c.error) for c in self.candidates if self.budget.unit == "ulp" and _has_lines(c.program))
+        pointers = {pointer(c.variant.math, c.variant.precision, error, "") for c, error in errors} - {None}
+        return "\n  ".join([self._comparison.table(), *map(str, pointers)])
 
     def __str__(self) -> str:
         return self.table()
@@ -272,6 +276,13 @@ def _first_of(programs: list[tuple[dict[str, str], Program]]) -> Program:
                 cure="alternatives that give the same",
             )
     return programs[0][1]
+
+
+def _has_lines(program: Program) -> bool:
+    """Return whether `roundings` takes the program: its one output is a float, and so are inputs."""
+    (output, *others) = program.outputs.values()
+    floats = any(isinstance(p, Value) and p.type.is_float for p in program.ir.entry.inputs)
+    return not others and output.size == 1 and output.type.is_float and floats
 
 
 def _rounded_up(number: float) -> str:

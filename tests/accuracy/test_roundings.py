@@ -70,20 +70,24 @@ def shaded(n: sh.Normal3f, light: sh.Vector3f, s: sh.Attrib1f) -> sh.Attrib1f:
     return y
 
 
-PROGRAMS: dict[str, tuple[sh.Program, dict[str, Any]]] = {
-    "quadratic": (quadratic, {"b": (1, 100), "c": (0.1, 1)}),
-    "heron": (heron, {"a": (1, 1.1), "b": (1, 1.1), "c": (1.9, 2)}),
-    "variance": (variance, {"x": (100, 101)}),
-    "cosine": (cosine, {"x": (1e-3, 1e-1, "log")}),
-    "roots": (roots, {"x": (1e3, 1e5)}),
-    "logarithm": (logarithm, {"x": (1e-6, 1e-2, "log")}),
-    "shaded": (shaded, {"n": (-1, 1), "light": (-1, 1), "s": (0.1, 3)}),
+PROGRAMS: dict[str, tuple[sh.Program, dict[str, Any], str | None]] = {
+    "quadratic": (quadratic, {"b": (1, 100), "c": (0.1, 1)}, "-c / (root + b)"),
+    "heron": (
+        heron,
+        {"a": (1, 1.1), "b": (1, 1.1), "c": (1.9, 2)},
+        "sh.sqrt((c + (a + b)) * (b - (c - a)) * (b + (c - a)) * (c + (a - b))) / 4",
+    ),
+    "variance": (variance, {"x": (100, 101)}, "sh.dot(x - mean, x - mean)"),
+    "cosine": (cosine, {"x": (1e-3, 1e-1, "log")}, "2 * sh.sin(x / 2) ** 2"),
+    "roots": (roots, {"x": (1e3, 1e5)}, "1 / (more + less)"),
+    "logarithm": (logarithm, {"x": (1e-6, 1e-2, "log")}, "sh.log1p(x)"),
+    "shaded": (shaded, {"n": (-1, 1), "light": (-1, 1), "s": (0.1, 3)}, None),
 }
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_the_bound_holds_and_the_line_is_named(name: str) -> None:
-    program, domain = PROGRAMS[name]
+    program, domain, form = PROGRAMS[name]
     report = sh.accuracy.roundings(program, domain, samples=150)
     exact = evaluate(Setting(program, tuple(report.inputs.values()))).outputs[0].high[:, 0]
     error = np.abs(program.compile("numpy")(*report.inputs.values()) - exact)
@@ -93,6 +97,8 @@ def test_the_bound_holds_and_the_line_is_named(name: str) -> None:
     if name != "shaded":
         assert report.lines[0].text.endswith("# loses")
         assert report.lines[0].text in str(report)
+    assert [line.form for line in report.lines if line.form is not None] == ([] if form is None else [form])
+    assert form is None or f"          write {form}\n" in str(report)
 
 
 def test_conditions() -> None:
@@ -107,6 +113,76 @@ def test_conditions() -> None:
     report = sh.accuracy.roundings(difference, {"x": (10, 10.1), "y": (9.9, 10), "k": (1, 2)}, samples=50)
     assert report.conditions["x"][0] > 20
     assert list(report.conditions) == ["x", "y"]
+
+
+@sh.subroutine
+def near_zero(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.exp(x) - 1
+
+
+@sh.program
+def lengths(b: sh.Attrib1f, c: sh.Attrib1f, v: sh.Attrib2f) -> sh.Attrib1f:
+    y = sh.Attrib1f(0)
+    with SH_FOR(0, 3):
+        with SH_IF(c > 0):
+            step = sh.sqrt(c + 1) - sh.sqrt(c)
+            y += sh.Attrib1f(step) * b
+    gap = near_zero(v.x * 2) / 2
+    return y + gap + v.y * v.y - b * b
+
+
+def test_forms_in_loops_branches_and_subroutines() -> None:
+    """Each form is a text of the user's names, and all of them together keep the value."""
+    domain = {"b": (1e-3, 1e-2), "c": (1e3, 1e5, "log"), "v": (1e-5, 1e-4)}
+    report = sh.accuracy.roundings(lengths, domain, samples=100)
+    forms = {line.text: line.form for line in report.lines if line.form is not None}
+    assert forms["step = sh.sqrt(c + 1) - sh.sqrt(c)"] == "1 / (sh.sqrt(c + 1) + sh.sqrt(c))"
+    assert forms["return sh.exp(x) - 1"] == "sh.expm1(x)"
+    assert report.better is not None
+    assert np.median(report.better / report.bounds) < 0.75
+
+
+FORMS: list[tuple[str, str]] = [
+    ("sh.cos(x) - 1", "-2 * sh.sin(x / 2) ** 2"),
+    ("1 - sh.exp(-x)", "-sh.expm1(-x)"),
+    ("sh.log(1 - x * x)", "sh.log1p(-x ** 2)"),
+    ("1 - sh.sqrt(1 - x * x)", "x ** 2 / (sh.sqrt(1 - x ** 2) + 1)"),
+    ("sh.sqrt(x * x + 4) - 2", "x ** 2 / (sh.sqrt(x ** 2 + 4) + 2)"),
+    ("sh.tan(x) - sh.sin(x)", "2 * sh.tan(x) * sh.sin(x / 2) ** 2"),
+    ("(1 + x) * (1 + x) - 1", "x * (1 + x + 1)"),
+    ("sh.sin(3 + x) - sh.sin(sh.Attrib1f(3))", "2 * sh.cos((3 + x + 3) / 2) * sh.sin(x / 2)"),
+]
+
+
+@pytest.mark.parametrize(("text", "form"), FORMS)
+def test_forms_are_python(text: str, form: str) -> None:
+    """The text of a form, written in place of the expression, gives the values that the report promises."""
+    x = np.geomspace(1e-3, 1e-1, 40).astype(np.float32)
+    programs = []
+    for expression in (text, form):
+        space: dict[str, Any] = {"sh": sh}
+        exec(f"@sh.program\ndef gap(x: sh.Attrib1f) -> sh.Attrib1f:\n    return {expression}\n", space)
+        programs.append(space["gap"])
+    report = sh.accuracy.roundings(programs[0], {"x": x}, samples=len(x))
+    assert [line.form for line in report.lines if line.form is not None] == [form]
+    assert report.better is not None
+    again = sh.accuracy.roundings(programs[1], {"x": x}, samples=len(x))
+    assert np.allclose(again.bounds, report.better, rtol=1e-6)
+    error = np.abs(programs[1].compile("numpy")(x) - report.values)
+    assert (error <= report.better * 1.001).all()
+
+
+def test_large_errors_point_here() -> None:
+    domain = PROGRAMS["cosine"][1]
+    few: dict[str, Any] = {"backends": ["numpy"], "samples": 100}
+    line = "more than 16 ULP: sh.accuracy.roundings(program, domain) names the lines"
+    assert line in str(sh.accuracy.measure(cosine, domain, math="strict", **few))
+    assert line not in str(sh.accuracy.measure(cosine, domain, math="fast", **few))
+    assert line not in str(sh.accuracy.measure(cosine, {"x": (0.5, 1)}, math="strict", **few))
+    found = sh.accuracy.tradeoff(
+        cosine, domain, sh.accuracy.ulp(4), rounds=1, elements=9, math="strict", precision=["f32", "f64"], **few
+    )
+    assert str(found).count(line) == 1
 
 
 def test_what_is_refused() -> None:

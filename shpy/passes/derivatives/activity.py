@@ -2,7 +2,7 @@
 
 Stage: improve; for `forward` and `reverse`. A value moves if it is of floats and depends on an input that moves by
 operations that are not flat. A variable that moves anywhere in a function moves everywhere in it. The activity of a
-callee is computed once for each set of its inputs that move.
+callee is computed once for each set of its inputs that move. For roundings, a value that is rounded moves, too.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from shpy.ir.nodes import Call, Function, Let, Store, Value, Variable
 from shpy.ir.ops import LANE_OPS, OPS
 from shpy.ir.tangents import flat
 from shpy.ir.traverse import variables_of, walk
+from shpy.passes.derivatives.rounding import is_rounded
 
 Moving = tuple[bool, ...]
 """For each input or output of a function, whether it moves: a value, or the contents of a variable."""
@@ -30,10 +31,14 @@ class Activity:
 
 
 class Activities:
-    """The activities of a module's functions; `functions` returns a function by name."""
+    """The activities of a module's functions; `functions` returns a function by name.
 
-    def __init__(self, functions: Callable[[str], Function]) -> None:
+    With `rounding`, a value that is rounded moves.
+    """
+
+    def __init__(self, functions: Callable[[str], Function], *, rounding: bool = False) -> None:
         self.functions = functions
+        self.rounding = rounding
         self._kept: dict[tuple[str, Moving], Activity] = {}
 
     def of(self, name: str, moving: Iterable[bool]) -> Activity:
@@ -79,6 +84,8 @@ class Activities:
             return let.attr in variables
         if let.op == "call":
             return self.of(str(let.attr), (a in values for a in let.args)).outputs[0]
+        if self.rounding and is_rounded(let):
+            return True
         row = OPS.get(let.op)
         return (row is None or row.tangent is not flat) and any(a in values for a in let.args)
 

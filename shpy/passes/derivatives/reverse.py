@@ -49,11 +49,12 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.ops import OPS
-from shpy.ir.traverse import results, rewrite
+from shpy.ir.traverse import results, rewrite, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, tangent_of
 from shpy.passes.derivatives.loop_state import LoopState, free_values, handed_on, is_stored_after
+from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
 from shpy.passes.derivatives.transposed import Transposition, spread
 
@@ -83,7 +84,7 @@ class ReverseFunctions:
     rounding: bool = False
 
     def __post_init__(self) -> None:
-        self.activities = Activities(self.functions)
+        self.activities = Activities(self.functions, rounding=self.rounding)
         self._kept: dict[tuple[str, Moving], Reverse] = {}
 
     @property
@@ -146,6 +147,7 @@ class _ReverseRewriter:
         """The variables that hold the bars of variables."""
         self.loops: dict[int, LoopState] = {}
         self.errors: dict[Loc | None, Variable] = {}
+        self.scales = {s.value.id for s in walk(function.body) if isinstance(s, Let) and is_scale(s)}
 
     def run(self, unit: bool) -> Reverse:
         """Return the reverse function."""
@@ -417,8 +419,10 @@ class _ReverseRewriter:
         if isinstance(bar, Zero):
             return
         row = OPS.get(let.op)
-        if self.world.rounding and row is not None and not row.exact:
-            self._rounding(let, bar, place)
+        if self.world.rounding and is_rounded(let):
+            error = rounding_error(let, bar, self.need(let.value.id, place), lambda a: self.need(a, place), self.scales)
+            if error is not None:
+                self._add_error(let.value.loc, error)
         match let.op:
             case "load":
                 self._load(let, bar, place)
@@ -426,6 +430,8 @@ class _ReverseRewriter:
                 self._call(str(let.attr), let.args, [bar], place)
             case "half":
                 self.add(let.args[0], bar, place)
+            case "const" | "param":
+                pass
             case _ if row is None:
                 if let.op == "component":
                     let = replace(let, args=(let.args[0], self.need(let.args[1], place).value.id))
@@ -475,15 +481,6 @@ class _ReverseRewriter:
         transposition.run(b.since(count), tangent.value.id, bar)
         for a, v in marks.items():
             self.add(a, transposition.bars.get(v.id, Zero(b, v.type)), place)
-
-    def _rounding(self, let: Let, bar: Tangent, place: _Place) -> None:
-        """Add to its line's error the change of the result by half a unit in the last place of a value."""
-        half = 2.0**-53 if bar.type.base is Base.D else 2.0**-24
-        share: Any = abs(bar * self.need(let.value.id, place)) * half
-        total = share[0]
-        for k in range(1, share.size):
-            total = total + share[k]
-        self._add_error(let.value.loc, total)
 
     def _add_error(self, loc: Loc | None, share: Live) -> None:
         b = self.b
