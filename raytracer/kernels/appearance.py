@@ -102,7 +102,7 @@ class Appearance:
         `tilted` gives the normal for a colour of a normal map.
         """
         for k, name in enumerate(self.textured):
-            if name == "cutout":  # the walk has applied it
+            if name == "cutout" or self._has_no_effect(name, variables):  # the walk has applied a cutout
                 continue
             picture = self.pictures_of[material, k]
             with SH_IF(picture >= 0):
@@ -116,11 +116,17 @@ class Appearance:
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():
-                    place = variables[_KERNEL_NAMES.get(name, name)]
-                    place[:] = sh.normalize(value) if name == "normal" else value
+                    if not self._has_no_effect(name, variables):
+                        place = variables[_KERNEL_NAMES.get(name, name)]
+                        place[:] = sh.normalize(value) if name == "normal" else value
         for name in ("reflectivity", "transmission"):
             if name in self.gives:
                 variables[name][:] = sh.clamp(variables[name], 0, 1)
+
+    @staticmethod
+    def _has_no_effect(name: str, variables: dict[str, Any]) -> bool:
+        """Return whether a value is the roughness of a sheen in a scene where all sheens are black."""
+        return name == "sheen_roughness" and name not in variables
 
     def number_at(self, name: str, material: Any, uv: Callable[[], Any], otherwise: Any) -> Any:
         """Return the number of a material's texture at `uv()`, which is recorded for it alone, or `otherwise`."""

@@ -25,6 +25,7 @@ DRAWN = {
     "pictures": "it saves what others draw",
     "cubemap": "`render` makes its programs",
     "metals": "`render` makes its programs",
+    "fabrics": "`render` makes its programs",
 }
 """Files of examples/ without a program of their own, and why."""
 

@@ -77,10 +77,10 @@ def test_a_picture_is_written_while_it_is_computed_but_not_all_the_time(tmp_path
             clock[0] += 4.0
             yield image
 
-    def slow_save(image, path):
+    def slow_save(image, path, *look):
         saved.append(image.samples)
         clock[0] += 1.0
-        return save(image, path)
+        return save(image, path, *look)
 
     monkeypatch.setattr(Renderer, "passes", slow_passes)
     monkeypatch.setattr(Image, "save", slow_save)
@@ -93,10 +93,10 @@ def test_a_picture_is_written_while_it_is_computed_but_not_all_the_time(tmp_path
 def test_an_interruption_of_the_last_writing_says_what_is_there(tmp_path, monkeypatch, capsys):
     path, save = tmp_path / "a.npy", Image.save
 
-    def interrupted(image, to):
+    def interrupted(image, to, *look):
         if image.samples == 6:
             raise KeyboardInterrupt
-        return save(image, to)
+        return save(image, to, *look)
 
     monkeypatch.setattr(Image, "save", interrupted)
     monkeypatch.setattr(cli, "_SAVING", 0)

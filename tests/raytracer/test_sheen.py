@@ -48,6 +48,19 @@ def test_fibres_over_black_have_the_albedo_of_their_integral(roughness, degrees)
     np.testing.assert_array_less(np.abs(pixels.mean(axis=0) - expected), 4 * error_of(pixels) + 0.002)
 
 
+def rough(hit):
+    return Surface(sheen_roughness=0.5)
+
+
+@pytest.mark.parametrize(
+    "alone", [{"sheen_roughness": Texture([[[0.5] * 3]])}, {"surface": rough}], ids=["picture", "program"]
+)
+def test_a_roughness_without_a_color_changes_nothing(alone):
+    materials = MetallicRoughness((0.3, 0.02, 0.05)), MetallicRoughness((0.3, 0.02, 0.05), **alone)
+    scenes = [Scene([floor(4, m)], [PointLight((0, 3, 0))], CAMERA) for m in materials]
+    same(*(render(scene, (8, 6), integrator=Path(samples=1), backend="numpy") for scene in scenes))
+
+
 def test_the_table_bounds_the_integrals():
     table, roots = sheen_table().astype(np.float64), np.linspace(0, 1, ACROSS)
     rng = np.random.default_rng(2)
