@@ -30,10 +30,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from shpy.errors import RecordError
 from shpy.ir.nodes import (
     EXITS,
-    MAX_ARRAY,
     Break,
     Call,
     Discard,
@@ -53,7 +51,7 @@ from shpy.ir.traverse import results, rewrite, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, tangent_of
-from shpy.passes.derivatives.loop_state import LoopState, free_values, handed_on, is_stored_after
+from shpy.passes.derivatives.loop_state import LoopState, free_values, make_loop_state
 from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
 from shpy.passes.derivatives.transposed import Transposition, spread
@@ -271,39 +269,9 @@ class _ReverseRewriter:
 
     def _state(self, loop: Loop) -> LoopState:
         """Return the slots of a loop, made once for each loop."""
-        if id(loop) in self.loops:
-            return self.loops[id(loop)]
-        most = loop.turns if loop.turns is not None else self.world.most
-        if most is None:
-            raise RecordError(
-                "reverse mode keeps the state of each iteration, and this loop has no known bound",
-                loc=loop.loc,
-                cure="SH_FOR with numbers of Python and SH_BREAK(c) in it; or most=64, where elements that take more "
-                'iterations give NaN; or mode="forward"',
-            )
-        if most > MAX_ARRAY:
-            raise RecordError(
-                f"reverse mode keeps the states of {most:,} iterations, and an array has at most {MAX_ARRAY:,}",
-                loc=loop.loc,
-                cure='mode="forward", or fewer iterations',
-            )
-        changing, steady = handed_on((*loop.body, *loop.continuing))
-        slots = {v.id: v for v in (*self.function.variables, *self.function.outputs)}
-        for v in sorted(changing | steady):
-            changes = v in changing or (slots[v].length is not None and is_stored_after(self.function, loop, v))
-            if slots[v].length is not None and changes:
-                raise RecordError(
-                    f"reverse mode: the array {slots[v].name or v} changes in a loop, or after one that reads it",
-                    loc=loop.loc,
-                    cure='mode="forward", or values in place of the array',
-                )
-        b = self.b
-        arrays = {v: b.variable(slots[v].type, most, f"{slots[v].name or 'state'}_kept") for v in sorted(changing)}
-        single = [v for v in sorted(steady) if slots[v].length is None]
-        before = {v: b.variable(slots[v].type, None, f"{slots[v].name or 'state'}_before") for v in single}
-        over = b.variable(_BOOL, None, "over") if loop.turns is None else None
-        state = self.loops[id(loop)] = LoopState(b.variable(_INT, None, "turns"), arrays, before, most, over)
-        return state
+        if id(loop) not in self.loops:
+            self.loops[id(loop)] = make_loop_state(self.b, self.function, loop, self.world.most)
+        return self.loops[id(loop)]
 
     # Values and bars
 
