@@ -1,28 +1,40 @@
-"""The gradient of a sum over all elements by Params, for fitting them to data.
+"""The gradient of a sum over all elements by Params and Tables, for fitting them to data.
 
-Stage: above programs and streams. The kernel computes each element's value and derivatives, and the sums are those of
-`Stream.sum`, whose order is fixed: all backends give the same bits.
+Stage: above programs, streams and collectives. The kernel computes each element's value and derivatives, and for each
+read of a Table the place of its element. The sums are those of `Stream.sum` and `sh.scatter`, whose orders are fixed:
+all backends give the same bits.
 
-    step = sh.value_and_gradient(error, (gain, color))
-    value, (d_gain, d_color) = step(uv=places, target=picture)
+    step = sh.value_and_gradient(error, (gain, heights))
+    value, (d_gain, d_heights) = step(uv=places, target=picture)
     gain.value -= 0.1 * d_gain
+    heights.update(heights.host_array() - 0.1 * d_heights)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from itertools import chain
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from shpy.collectives import scatter
+from shpy.collectives.programs import annotated, sums
 from shpy.errors import ShpyTypeError
-from shpy.gradients.programs import gradient_of
-from shpy.lang.data.tables import Table
-from shpy.lang.programs.inline import call_recorded
-from shpy.lang.programs.joined import rerecorded
+from shpy.gradients.sums import summed_leaves
+from shpy.ieee import in_ieee_arithmetic
+from shpy.ir.constants import dtypes_at
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import Texture, TextureType
 from shpy.lang.recording.location import here
-from shpy.lang.values.structure import Layout, build_arrays, flatten
+from shpy.lang.values.structure import build_arrays, layout_of, leaves
+from shpy.lang.values.types import Attrib1i
 from shpy.passes.modes import Precision
 from shpy.programs import Program, check_program
+from shpy.run.host import bind, table_of
 from shpy.streams.stream import Stream, streams_in
 
 
@@ -31,58 +43,120 @@ def value_and_gradient(
 ) -> Callable[..., Any]:
     """Return the function that runs a program and returns the sum of its output over all elements, and its gradient.
 
-    The output is one float. `wrt` is a Param, or its name, or a tuple of them for a tuple of gradients; a gradient is
-    an array of the Param's shape, of a struct a named tuple. `mode` and `most` are those of `sh.gradient`.
+    The output is one float. `wrt` is a Param, a Table or a Texture, or its name, or a tuple of them for a tuple of
+    gradients; inputs that are Tables or Textures are named, too. A gradient is an array of the shape of the Param or
+    the data, of a struct a named tuple. `mode` and `most` are those of `sh.gradient`; Tables take reverse mode.
 
-    The function takes the inputs of the program, arrays or streams, and `backend=`, `device=`, `precision=` and
-    `shape=` as `Program.compile` and a kernel do. Elements that are discarded do not count. Divide by the number of
-    elements for a mean.
+    The function takes the inputs of the program, arrays or streams, and `backend=`, `device=`, `precision=`, `shape=`
+    and `where=` as `Program.compile` and `Kernel.run` do. Elements that are discarded do not count. A read of a Table
+    out of range counts for the nearest element, which it reads. Divide by the number of elements for a mean.
 
-    Raises ShpyTypeError for a program with other outputs, and for anything but Params; RecordError where the output
-    does not depend on one.
+    Raises ShpyTypeError for a program with other outputs, and for other inputs; RecordError where the output does not
+    depend on one of `wrt`, and where a loop reads a Table of them.
     """
-    flat, layout = _gradient(program, tuple(wrt) if isinstance(wrt, tuple | list) else (wrt,), mode, most)
+    check_program(program)
+    several = isinstance(wrt, tuple | list)
+    entries = [_entry(program, w) for w in (wrt if several else (wrt,))]
+    are_tables = [isinstance(w, Table) or (isinstance(w, str) and w in program.inputs) for w in entries]
+    tables = _checked(program, [w for w, is_table in zip(entries, are_tables, strict=True) if is_table], mode)
+    params = [w for w, is_table in zip(entries, are_tables, strict=True) if not is_table]
+    summed = summed_leaves(program.recorded, params, tables, mode, most)
+    flat = Program(summed.recorded)
 
+    @in_ieee_arithmetic
     def run(
         *args: Any,
         backend: str | None = None,
         device: int | None = None,
         precision: Precision = "f32",
         shape: Any = None,
+        where: Any = None,
         **inputs: Any,
     ) -> Any:
         stream = next(streams_in(chain(args, inputs.values(), flat.recorded.tables.values())), None)
-        if stream is None:
-            kernel = flat.compile(backend, device=device, precision=precision)
-        else:
-            kernel, precision = flat.compile_for(stream), stream.precision
-        outputs = kernel(*args, shape=shape, **inputs)
-        sums = [_sum(x, cls, precision) for x, cls in zip(outputs, flat.outputs.values(), strict=True)]
-        value, *gradients = build_arrays(layout, iter(sums))
-        return value, tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
+        if stream is not None:
+            backend, device, precision = stream.place
+        kernel = flat.compile(backend, device=device or None, precision=precision)
+        outputs = kernel.run(*args, shape=shape, where=where, **inputs).outputs
+        parts = iter([_stream(x, cls, precision) for x, cls in zip(outputs, flat.outputs.values(), strict=True)])
+        value, *by_params = build_arrays(summed.layout, (next(parts).sum() for _ in leaves(summed.layout, "")))
+        values = bind(flat.recorded, args, inputs)
+        data = [w if isinstance(w, Table) else table_of(w, flat.inputs[w], values[w]) for w in tables]
+        by_tables = _table_gradients(data, summed.reads, parts, precision)
+        gradients = tuple((by_tables if is_table else by_params).pop(0) for is_table in are_tables)
+        return value, gradients if several else gradients[0]
 
     return run
 
 
-def _gradient(program: Program, params: tuple[Any, ...], mode: Any, most: int | None) -> tuple[Program, Layout]:
-    """Return the program of the value and the gradient, with an output for each leaf; and the layout of these."""
-    check_program(program)
-    for p in params:
-        if isinstance(p, Table) or (isinstance(p, str) and p in program.inputs | program.tables):
+def _entry(program: Program, w: Any) -> Any:
+    """Return a Param or its name, the Table that a program captures, or the name of an input that is one."""
+    w = w.table if isinstance(w, Texture) else w
+    if isinstance(w, str) and w not in program.inputs:
+        w = program.tables.get(w, w)
+    type_ = program.inputs.get(w) if isinstance(w, str) else None
+    if isinstance(w, Table):
+        _check_floats(w.name or "the Table", w.type)
+    elif isinstance(type_, TableType | TextureType):
+        _check_floats(w, type_.cls)
+    elif type_ is not None:
+        raise ShpyTypeError(
+            f"sh.value_and_gradient takes Params and Tables, and {w} is another input",
+            loc=here(),
+            cure=f"{program.name}.gradient({w!r}) for the derivative by an input, element by element",
+        )
+    return w
+
+
+def _checked(program: Program, tables: list[Any], mode: str) -> list[Any]:
+    """Return the tables; ShpyTypeError in forward mode, and where one is named twice."""
+    if tables and mode == "forward":
+        raise ShpyTypeError("a gradient by a Table takes reverse mode", loc=here(), cure='mode="reverse", the default')
+    twice = next((t for k, t in enumerate(tables) if t in tables[:k]), None)
+    if twice is not None:
+        name = twice.name if isinstance(twice, Table) else twice
+        raise ShpyTypeError(f"{name} is named twice in the gradient of {program.name}", loc=here(), cure=f"{name} once")
+    return tables
+
+
+def _check_floats(name: str, element: Any) -> None:
+    for path, _, cls in leaves(layout_of(element, name), name):
+        if not cls.type.is_float:
             raise ShpyTypeError(
-                f"sh.value_and_gradient takes Params, and {getattr(p, 'name', p)} is a Table or an input",
+                f"{path} is a Table of {cls.__name__}, which has no derivative, it moves in steps",
                 loc=here(),
-                cure=f"{program.name}.gradient(…) for the derivative by an input, element by element",
+                cure=f"a Table of sh.Attrib{cls.size}f",
             )
-    derived = gradient_of(program.recorded, params, value=True, mode=mode, most=most)
-
-    def leaves(arguments: dict[str, Any]) -> Any:
-        return tuple(flatten(derived.output, call_recorded(derived, arguments), "the gradient"))
-
-    flat = rerecorded(derived.module.name, derived, derived.inputs, None, leaves, derived.defaults)
-    return Program(flat), derived.output
 
 
-def _sum(x: Any, cls: Any, precision: Precision) -> Any:
-    """Return the sum of a stream or an array of elements, in the order of `Stream.sum`."""
-    return (x if isinstance(x, Stream) else Stream(x, cls, "numpy", precision=precision)).sum()
+def _stream(x: Any, cls: Any, precision: Precision) -> Stream:
+    return x if isinstance(x, Stream) else Stream(x, cls, "numpy", precision=precision)
+
+
+def _table_gradients(
+    tables: Sequence[Table], reads: Sequence[tuple[int, int]], parts: Iterator[Stream], precision: Precision
+) -> list[Any]:
+    """Return the gradient by each table; `parts` are the place and the derivative of each read, of a table's leaf.
+
+    The derivatives of a read are added in the order of the elements of the run, and these sums in the order of reads.
+    """
+    gradients: list[list[NDArray[Any]]] = [
+        [
+            np.zeros((*table.shape, *([cls.size] if cls.size > 1 else [])), dtypes_at(precision)[cls.type.base])
+            for _, _, cls in leaves(layout_of(table.type, ""), "")
+        ]
+        for table in tables
+    ]
+    for table, leaf in reads:
+        place, derivative = next(parts), next(parts)
+        add = sums(derivative.type.size, derivative.type.base, "pairwise").combine
+        total = gradients[table][leaf]
+        added = scatter(derivative, _before()(place), math.prod(tables[table].shape), combine=add)
+        total += added.numpy().reshape(total.shape)
+    return [build_arrays(layout_of(t.type, ""), iter(g)) for t, g in zip(tables, gradients, strict=True)]
+
+
+@cache
+def _before() -> Program:
+    """Record the program that makes an index of a place; the index of a read that did not run is -1, out of range."""
+    return annotated(lambda place: place - 1, place=Attrib1i, out=Attrib1i)

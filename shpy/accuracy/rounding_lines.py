@@ -255,11 +255,11 @@ def _derived(
 
     def body(arguments: Mapping[str, Any]) -> Any:
         outline = outlined("sh.accuracy.roundings", result, [], arguments, moving)
-        handles, found = reverse_call(outline, None, [0], most, rounding=True)
-        lines[:] = found
+        handles, reverse = reverse_call(outline, None, [0], most, rounding=True)
+        lines[:] = reverse.lines
         types = [outline.function.outputs[0].type, *(v.type for m in outline.moved for v in m.inputs)]
-        types += [outline.function.outputs[0].type.scalar] * len(found)
-        keys = ["value", *(f"d_{k}" for k in range(len(names))), *(f"line_{k}" for k in range(len(found)))]
+        types += [outline.function.outputs[0].type.scalar] * len(lines)
+        keys = ["value", *(f"d_{k}" for k in range(len(names))), *(f"line_{k}" for k in range(len(lines)))]
         values = [arithmetic.make_value("Attrib", t, outline.frame, h) for t, h in zip(types, handles, strict=True)]
         return dict(zip(keys, values, strict=True))
 

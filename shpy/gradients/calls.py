@@ -5,18 +5,18 @@ Stage: record, and above; for `functions`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from shpy.errors import RecordError
-from shpy.ir.nodes import Call, Function, Let, Loc, Module, Stmt, Value as IrValue, Variable
+from shpy.ir.nodes import Call, Function, Let, Module, Stmt, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, rewrite, uses, walk
 from shpy.ir.types import Type
 from shpy.lang.programs.outline import Outline
 from shpy.lang.recording.location import here
 from shpy.passes.dead import remove_dead
 from shpy.passes.derivatives.forward import ForwardFunctions
-from shpy.passes.derivatives.reverse import ReverseFunctions
+from shpy.passes.derivatives.reverse import Reverse, ReverseFunctions
 from shpy.passes.derivatives.structured import prepared
 from shpy.passes.pipeline import optimise
 from shpy.passes.promote import promote
@@ -32,12 +32,19 @@ def forward_functions(outline: Outline, what: str, labels: Sequence[str]) -> tup
 
 
 def reverse_call(
-    outline: Outline, what: str | None, kept: Sequence[int], most: int | None, *, rounding: bool = False
-) -> tuple[list[int], tuple[Loc | None, ...]]:
+    outline: Outline,
+    what: str | None,
+    kept: Sequence[int],
+    most: int | None,
+    *,
+    rounding: bool = False,
+    tables: Collection[str] = (),
+) -> tuple[list[int], Reverse]:
     """Call the reverse function for a cotangent of 1.
 
-    Return the outputs `kept`, by position, the bars of the derived inputs, and with `rounding` the errors of lines; and
-    these lines. Without `what`, the result need not depend on the inputs.
+    Return the outputs `kept`, by position, the bars of the derived inputs, with `rounding` the errors of lines, and a
+    place and a bar for each read of the `tables`; and the function. Without `what`, the result need not depend on the
+    inputs.
     """
     recording = outline.frame.recording
     if any(isinstance(p, Variable) for p in outline.function.inputs):
@@ -53,7 +60,9 @@ def reverse_call(
     }
     functions = [replace(_with_callees(g, names), name=names.get(g.name, g.name)) for g in module.functions]
     *callees, entry = functions
-    world = ReverseFunctions({g.name: g for g in callees}.__getitem__, recording.function_name, most, rounding)
+    world = ReverseFunctions(
+        {g.name: g for g in callees}.__getitem__, recording.function_name, most, rounding, frozenset(tables)
+    )
     moving = moving_inputs(outline, entry)
     reverse = world.reversed(entry, moving, kept, unit=True)
     others = [g for g in callees if g.name in originals]
@@ -63,7 +72,7 @@ def reverse_call(
     active = world.activities.in_function(entry, moving).inputs
     for v, moves in zip((v for m in outline.moved for v in m.inputs), active, strict=False):
         handles.append(next(results) if moves else zero(outline, v.type))
-    return [*handles, *results], reverse.lines
+    return [*handles, *results], reverse
 
 
 def call_derived(

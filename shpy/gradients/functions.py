@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 from shpy.backend.base import Options
@@ -19,7 +20,8 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.gradients.calls import call_derived, derived_name, forward_functions, moving_inputs, reverse_call, zero
 from shpy.ir.collector import uncollected
 from shpy.ir.nodes import Discard, Function, Variable
-from shpy.ir.types import Type
+from shpy.ir.types import Base, Type, vec
+from shpy.lang.data.tables import Table
 from shpy.lang.programs.outline import DerivedArgument, Outline, Place, called, outlined, parameters
 from shpy.lang.programs.record import record_body
 from shpy.lang.recording.location import here
@@ -69,16 +71,8 @@ def gradient(
             return _at_once(derived, args, named)
         what = "sh.gradient"
         outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
-        _check_scalar(outline)
-        type, results = _result_type(outline), [0] if value else []
-        if mode == "reverse":
-            handles = iter(reverse_call(outline, what, results, most)[0])
-        else:
-            world, forward, rows = _seeded(outline, what)
-            packed = _packed(forward, rows, results, _named_types(outline))
-            handles = iter(call_derived(outline, outline.reached, world.callees, packed, (), "gradient"))
-        first = [arithmetic.make_value("Attrib", type, outline.frame, next(handles)) for _ in results]
-        gradients = [_of_argument(outline, m, handles) for m in outline.moved]
+        check_scalar(what, outline)
+        first, gradients, _ = gradient_values(outline, what, mode, most, value=value)
         result = tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
         return (first[0], result) if value else result
 
@@ -205,7 +199,8 @@ def _places(what: str, f: Any, args: Sequence[Any], named: Mapping[str, Any], wr
     return places
 
 
-def _check_scalar(outline: Outline) -> None:
+def check_scalar(what: str, outline: Outline) -> None:
+    """Raise ShpyTypeError unless the function gives one float."""
     if isinstance(outline.layout, Leaf) and outline.layout.cls.size == 1 and outline.layout.cls.type.is_float:
         return
     if isinstance(outline.layout, Leaf) and not outline.layout.cls.type.is_float:
@@ -213,7 +208,7 @@ def _check_scalar(outline: Outline) -> None:
     else:
         name = outline.layout.cls.__name__ if isinstance(outline.layout, Leaf) else ""
         spoken = f"a{'n' if name.startswith('A') else ''} {name}" if name else "several values"
-        text = f"sh.gradient takes a function that gives one float, and {outline.spoken} gives {spoken}"
+        text = f"{what} takes a function that gives one float, and {outline.spoken} gives {spoken}"
         cure = "sh.jacobian for a vector, sh.jvp for a derivative along a direction"
     raise ShpyTypeError(text, loc=here(), cure=cure)
 
@@ -224,6 +219,38 @@ def _result_type(outline: Outline) -> Type:
 
 
 # The derived function
+
+
+def gradient_values(
+    outline: Outline,
+    what: str,
+    mode: Literal["forward", "reverse"],
+    most: int | None,
+    *,
+    value: bool,
+    tables: Mapping[str, Table] = MappingProxyType({}),
+) -> tuple[list[Any], list[Any], list[tuple[str, Any, Any]]]:
+    """Call the derived function; return the result, if `value` asks for it, the gradient by each argument, and reads.
+
+    Reads are those of `tables`, by their names in the recording, in reverse mode: the name, the place, from 1 on, and
+    the derivative.
+    """
+    results = [0] if value else []
+    reads: tuple[str, ...] = ()
+    if mode == "reverse":
+        values, reverse = reverse_call(outline, what, results, most, tables=tables)
+        handles, reads = iter(values), reverse.reads
+    else:
+        world, forward, rows = _seeded(outline, what)
+        packed = _packed(forward, rows, results, _named_types(outline))
+        handles = iter(call_derived(outline, outline.reached, world.callees, packed, (), "gradient"))
+
+    def plain(type: Type) -> Any:
+        return arithmetic.make_value("Attrib", type, outline.frame, next(handles))
+
+    first = [plain(_result_type(outline)) for _ in results]
+    gradients = [_of_argument(outline, m, handles) for m in outline.moved]
+    return first, gradients, [(name, plain(vec(Base.I)), plain(tables[name].type.type)) for name in reads]
 
 
 def _seeded(outline: Outline, what: str) -> tuple[ForwardFunctions, Function, list[Variable | None]]:

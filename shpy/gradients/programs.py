@@ -19,6 +19,8 @@ from shpy.ir.names import free
 from shpy.ir.nodes import Call, Function, Let, Port, Value as IrValue
 from shpy.ir.traverse import callee_of, walk
 from shpy.lang.data.params import listed
+from shpy.lang.data.tables import Table
+from shpy.lang.data.textures import Texture
 from shpy.lang.programs.inline import call_recorded
 from shpy.lang.programs.joined import rerecorded
 from shpy.lang.programs.record import RecordedProgram
@@ -33,12 +35,14 @@ def gradient_of(
     recorded: RecordedProgram, wrt: Sequence[Any], *, value: bool, mode: Any, most: int | None
 ) -> RecordedProgram:
     """Return the program with an output d_x, the derivative of the only output, for each x of `wrt`."""
-    names, params = _names_of(recorded, wrt)
-    opened = _lifted(recorded, params)
+    names, params = names_of(recorded, wrt)
+    opened = lifted(recorded, params)
     outputs = tuple_class("Gradient", (*(["value"] if value else []), *(f"d_{n}" for n in names)))
 
     def body(arguments: dict[str, Any]) -> Any:
-        derived = gradient(_function(opened, alone=True), tuple(names), value=value, mode=mode, most=most)(**arguments)
+        derived = gradient(function_of(opened, alone=True), tuple(names), value=value, mode=mode, most=most)(
+            **arguments
+        )
         return outputs(*((derived[0], *derived[1]) if value else derived))
 
     name = f"{recorded.module.name}_gradient"
@@ -47,8 +51,8 @@ def gradient_of(
 
 def jvp_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> RecordedProgram:
     """Return the program with an input d_x for each x of `wrt`, and an output d_y after all outputs y."""
-    names, params = _names_of(recorded, wrt)
-    opened = _lifted(recorded, params)
+    names, params = names_of(recorded, wrt)
+    opened = lifted(recorded, params)
     types = dict(opened.inputs)
     directions: dict[str, str] = {}
     for n in names:
@@ -60,7 +64,7 @@ def jvp_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> RecordedProgram:
 
     def body(arguments: dict[str, Any]) -> Any:
         tangents = [arguments.get(directions.get(n, "")) for n in opened.inputs]
-        primal, change = jvp(_function(opened), [arguments[n] for n in opened.inputs], tangents)
+        primal, change = jvp(function_of(opened), [arguments[n] for n in opened.inputs], tangents)
         results = [v for x in (primal, change) for v in values_of(recorded.output, x, fields=True)]
         return tuple(results) if both is None else both(*results)
 
@@ -68,7 +72,7 @@ def jvp_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> RecordedProgram:
     return bound(rerecorded(name, opened, types, None, body, opened.defaults), params)
 
 
-def _function(recorded: RecordedProgram, *, alone: bool = False) -> Callable[..., Any]:
+def function_of(recorded: RecordedProgram, *, alone: bool = False) -> Callable[..., Any]:
     """Return the program as a function of its inputs; with `alone`, a single output without its name."""
 
     def function(*args: Any, **named: Any) -> Any:
@@ -81,12 +85,19 @@ def _function(recorded: RecordedProgram, *, alone: bool = False) -> Callable[...
     return function
 
 
-def _names_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> tuple[list[str], dict[str, Any]]:
+def names_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> tuple[list[str], dict[str, Any]]:
     """Return the names of the inputs and uniforms of `wrt`, and the uniforms among them by name."""
     uniforms = listed(recorded.params)
     names: list[str] = []
     for w in wrt or list(recorded.inputs)[:1]:
         name = w if isinstance(w, str) else next((n for n, u in uniforms.items() if u is w), None)
+        if isinstance(w, Table | Texture) or name in recorded.tables:
+            spoken = w if isinstance(w, str) else w.name or "the Table"
+            raise ShpyTypeError(
+                f"{spoken} is a Table, each element of which has a derivative of its own",
+                loc=here(),
+                cure=f"sh.value_and_gradient({recorded.module.name}, {spoken if w is not spoken else repr(w)})",
+            )
         if name not in recorded.inputs and name not in uniforms:
             spoken = repr(w) if isinstance(w, str) else getattr(w, "name", None) or repr(w)
             raise ShpyTypeError(
@@ -105,11 +116,14 @@ def _names_of(recorded: RecordedProgram, wrt: Sequence[Any]) -> tuple[list[str],
 # Params as inputs
 
 
-def _lifted(recorded: RecordedProgram, params: Mapping[str, Any]) -> RecordedProgram:
-    """Return the program with these uniforms as its last inputs; the uniforms that follow them are computed in it."""
-    if not params:
+def lifted(recorded: RecordedProgram, params: Mapping[str, Any], tables: Sequence[Table] = ()) -> RecordedProgram:
+    """Return the program with these uniforms as its last inputs.
+
+    The uniforms that follow them, or elements of the tables, are computed in it.
+    """
+    if not params and not tables:
         return recorded
-    lift = _UniformInputs(recorded, params)
+    lift = _UniformInputs(recorded, params, tables)
     originals = {f.name: f for f in recorded.module.functions}
     functions = tuple(lift.function(f, originals) for f in recorded.module.functions)
     layouts: dict[str, Layout] = {n: layout_from(p, n) for n, p in params.items()}
@@ -123,10 +137,11 @@ def _lifted(recorded: RecordedProgram, params: Mapping[str, Any]) -> RecordedPro
 class _UniformInputs:
     """Makes inputs of uniforms, in every function that reads them or calls one that does."""
 
-    def __init__(self, recorded: RecordedProgram, params: Mapping[str, Any]) -> None:
+    def __init__(self, recorded: RecordedProgram, params: Mapping[str, Any], moving: Sequence[Table]) -> None:
         self.entry = recorded.module.entry
         self.params = dict(recorded.params)
         self.tables = dict(recorded.tables)
+        self.moving = moving
         self.leaves = [leaf for p in params.values() for leaf in leaves_of(p)]
         self.paths = [path for n, p in params.items() for path, _, _ in leaves(layout_from(p, n), n)]
         self.users: set[str] = set()
@@ -136,8 +151,9 @@ class _UniformInputs:
         return next((k for k, leaf in enumerate(self.leaves) if leaf is uniform), None)
 
     def follows(self, uniform: Any) -> bool:
-        """Return whether a uniform is computed from one that becomes an input."""
-        return isinstance(uniform, Dependent) and any(self.place(source) is not None for source in uniform.sources)
+        """Return whether a uniform is computed from one that becomes an input, or from a table that moves."""
+        sources = uniform.sources if isinstance(uniform, Dependent) else ()
+        return any(s in self.moving if isinstance(s, Table) else self.place(s) is not None for s in sources)
 
     def name_of(self, names: dict[str, Any], thing: Any, kind: str) -> str:
         """Return the name of a Param or Table in the program, entering it if it is new."""

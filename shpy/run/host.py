@@ -196,21 +196,22 @@ def tables(types: Mapping[str, InputType], values: Mapping[str, Any], closure: M
     """Return all tables, by their names in the module: those of the closure and those given as inputs."""
     tables_by_name = {name: table for name, table in closure.items() if not table.is_argument}
     for name, type_ in types.items():
-        if isinstance(type_, TableType):
-            tables_by_name |= _table(name, type_, values[name]).leaves(name)
-        elif isinstance(type_, TextureType):
-            texture = values[name] if isinstance(values[name], Texture2D) else Texture2D(values[name])
-            if texture.type.type is not type_.cls.type:
-                raise ShpyTypeError(
-                    f"{name} is a Texture2D[{type_.cls.__name__}], and this one holds {texture.type.__name__}",
-                    loc=here(),
-                    cure=f"an array (h, w, {type_.cls.size})",
-                )
-            tables_by_name[name] = texture.table
+        if isinstance(type_, TableType | TextureType):
+            tables_by_name |= table_of(name, type_, values[name]).leaves(name)
     return tables_by_name
 
 
-def _table(name: str, type_: TableType, value: Any) -> Table:
+def table_of(name: str, type_: TableType | TextureType, value: Any) -> Table:
+    """Return the value of an input as a Table, that of a texture for one; ShpyTypeError where it does not fit."""
+    if isinstance(type_, TextureType):
+        texture = value if isinstance(value, Texture2D) else Texture2D(value)
+        if texture.type.type is not type_.cls.type:
+            raise ShpyTypeError(
+                f"{name} is a Texture2D[{type_.cls.__name__}], and this one holds {texture.type.__name__}",
+                loc=here(),
+                cure=f"an array (h, w, {type_.cls.size})",
+            )
+        return texture.table
     table = value if isinstance(value, Table) else Table(value, type_.cls, name)
     if not fits(table, type_):
         raise ShpyTypeError(

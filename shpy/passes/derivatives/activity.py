@@ -33,11 +33,14 @@ class Activity:
 class Activities:
     """The activities of a module's functions; `functions` returns a function by name.
 
-    With `rounding`, a value that is rounded moves.
+    Elements of `tables` move. With `rounding`, a value that is rounded moves.
     """
 
-    def __init__(self, functions: Callable[[str], Function], *, rounding: bool = False) -> None:
+    def __init__(
+        self, functions: Callable[[str], Function], tables: Collection[str] = (), *, rounding: bool = False
+    ) -> None:
         self.functions = functions
+        self.tables = tables
         self.rounding = rounding
         self._kept: dict[tuple[str, Moving], Activity] = {}
 
@@ -82,6 +85,8 @@ class Activities:
             return False
         if let.op == "load":
             return let.attr in variables
+        if let.op == "table":
+            return let.attr in self.tables
         if let.op == "call":
             return self.of(str(let.attr), (a in values for a in let.args)).outputs[0]
         if self.rounding and is_rounded(let):

@@ -19,6 +19,7 @@ The backward part reads values of the forward part as follows:
 - A loop keeps the variables that its iterations hand on, at the start of each iteration, in arrays. Backwards, each
   iteration is computed again from these. So a loop needs a bound; `structured.py` splits long ones into two.
 - A call is computed again, by the callee's own reverse function.
+- A read of a table that moves gives outputs of its own (`table_reads.py`).
 
 The bars of values that inner regions read, and those of variables, are variables themselves. The functions have to be
 `prepared`: structured, with inputs by value.
@@ -54,6 +55,7 @@ from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, 
 from shpy.passes.derivatives.loop_state import LoopState, free_values, make_loop_state
 from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
+from shpy.passes.derivatives.table_reads import TableReads
 from shpy.passes.derivatives.transposed import Transposition, spread
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
@@ -61,10 +63,14 @@ _INT, _BOOL = vec(Base.I), vec(Base.B)
 
 @dataclass(frozen=True)
 class Reverse:
-    """A reverse function. Its last outputs are the errors of `lines`, where roundings are asked for."""
+    """A reverse function. Its last outputs are a place and a bar for each of `reads`, the names of the tables.
+
+    Before these come the errors of `lines`, where roundings are asked for.
+    """
 
     function: Function
     lines: tuple[Loc | None, ...]
+    reads: tuple[str, ...]
 
 
 @dataclass
@@ -73,16 +79,17 @@ class ReverseFunctions:
 
     `most` is the number of iterations that are kept of a loop without a known bound; None refuses such a loop.
     With `rounding` a function has an output for each line more: the most by which the roundings of the operations of
-    this line may change the result, to the first order.
+    this line may change the result, to the first order. `tables` are the names of the tables that move.
     """
 
     functions: Callable[[str], Function]
     fresh: Callable[[str], str]
     most: int | None = None
     rounding: bool = False
+    tables: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        self.activities = Activities(self.functions, rounding=self.rounding)
+        self.activities = Activities(self.functions, self.tables, rounding=self.rounding)
         self._kept: dict[tuple[str, Moving], Reverse] = {}
 
     @property
@@ -146,6 +153,7 @@ class _ReverseRewriter:
         self.loops: dict[int, LoopState] = {}
         self.errors: dict[Loc | None, Variable] = {}
         self.scales = {s.value.id for s in walk(function.body) if isinstance(s, Let) and is_scale(s)}
+        self.reads = TableReads(self.b)
 
     def run(self, unit: bool) -> Reverse:
         """Return the reverse function."""
@@ -173,9 +181,11 @@ class _ReverseRewriter:
             for port, output in bars:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
             b.outputs += self.errors.values()
+            b.outputs += self.reads.outputs
             self._poison()
         reverse = b.finish()
-        return Reverse(replace(reverse, body=rewrite(reverse.body, self._spilled)), tuple(self.errors))
+        function = replace(reverse, body=rewrite(reverse.body, self._spilled))
+        return Reverse(function, tuple(self.errors), tuple(self.reads.tables))
 
     def _spilled(self, s: Stmt) -> Any:
         """Return a statement, followed by stores of its values that the backward part reads."""
@@ -363,8 +373,10 @@ class _ReverseRewriter:
                 self.env[v] = self.need(v, own).value.id
                 own.visible.add(self.env[v])
             self.forward(body, own, keep=True)
+            self.reads.loops += state.most > 1  # an iteration that runs once at most is no loop
             if not self._ended():
                 self.backward(body, own)
+            self.reads.loops -= state.most > 1
             self.env.update(outer)
 
     def _store(self, s: Store, place: _Place) -> None:
@@ -396,6 +408,10 @@ class _ReverseRewriter:
                 self._load(let, bar, place)
             case "call":
                 self._call(str(let.attr), let.args, [bar], place)
+            case "table":
+                table = str(let.attr)
+                at = self.reads.place_of(table, self.need(let.args[0], place))
+                self.reads.add(table, at, dense(bar).value)
             case "half":
                 self.add(let.args[0], bar, place)
             case "const" | "param":
@@ -429,8 +445,11 @@ class _ReverseRewriter:
         moving = [a for a in args if a in self.activity.values]
         for a, v in zip(moving, outputs, strict=False):
             self.add(a, Live(b, v), place)
-        for loc, v in zip(reverse.lines, outputs[len(moving) :], strict=True):
-            self._add_error(loc or b.loc, Live(b, v))
+        rest = iter(outputs[len(moving) :])
+        for loc in reverse.lines:
+            self._add_error(loc or b.loc, Live(b, next(rest)))
+        for table in reverse.reads:
+            self.reads.add(table, next(rest), next(rest))
 
     def _linear(self, let: Let, bar: Tangent, place: _Place) -> None:
         """Emit the tangent of an operation with placeholders, and transpose the statements that depend on them."""
