@@ -38,8 +38,8 @@ Array = NDArray[Any]
 
 
 ENOUGH = 4.0
-"""ULP; a program whose bounds are at most this far apart from its results needs no other form."""
-_TRIES = 16
+"""ULP; a program whose results change by at most this much needs no other form."""
+_TRIES = 8
 """The most forms that are measured; each takes about as long as the report without forms."""
 
 
@@ -120,7 +120,9 @@ def roundings(
     first = study(program.recorded)
     forms, better = _forms(program.recorded, first, study)
     counted = np.isfinite(first.total) & (first.total > 0)
-    shares = (first.errors[:, counted] / first.total[counted]).mean(axis=1) if counted.any() else first.errors[:, 0] * 0
+    shares = (
+        (first.errors[:, counted] / first.total[counted]).mean(axis=1) if counted.any() else np.zeros(len(first.lines))
+    )
     lines = {loc: float(share) for loc, share in zip(first.lines, shares, strict=True)}
     lines = dict.fromkeys(forms, 0.0) | lines
     ordered = sorted(lines, key=lambda loc: -lines[loc])
@@ -202,12 +204,13 @@ def _is_better(other: _Study, best: _Study) -> bool:
     The values of two forms at f64 differ by their roundings, which are 2**-29 of those at f32.
     """
     counted = np.isfinite(best.value) & np.isfinite(best.total)
-    a, b = (s.total[counted] for s in (best, other))
     with np.errstate(all="ignore"):
-        same = np.abs(best.value - other.value)[counted] <= 2.0**-20 * (a + b)
-        median = np.median(_ulps(other.value, other.total)) / np.median(_ulps(best.value, best.total))
-        largest = _ulps(other.value, other.total).max() / _ulps(best.value, best.total).max()
-    return bool(same.all() and largest <= 1 and (median < 0.75 or largest < 0.25))
+        same = np.abs(best.value - other.value) <= 2.0**-20 * (best.total + other.total)
+    if not counted.any() or not same[counted].all():
+        return False
+    before, after = (_ulps(s.value[counted], s.total[counted]) for s in (best, other))
+    lower = np.median(after) < 0.75 * np.median(before) or after.max() < 0.25 * before.max()
+    return bool(lower and after.max() <= before.max())
 
 
 def _ulps(values: Array, bounds: Array) -> Array:

@@ -16,13 +16,14 @@ Most of them are problems of Hamming's (Numerical Methods for Scientists and Eng
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
+from math import isfinite
 from operator import mul
 
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Function, Let, Loc, Module, Value
+from shpy.ir.nodes import Function, Let, Loc, Module, Stmt, Value
 from shpy.ir.ops import OPS
 from shpy.ir.traverse import defined, rewrite, variables_of, walk
 from shpy.passes.formulas.terms import DefinitionBuilder, Term
@@ -33,6 +34,8 @@ Signed = tuple[int, int]
 _SYMBOLS = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2)}
 """The symbols of operations, and how tightly they bind."""
 _CALL = 4
+_DEPTH = 8
+"""The most operations within operations that are read as one sum or product, or written as one text."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,12 @@ class StableForm:
 def stable_forms(module: Module) -> Iterator[StableForm]:
     """Yield a form for each statement that is in the table; the module has to be optimised."""
     for k, function in enumerate(module.functions):
-        for s in walk(function.body):
-            if not (isinstance(s, Let) and s.value.type.is_float and s.op in ("add", "sub", "log", "sqrt")):
+        lets = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
+        names = {v.id: v.name for v in (*defined(function), *function.inputs)}
+        for s in lets.values():
+            if not s.value.type.is_float or s.op not in ("add", "sub", "log", "sqrt"):
                 continue
-            site = _Site(function, s)
+            site = _Site(function, s, lets, names)
             for form in site.forms():
                 text = site.written(form.value.id, 0)
                 if text is not None:
@@ -61,13 +66,20 @@ def stable_forms(module: Module) -> Iterator[StableForm]:
 class _Site:
     """A statement, the values that it is computed from, and the statements of a form under construction."""
 
-    def __init__(self, function: Function, let: Let) -> None:
+    def __init__(self, function: Function, let: Let, lets: Mapping[int, Let], names: Mapping[int, str | None]) -> None:
         self.function = function
         self.let = let
-        self.lets = {s.value.id: s for s in walk(function.body) if isinstance(s, Let)}
-        self.names = {v.id: v.name for v in defined(function)} | {v.id: v.name for v in function.inputs}
-        self.b = DefinitionBuilder(function=function)
-        self.b.loc = let.value.loc
+        self.lets = lets
+        self.names = names
+        self.made: Sequence[Stmt] = ()
+
+    @cached_property
+    def b(self) -> DefinitionBuilder:
+        """The builder of the forms; most statements have none."""
+        b = DefinitionBuilder(function=self.function)
+        b.loc = self.let.value.loc
+        self.made = b.region
+        return b
 
     def replaced(self) -> Function:
         """Return the function with the latest form in place of the statement."""
@@ -99,26 +111,20 @@ class _Site:
 
     def let_of(self, value: int) -> Let | None:
         """Return the statement that computes a value, of the function or of the forms."""
-        return self.lets.get(value) or next(
-            (s for s in self.b.region if isinstance(s, Let) and s.value.id == value), None
-        )
+        return self.lets.get(value) or next((s for s in self.made if isinstance(s, Let) and s.value.id == value), None)
 
-    def sum(self, value: int, sign: int = 1) -> list[Signed]:
-        """Return the terms of a sum of any length."""
+    def sum(self, value: int, sign: int = 1, depth: int = _DEPTH) -> list[Signed]:
+        """Return the terms of a sum."""
         let = self.lets.get(value)
-        match let.op if let is not None else "", self.of(value, "add", "sub", "neg"):
-            case "add", (a, b):
-                return self.sum(a, sign) + self.sum(b, sign)
-            case "sub", (a, b):
-                return self.sum(a, sign) + self.sum(b, -sign)
-            case "neg", (a,):
-                return self.sum(a, -sign)
-        return [(sign, value)]
+        if let is None or let.op not in ("add", "sub", "neg") or depth == 0:
+            return [(sign, value)]
+        signs = (-sign,) if let.op == "neg" else (sign, -sign if let.op == "sub" else sign)
+        return [term for a, s in zip(let.args, signs, strict=True) for term in self.sum(a, s, depth - 1)]
 
-    def factors(self, value: int) -> list[int]:
-        """Return the factors of a product of any length."""
-        args = self.of(value, "mul")
-        return [f for a in args for f in self.factors(a)] if args else [value]
+    def factors(self, value: int, depth: int = _DEPTH) -> list[int]:
+        """Return the factors of a product."""
+        args = self.of(value, "mul") if depth else ()
+        return [f for a in args for f in self.factors(a, depth - 1)] if args else [value]
 
     def root(self, value: int) -> Term | None:
         """Return the square root of a square, or of a positive number."""
@@ -167,7 +173,7 @@ class _Site:
             for pair in ((first, second), (second, first)):
                 yield from self._less_one(*pair)
                 yield from self._conjugate(*pair)
-                if pair[0] > pair[1] and pair[0][0] != pair[1][0]:
+                if pair[0][0] > pair[1][0]:
                     yield from self._difference(pair[0][1], pair[1][1])
 
     def _signed(self, value: int, sign: int) -> Signed:
@@ -226,13 +232,15 @@ class _Site:
         yield from self._variance(p, q)
 
     def _variance(self, p: int, q: int) -> Iterator[Term]:
-        """Yield the sum of the squares less that of the means as a sum of squares of differences."""
+        """Yield dot(v, v) - q, where q has a factor m * m, as the sum of the squares of v - m."""
         squares, *scale = self.of(p, "div") or (p,)
         vector = self.of(squares, "dot")
+        if not vector or vector[0] != vector[1]:
+            return
+        v = self.term(vector[0])
         means = [m for m, times in Counter(self.factors(q)).items() if times == 2 and self.b.type_of(m).size == 1]
-        if vector and vector[0] == vector[1] and means:
-            v = self.term(vector[0])
-            away = v - self.term(means[0]).wide(v.size)
+        for m in means[:1]:
+            away = v - self.term(m).wide(v.size)
             yield away.op("dot", away) / self.term(scale[0]) if scale else away.op("dot", away)
 
     def _heron(self, factors: Sequence[int]) -> Iterator[Term]:
@@ -252,34 +260,36 @@ class _Site:
 
     # Text
 
-    def written(self, value: int, level: int) -> str | None:
-        """Return a value as Python text, in brackets if it binds less tightly than `level`; None for a long story."""
+    def written(self, value: int, level: int, depth: int = _DEPTH) -> str | None:
+        """Return a value as Python text, in brackets if it binds less tightly than `level`; None for a long text."""
         if self.names.get(value):
             return self.names[value]
-        let = self.let_of(value)
-        if let is None:
+        let, number = self.let_of(value), self.number(value)
+        if let is None or depth == 0 or (number is not None and not isfinite(number)):
             return None
-        number = self.number(value)
-        if number is not None:
-            return f"{number:.9g}"
         if let.op == "load" and not let.args:
             return next((v.name for v in variables_of(self.function) if v.id == let.attr), None)
-        inner = [self.written(a, _levels(let)[k]) for k, a in enumerate(let.args)]
+        inner = [self.written(a, n, depth - 1) for a, n in zip(let.args, _levels(let), strict=True)]
         if None in inner:
             return None
+        own = _CALL
         match let.op:
+            case _ if number is not None:
+                text, own = f"{number:.9g}", _CALL if number >= 0 else 2
+            case "param":
+                text = str(let.attr)
             case "splat":
-                return self.written(let.args[0], level)
+                return self.written(let.args[0], level, depth - 1)
             case "swizzle" if isinstance(let.attr, tuple):
-                return f"{inner[0]}.{''.join('xyzw'[k] for k in let.attr)}"
+                text = f"{inner[0]}.{''.join('xyzw'[k] for k in let.attr)}"
             case "neg":
                 text, own = f"-{inner[0]}", 2
             case "mul" if let.args[0] == let.args[1]:
-                text, own = f"{self.written(let.args[0], _CALL)} ** 2", 3
+                text, own = f"{self.written(let.args[0], _CALL, depth - 1)} ** 2", 3
             case op if op in _SYMBOLS:
                 text, own = f"{inner[0]} {_SYMBOLS[op][0]} {inner[1]}", _SYMBOLS[op][1]
-            case op if op in OPS:
-                text, own = f"sh.{op}({', '.join(map(str, inner))})", _CALL
+            case op if op in OPS and OPS[op].symbol is None:
+                text = f"sh.{op}({', '.join(map(str, inner))})"
             case _:
                 return None
         return f"({text})" if own < level else text

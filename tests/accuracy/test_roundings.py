@@ -10,6 +10,8 @@ import pytest
 import shpy as sh
 from shpy import SH_FOR, SH_IF, SH_WHILE
 from shpy.accuracy.reference import evaluate
+from shpy.accuracy.stable_forms import stable_forms
+from shpy.passes.pipeline import optimise
 from shpy.testing.observers import Setting
 
 
@@ -170,6 +172,40 @@ def test_forms_are_python(text: str, form: str) -> None:
     assert np.allclose(again.bounds, report.better, rtol=1e-6)
     error = np.abs(programs[1].compile("numpy")(x) - report.values)
     assert (error <= report.better * 1.001).all()
+
+
+def test_numbers_uniforms_and_ints_are_rounded_too() -> None:
+    """None of them depends on the input, and their roundings are the whole error."""
+    gain = sh.Param(sh.Attrib1f, 0.3, name="gain")
+
+    @sh.program
+    def several(x: sh.Attrib1f, k: sh.Attrib1i) -> sh.Attrib1f:
+        third = sh.Attrib1f(k) / 3
+        shade = sh.min(x, 0.1) * 4 + sh.max(x * 0, gain)
+        return sh.cond(k > 100, third, shade)
+
+    for low, high, line in ((2**24, 2**25, "third = "), (1, 100, "shade = ")):
+        report = sh.accuracy.roundings(several, {"x": (1, 2), "k": (low, high)}, samples=50)
+        error = np.abs(several.compile("numpy")(*report.inputs.values()) - report.values)
+        assert (error <= report.bounds * 1.001).all()
+        assert error.max() > 0.1 * report.bounds.max()
+        assert report.lines[0].text.startswith(line)
+
+
+def test_forms_of_large_programs() -> None:
+    """A long sum is neither read nor written as one, and a form names Params."""
+    gain = sh.Param(sh.Attrib1f, 1000.0, name="gain")
+
+    @sh.program
+    def long(x: sh.Attrib1f) -> sh.Attrib1f:
+        total = x
+        for k in range(1500):
+            total = total + x * (1 + k / 4096)
+        small = sh.sqrt(gain + x) - sh.sqrt(gain)
+        return sh.log(1 + total * 1e-9) + small
+
+    texts = [form.text for form in stable_forms(optimise(long.recorded.module, fixed=False))]
+    assert texts == ["x / (sh.sqrt(gain + x) + sh.sqrt(gain))", "sh.log1p(total * 1e-09)"]
 
 
 def test_large_errors_point_here() -> None:
