@@ -47,12 +47,12 @@ _TRIES = 8
 class RoundingLine:
     """A line of the program: its share of the error's bound, 0 to 1, in the mean over the elements.
 
-    `form` is the text of an expression that loses fewer digits than one of the line, where one is found.
+    `forms` are expressions, `new`, that lose fewer digits than those of the line, `old`.
     """
 
     loc: Loc | None
     share: float
-    form: str | None = None
+    forms: tuple[StableForm, ...] = ()
 
     @property
     def text(self) -> str:
@@ -81,10 +81,9 @@ class Roundings:
     def __str__(self) -> str:
         rows = [f"{self.program}: roundings at f32 may change the result by {_spoken(self.values, self.bounds)}"]
         for line in self.lines:
-            if line.share >= 5e-4 or line.form is not None:
+            if line.share >= 5e-4 or line.forms:
                 rows.append(f"  {line.share:6.1%}  {line.loc}: {line.text}".rstrip())
-            if line.form is not None:
-                rows.append(f"          write {line.form}")
+            rows += [f"          write {form.new} for {form.old}" for form in line.forms]
         if self.better is not None:
             rows.append(f"  so written, roundings may change it by {_spoken(self.values, self.better)}")
         rows.append("condition of each input (median, largest)")
@@ -105,7 +104,7 @@ def roundings(
 
     The result is one float, of several outputs the one called `output`. `domain` is that of `measure`, without special
     values. `most` is the number of iterations that are kept of a loop without a known bound, as in `sh.gradient`. A
-    line that cancels has a `form` where one of `stable_forms` has the same values and a smaller bound on the domain.
+    line that cancels has `forms` where those of `stable_forms` have the same values and a smaller bound on the domain.
 
     Raises ShpyTypeError for a result of another type and for a domain that does not fit, RecordError for a loop without
     a bound.
@@ -124,11 +123,11 @@ def roundings(
         (first.errors[:, counted] / first.total[counted]).mean(axis=1) if counted.any() else np.zeros(len(first.lines))
     )
     lines = {loc: float(share) for loc, share in zip(first.lines, shares, strict=True)}
-    lines = dict.fromkeys(forms, 0.0) | lines
+    lines = {form.loc: 0.0 for form in forms} | lines
     ordered = sorted(lines, key=lambda loc: -lines[loc])
     return Roundings(
         program.name,
-        tuple(RoundingLine(loc, lines[loc], forms.get(loc)) for loc in ordered),
+        tuple(RoundingLine(loc, lines[loc], tuple(f for f in forms if f.loc == loc)) for loc in ordered),
         _conditions(first, drawn),
         first.value,
         first.total,
@@ -177,16 +176,16 @@ def _conditions(study: _Study, drawn: Samples) -> dict[str, tuple[float, float]]
 
 def _forms(
     recorded: RecordedProgram, first: _Study, study: Callable[[RecordedProgram], _Study]
-) -> tuple[dict[Loc | None, str], _Study]:
-    """Return the forms that lower the bound, by line, and the study of the program with all of them."""
-    forms: dict[Loc | None, str] = {}
+) -> tuple[list[StableForm], _Study]:
+    """Return the forms that lower the bound, in the order in which they do, and the study of the program with them."""
+    forms: list[StableForm] = []
     module, best, tries = optimise(recorded.module, fixed=False), first, 0
     while _ulps(best.value, best.total).max(initial=0) > ENOUGH:
         found: list[tuple[float, _Study, StableForm]] = []
         for form in stable_forms(module):
-            if found and form.loc != found[0][2].loc:
+            if found and (form.loc, form.old) != (found[0][2].loc, found[0][2].old):
                 break
-            if form.loc not in forms and tries < _TRIES:
+            if tries < _TRIES:
                 tries += 1
                 other = study(replace(recorded, module=form.module))
                 if _is_better(other, best):
@@ -194,7 +193,8 @@ def _forms(
         if not found:
             break
         _, best, form = min(found, key=lambda entry: entry[0])
-        forms[form.loc], module = form.text, optimise(form.module, fixed=False)
+        forms.append(form)
+        module = optimise(form.module, fixed=False)
     return forms, best
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from math import isfinite
 from operator import mul
@@ -40,11 +40,12 @@ _DEPTH = 8
 
 @dataclass(frozen=True)
 class StableForm:
-    """A form for the statement at `loc`: its text, and the module with it."""
+    """A form for an expression at `loc`: the texts of both, and the module with the form."""
 
     loc: Loc | None
-    text: str
-    module: Module
+    old: str
+    new: str
+    module: Module = field(repr=False)
 
 
 def stable_forms(module: Module) -> Iterator[StableForm]:
@@ -57,10 +58,10 @@ def stable_forms(module: Module) -> Iterator[StableForm]:
                 continue
             site = _Site(function, s, lets, names)
             for form in site.forms():
-                text = site.written(form.value.id, 0)
-                if text is not None:
+                old, new = site.spelled(s, 0, _DEPTH), site.written(form.value.id, 0)
+                if old is not None and new is not None:
                     functions = (*module.functions[:k], site.replaced(), *module.functions[k + 1 :])
-                    yield StableForm(s.value.loc, text, replace(module, functions=functions))
+                    yield StableForm(s.value.loc, old, new, replace(module, functions=functions))
 
 
 class _Site:
@@ -264,8 +265,13 @@ class _Site:
         """Return a value as Python text, in brackets if it binds less tightly than `level`; None for a long text."""
         if self.names.get(value):
             return self.names[value]
-        let, number = self.let_of(value), self.number(value)
-        if let is None or depth == 0 or (number is not None and not isfinite(number)):
+        let = self.let_of(value)
+        return None if let is None or depth == 0 else self.spelled(let, level, depth)
+
+    def spelled(self, let: Let, level: int, depth: int) -> str | None:
+        """Return the text of a statement's right side."""
+        number = self.number(let.value.id)
+        if number is not None and not isfinite(number):
             return None
         if let.op == "load" and not let.args:
             return next((v.name for v in variables_of(self.function) if v.id == let.attr), None)
