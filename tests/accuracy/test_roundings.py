@@ -207,6 +207,20 @@ def test_several_forms_of_a_line() -> None:
     assert (report.better < 1e-3 * report.bounds).all()
 
 
+def test_a_form_with_other_values_is_not_stated() -> None:
+    """The component has the place of the mean, and is none."""
+
+    @sh.program
+    def unlike(v: sh.Attrib4f) -> sh.Attrib1f:
+        return sh.dot(v, v) - v.x * v.x * 4
+
+    (form,) = stable_forms(optimise(unlike.recorded.module, fixed=False))
+    assert form.new == "sh.dot(v - v.x, v - v.x)"
+    report = sh.accuracy.roundings(unlike, {"v": (100, 101)}, samples=50)
+    assert report.bounds.max() > 1e-3
+    assert report.better is None
+
+
 def test_forms_of_large_programs() -> None:
     """A long sum is neither read nor written as one, and a form names Params."""
     gain = sh.Param(sh.Attrib1f, 1000.0, name="gain")
