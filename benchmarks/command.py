@@ -65,6 +65,7 @@ STUDIES = studies.STUDIES | {
     "features": features.features,
     "fused": lambda mesh, quick: fused.fused(quick),
     "gradients": lambda mesh, quick: gradients.gradients(quick),
+    "fitting": lambda mesh, quick: gradients.fitting(quick),
     "components": lambda mesh, quick: gradients.components(quick),
     "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),

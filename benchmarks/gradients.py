@@ -148,3 +148,40 @@ def components(quick: bool) -> Table:
         rounds |= {f"{size}, {way}": t.seconds for way, t in times.items()}
     note = f"A value and its gradient by n numbers, each statement of all of them, {count:,} elements on {target}."
     return Table("components", note, ["n", "forward", "reverse"], rows, rounds)
+
+
+SHEET = sh.Texture2D(np.zeros((64, 64)), name="sheet")
+
+
+@sh.program
+def add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+@sh.program
+def misfit(uv: sh.TexCoord2f, target: sh.Attrib1f) -> sh.Attrib1f:
+    d = SHEET(uv) - target
+    return d * d
+
+
+def fitting(quick: bool) -> Table:
+    """Measure a step of fitting a texture of 64 x 64 to a picture of 256 x 256 places, and its parts."""
+    size, target = (16 if quick else 256), backend()
+    random = np.random.default_rng(9)
+    arrays = random.random((size, size, 2), np.float32), random.random((size, size), np.float32)
+    streams = [sh.Stream(x, cls, target) for x, cls in zip(arrays, misfit.inputs.values(), strict=True)]
+    step = sh.value_and_gradient(misfit, SHEET)
+    index = sh.Stream(random.integers(0, 64 * 64, (size, size)), sh.Attrib1i, target)
+    kernel = misfit.compile(target)
+    runs: dict[str, Callable[[], Any]] = {
+        "value, streams": lambda: kernel(*streams).sum(),
+        "four scatters, streams": lambda: [sh.scatter(streams[1], index, 4096, combine=add).numpy() for _ in range(4)],
+        "step, streams": lambda: step(*streams),
+        "step, arrays": lambda: step(*arrays, backend=target),
+    }
+    for run in runs.values():
+        run()
+    times = in_turns(runs, 2 if quick else ROUNDS)
+    rows = [[way, f"{1e3 * np.median(t.seconds):.2f}", f"{1e3 * np.median(t.cpu):.2f}"] for way, t in times.items()]
+    note = f"A texture of 64 x 64, filtered linearly, and {size} x {size} places on {target}: medians."
+    return Table("fitting", note, ["", "ms", "ms of CPU"], rows, {way: t.seconds for way, t in times.items()})
