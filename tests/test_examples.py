@@ -76,6 +76,7 @@ SHOWN = {
     "equalize": lambda m, backend: m.equalized(m.photograph(40, 30, backend)).numpy(),
     "raymarch": lambda m, backend: pixels_of(m.raymarch, (40, 24), backend, time=1.5),
     "contours": lambda m, backend: pixels_of(m.contours, (60, 40), backend, time=1.5),
+    "fitting": lambda m, backend: np.hstack(m.fitted(16, 4, backend)[0]),
     "newton": lambda m, backend: pixels_of(m.newton, (60, 40), backend),
     "voronoi": lambda m, backend: pixels_of(m.voronoi, (60, 40), backend, time=1.5),
     "warp": lambda m, backend: pixels_of(m.warp, (60, 40), backend, time=1.5),

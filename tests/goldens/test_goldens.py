@@ -78,6 +78,7 @@ CASES = {
     "voronoi": lambda m: (m.voronoi, ON_SCREEN),
     "warp": lambda m: (m.warp, ON_SCREEN),
     "contours": lambda m: (m.contours, ON_SCREEN),
+    "fitting": lambda m: (m.picture, {"uv": UV}),
     "newton": lambda m: (m.newton, {name: ON_SCREEN[name] for name in ("uv", "resolution")}),
     "trace": lambda m: (m.cube_root, {"a": GRAY + 1, "start": np.float32(1)}),
     "trace.slow": lambda m: (m.slow, {"a": GRAY[0]}),
