@@ -176,6 +176,12 @@ def test_out_keeps_its_elements_and_takes_no_part_in_folds(computed):
     assert sh.scatter(values, [2, 0, 2], combine=mixed, out=out).numpy().tolist() == [2, 20, 4.75, 40]
 
 
+def test_values_out_of_range_are_dropped_also_where_all_of_them_are(computed):
+    for values, cls, add in (([1, 2], sh.Attrib1f, added), ([[1, 2], [3, 4]], sh.Attrib2i, added_counts)):
+        sums = sh.scatter(stream(values, cls, computed), [-1, 5], 5, combine=add)
+        assert not sums.numpy().any()
+
+
 def test_values_may_be_written_among_themselves(moved):
     x = stream([1, 2, 3, 4], sh.Attrib1f, moved)
     sh.scatter(x, [3, 2, 1, 0], out=x)

@@ -101,6 +101,8 @@ def test_the_same_bits_on_every_backend_and_over_streams(target: str) -> None:
             assert np.array_equal(x, y)
             assert x.dtype == np.float32
     assert (runs[0][0][1][1] != runs[1][0][1][1]).any()
+    none = step(UV, TARGET, BUMPS, backend=target, where=False)
+    assert not any(np.any(x) for x in (none[0], *none[1]))
 
 
 def test_sums_are_those_of_numpy_in_order() -> None:

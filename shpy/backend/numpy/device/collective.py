@@ -119,7 +119,7 @@ def _add_at_places(values: Sequence[Any], index: Any, targets: Sequence[Any]) ->
     with np.errstate(all="ignore"):
         for value, target in zip(values, targets, strict=True):
             sums = np.full(target.array.shape, -0.0 if target.dtype.kind == "f" else 0, target.dtype)
-            columns = (a.reshape(len(a), -1).T for a in (sums, value.array[kept]))
+            columns = (a.reshape(-1, target.type.size).T for a in (sums, value.array[kept]))
             for total, numbers in zip(*columns, strict=True):
                 np.add.at(total, at, numbers)
             target.array[has_value] = sums[has_value]
