@@ -96,8 +96,8 @@ def test_every_function_that_is_exact_has_an_oracle():
 
 
 def test_an_unknown_function_is_named():
-    with pytest.raises(correctly_rounded.OracleError, match="there is no function cbrt: it is one of exp, exp2, log"):
-        correctly_rounded.rounded("cbrt", np.float32([1]))
+    with pytest.raises(correctly_rounded.OracleError, match="there is no function gamma: it is one of exp, exp2, log"):
+        correctly_rounded.rounded("gamma", np.float32([1]))
 
 
 def test_without_gcc_the_cure_is_told(monkeypatch, tmp_path):
