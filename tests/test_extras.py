@@ -187,6 +187,7 @@ def test_every_extra_is_used():
     assert set(CODE) == {"", *EXTRAS} - NOT_FOR_USERS
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("extra", CODE)
 def test_an_extra_alone_does_what_the_documents_say(extra, tmp_path):
     use(linked(tmp_path / "environment", extra), tmp_path, extra)

@@ -172,12 +172,16 @@ PARTICIPLES = {"shpy/testing/generated/source.py Generated"}
 """Names that documents say."""
 
 
+@functools.cache
 def classes():
-    """Yield each class: its package, which is a folder of shpy or raytracer, or a backend, its file and its node."""
-    for path, tree in trees().items():
+    """Return each class: its package, which is a folder of shpy or raytracer, or a backend, its file and its node."""
+
+    def package_of(path):
         folders = path.relative_to(ROOT).parts[:-1]
-        package = folders[: 3 if folders[1:2] == ("backend",) else 2]
-        yield from (("/".join(package), shown(path), n) for n in ast.walk(tree) if isinstance(n, ast.ClassDef))
+        return "/".join(folders[: 3 if folders[1:2] == ("backend",) else 2])
+
+    nodes = [(path, n) for path, tree in trees().items() for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
+    return [(package_of(path), shown(path), node) for path, node in nodes]
 
 
 def test_no_two_classes_of_a_package_have_one_name():

@@ -95,6 +95,7 @@ def test_what_a_scene_lacks_changes_nothing(changes):
     near(render(scene, (48, 48), backend="numpy", bounces=2).pixels, Picture(scene).render(48, 48, 2))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("scene", [small, *SCENES.values()])
 def test_backends_agree_to_the_last_bit(scene):
     images = pictures(scene)[1]

@@ -80,6 +80,7 @@ def test_the_table_is_the_file():
     assert np.abs(compute_sheen_table().astype(np.float64) - steps).max() <= 1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "look",
     [

@@ -47,6 +47,7 @@ def around(others, material=None, **changes):
     return dataclasses.replace(Scene([ball, *OTHERS[others]], [LIGHT], CAMERA), **changes)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("others", OTHERS)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
 def test_its_colour_is_what_is_seen(integrator, others):
