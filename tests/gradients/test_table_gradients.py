@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_RETURN
+from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_RETURN, SH_WHILE
 from tests.backends.running import TARGETS
 
 RNG = np.random.default_rng(53)
@@ -178,7 +178,7 @@ def test_a_table_over_a_stream_and_halves() -> None:
 
 
 def test_loops() -> None:
-    """Reads beside a loop, in a loop that finds an index, and in a loop of Python."""
+    """Reads beside a loop, in a loop that finds an index, in a loop of Python, and before a loop without a bound."""
 
     @sh.program
     def found(x: sh.Attrib1f) -> sh.Attrib1f:
@@ -197,6 +197,19 @@ def test_loops() -> None:
     whole = found.compile("numpy", precision="f64")
     quotients = differences(with_data(heights, lambda: whole(x).sum()), heights.host_array(), 1e-7)
     assert np.allclose(slope, quotients, rtol=1e-6, atol=1e-6)
+
+    @sh.program
+    def power(x: sh.Attrib1f) -> sh.Attrib1f:
+        total, k, factor = sh.Attrib1f(1), sh.Attrib1f(0), heights[sh.Attrib1i(x), 0]
+        with SH_WHILE(lambda: k < x):
+            total *= factor
+            k += 1
+        return total
+
+    _, slope = sh.value_and_gradient(power, heights, most=2)([1, 2, 3], backend="numpy")
+    assert np.array_equal(slope[:3, 0], [0, 1, 2 * np.float32(heights.host_array()[2, 0])])
+    assert np.isnan(slope[3, 0])  # three iterations
+    assert not slope[:, 1:].any()
 
     @sh.program
     def looped(x: sh.Attrib1f) -> sh.Attrib1f:
