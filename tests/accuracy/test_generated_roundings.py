@@ -1,14 +1,15 @@
 """Roundings of generated programs: the bound holds in every element.
 
-`pytest -m slow` and the name of this file runs 2,000 programs. Of an element beyond its bound, the interpreter's steps
-at f32 and f64 are compared. It counts unless there
+`pytest -m slow` and the name of this file records 3,200 programs; reverse mode refuses about three of eight, most of
+them for arrays that change in a loop, so about 2,000 are bounded. Of an element beyond its bound, the interpreter's steps at
+f32 and f64 are compared. It counts unless there
 
 - a bool or an int differs, or the two take other steps: a branch or an index flips, so the result jumps, which no
   derivative shows; or
 - a float has lost half its bits, so that terms of the second order count.
 
-Results and bounds that are not finite do not count either, since there is nothing to compare, nor do programs that
-reverse mode refuses.
+Results and bounds that are not finite do not count either, since there is nothing to compare. The shards 1 to 194
+bound 613 programs: 13,423 of 14,712 elements have finite bounds, and one of these is excluded, for the second reason.
 """
 
 from __future__ import annotations
@@ -106,8 +107,8 @@ def check(tree: Tree) -> None:
         assert excluded(program, inputs, int(n)) is not None, f"{numbers}\n{source(tree)}"
 
 
-@pytest.mark.sampled(400)
-@pytest.mark.parametrize("shard", range(400))
+@pytest.mark.sampled(640)
+@pytest.mark.parametrize("shard", range(640))
 def test_the_bound_holds(shard: int) -> None:
     @quietly
     @given(trees())
