@@ -1,8 +1,8 @@
 """Roundings of generated programs: the bound holds in every element.
 
 `pytest -m slow` and the name of this file records 3,200 programs; reverse mode refuses about three of eight, most of
-them for arrays that change in a loop, so about 2,000 are bounded. Of an element beyond its bound, the interpreter's steps at
-f32 and f64 are compared. It counts unless there
+them for arrays that change in a loop, so about 2,000 are bounded. Of an element beyond its bound, the interpreter's
+steps at f32 and f64 are compared. It counts unless there
 
 - a bool or an int differs, or the two take other steps: a branch or an index flips, so the result jumps, which no
   derivative shows; or
