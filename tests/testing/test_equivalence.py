@@ -246,6 +246,7 @@ def test_anything_but_a_program_is_refused(given):
             compare(given, X, [1, 2])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("derives", [False, True])
 def test_generated_programs_are_recorded_and_agree(derives):
     seen = []

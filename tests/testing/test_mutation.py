@@ -85,7 +85,7 @@ ENDS = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", ENDS)
 def test_only_a_test_with_a_name_finds_a_fault(case, monkeypatch, tmp_path):
     test, expected = ENDS[case]

@@ -27,6 +27,7 @@ def steps(x: sh.Attrib1f, y: sh.Attrib1f = 2) -> tuple[sh.Attrib1f, sh.Vector3f]
     return least + y, unit(sh.Vector3f(x, 0, 0))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl-4", "opencl-16", "glsl", "interpreter"])
 def test_the_first_nan_has_its_line_operands_and_iteration(backend):
     first = sh.testing.first_nan(steps, X, backend=backend)
@@ -111,7 +112,7 @@ def test_the_entry_of_a_table_and_an_element_of_an_array():
 
 
 @settings(
-    max_examples=8,
+    max_examples=4,
     deadline=None,
     database=None,
     derandomize=True,
