@@ -21,9 +21,14 @@ from shpy.accuracy.tradeoffs import Candidate, Tradeoff
 EXTREMES = (0.0, 0.0, math.inf, math.inf)
 
 
+@sh.program
+def shade(x: sh.Attrib1f) -> sh.Attrib1f:
+    return sh.sqrt(x)
+
+
 def candidate(ns, error, spread=None, held=None, variant=("numpy", "strict", "f32"), **picks):
     low, high = spread or (ns, ns)
-    return Candidate(Variant(*variant), picks, None, None, error=error, ns=ns, spread=(low, high), code=7, held=held)
+    return Candidate(Variant(*variant), picks, shade, None, error=error, ns=ns, spread=(low, high), code=7, held=held)
 
 
 def found(*candidates, budget=4):
