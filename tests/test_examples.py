@@ -1,6 +1,7 @@
 """Every example runs on every backend, and what it shows is right."""
 
 import importlib
+import itertools
 import pathlib
 import subprocess
 import sys
@@ -469,3 +470,11 @@ def test_the_faces_of_a_cube_map_are_what_is_seen_in_their_directions():
     assert 0.2 < nothing.mean() < 0.6
     np.testing.assert_allclose(colors[nothing], np.broadcast_to(scene.background, (nothing.sum(), 3)), atol=1e-6)
     assert (abs(colors[~nothing] - scene.background).max(axis=1) > 0.02).all()
+
+
+def test_a_fitted_texture_comes_nearer_to_its_picture_at_each_step():
+    m = example("fitting")
+    (target, *panels), errors = m.fitted(24, 6, "numpy")
+    assert all(later < earlier for earlier, later in itertools.pairwise(errors))
+    left = [float(np.sqrt(((panel - target) ** 2).sum(axis=-1).mean())) for panel in panels]
+    assert left[1] < errors[-1] < left[0] * 1.01
