@@ -181,18 +181,18 @@ def _forms(
     forms: list[StableForm] = []
     module, best, tries = optimise(recorded.module, fixed=False), first, 0
     while _ulps(best.value, best.total).max(initial=0) > ENOUGH:
-        found: list[tuple[float, _Study, StableForm]] = []
+        better: list[tuple[float, _Study, StableForm]] = []
         for form in stable_forms(module):
-            if found and (form.loc, form.old) != (found[0][2].loc, found[0][2].old):
+            if better and (form.loc, form.old) != (better[0][2].loc, better[0][2].old):
                 break
             if tries < _TRIES:
                 tries += 1
                 other = study(replace(recorded, module=form.module))
                 if _is_better(other, best):
-                    found.append((float(np.median(_ulps(other.value, other.total))), other, form))
-        if not found:
+                    better.append((float(np.median(_ulps(other.value, other.total))), other, form))
+        if not better:
             break
-        _, best, form = min(found, key=lambda entry: entry[0])
+        _, best, form = min(better, key=lambda entry: entry[0])
         forms.append(form)
         module = optimise(form.module, fixed=False)
     return forms, best

@@ -72,14 +72,14 @@ class _Site:
         self.let = let
         self.lets = lets
         self.names = names
-        self.made: Sequence[Stmt] = ()
+        self.statements: Sequence[Stmt] = ()
 
     @cached_property
     def b(self) -> DefinitionBuilder:
         """The builder of the forms; most statements have none."""
         b = DefinitionBuilder(function=self.function)
         b.loc = self.let.value.loc
-        self.made = b.region
+        self.statements = b.region
         return b
 
     def replaced(self) -> Function:
@@ -112,7 +112,9 @@ class _Site:
 
     def let_of(self, value: int) -> Let | None:
         """Return the statement that computes a value, of the function or of the forms."""
-        return self.lets.get(value) or next((s for s in self.made if isinstance(s, Let) and s.value.id == value), None)
+        return self.lets.get(value) or next(
+            (s for s in self.statements if isinstance(s, Let) and s.value.id == value), None
+        )
 
     def sum(self, value: int, sign: int = 1, depth: int = _DEPTH) -> list[Signed]:
         """Return the terms of a sum."""

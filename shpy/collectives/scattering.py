@@ -128,8 +128,8 @@ def _fold(values: Stream, index: Memory, target: Stream, combine: Program) -> No
         _fold_by_programs(values, index, target, combine)
         return
     targets = memories_of(target)
-    taken = [_apart(memory, targets, values.place) for memory in (index, *memories_of(values))]
-    own(taken[1:], taken[0], targets)
+    memories = [_apart(memory, targets, values.place) for memory in (index, *memories_of(values))]
+    own(memories[1:], memories[0], targets)
 
 
 def _fold_by_programs(values: Stream, index: Memory, target: Stream, combine: Program) -> None:

@@ -33,7 +33,7 @@ LOST = 2.0**-12
 
 def steps(program: sh.Program, inputs: list[Any], element: int, precision: str) -> list[tuple[Any, Any]]:
     """Return the lines and values of an element's steps."""
-    found: list[tuple[Any, Any]] = []
+    trail: list[tuple[Any, Any]] = []
     setting = Setting(program, tuple(inputs), options={"precision": precision})
     params, data = setting.data()
     run = Interpreter(program.ir, precision, LIMIT)
@@ -43,9 +43,9 @@ def steps(program: sh.Program, inputs: list[Any], element: int, precision: str) 
         data,
         setting.index(element),
         setting.element_shape,
-        trace=lambda loc, name, value, iterations: found.append((loc, np.array(value))),
+        trace=lambda loc, name, value, iterations: trail.append((loc, np.array(value))),
     )
-    return found
+    return trail
 
 
 def excluded(program: sh.Program, inputs: list[Any], element: int) -> str | None:

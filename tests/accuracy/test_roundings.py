@@ -244,10 +244,10 @@ def test_large_errors_point_here() -> None:
     assert line in str(sh.accuracy.measure(cosine, domain, math="strict", **few))
     assert line not in str(sh.accuracy.measure(cosine, domain, math="fast", **few))
     assert line not in str(sh.accuracy.measure(cosine, {"x": (0.5, 1)}, math="strict", **few))
-    found = sh.accuracy.tradeoff(
+    comparison = sh.accuracy.tradeoff(
         cosine, domain, sh.accuracy.ulp(4), rounds=1, elements=9, math="strict", precision=["f32", "f64"], **few
     )
-    assert str(found).count(line) == 1
+    assert str(comparison).count(line) == 1
 
 
 def test_what_is_refused() -> None:

@@ -124,10 +124,10 @@ def check(program, arrays, count=10):
     core = read(program.fpcore())
     leaves = [np.asarray(a) for a in flat_leaves(program.compile("numpy")(**arrays))]
     for k in range(count):
-        wanted = [n for a in leaves for n in np.ravel(a[k]).tolist()]
-        found = flat(evaluate(core, values_of(program, arrays, k)))
-        np.testing.assert_array_equal(found, wanted)
-        assert np.signbit(np.float64(found)).tolist() == np.signbit(np.float64(wanted)).tolist()
+        expected = [n for a in leaves for n in np.ravel(a[k]).tolist()]
+        results = flat(evaluate(core, values_of(program, arrays, k)))
+        np.testing.assert_array_equal(results, expected)
+        assert np.signbit(np.float64(results)).tolist() == np.signbit(np.float64(expected)).tolist()
 
 
 @pytest.mark.parametrize("program", [loops, swaps, leaves_early, vectors, functions, mixed], ids=lambda p: p.name)
@@ -143,12 +143,12 @@ def test_another_precision_is_that_of_the_whole_text():
     arrays = {"x": X.astype(np.float64), "y": Y.astype(np.float64)}
     core = read(swaps.fpcore(precision="f64"))
     assert parts(core)[1][":precision"] == "binary64"
-    wanted = swaps.compile("numpy", precision="f64")(**arrays)
-    assert [evaluate(core, values_of(swaps, arrays, k)) for k in range(10)] == wanted.tolist()
+    expected = swaps.compile("numpy", precision="f64")(**arrays)
+    assert [evaluate(core, values_of(swaps, arrays, k)) for k in range(10)] == expected.tolist()
     half = read(swaps.fpcore(precision="f16"))
     arrays = {name: a.astype(np.float16) for name, a in arrays.items()}
-    wanted = swaps.compile("numpy", precision="f16")(**arrays)
-    assert [evaluate(half, values_of(swaps, arrays, k)) for k in range(10)] == wanted.tolist()
+    expected = swaps.compile("numpy", precision="f16")(**arrays)
+    assert [evaluate(half, values_of(swaps, arrays, k)) for k in range(10)] == expected.tolist()
 
 
 class Drawn:

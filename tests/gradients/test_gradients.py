@@ -65,7 +65,7 @@ def doubled(x: Any) -> Any:
 
 
 def long(p: Any) -> Any:
-    """Reverse mode splits a loop of so many iterations into a loop in a loop."""
+    """Loop 1,100 times: reverse mode splits a loop of more than 1,024 iterations into two nested loops."""
     s, n = sh.Attrib1f(p.x), sh.Attrib1f(0)
     with SH_FOR(0, 1100) as i:
         s += sh.sin(s * p.y) * 0.01

@@ -171,8 +171,8 @@ def test_aiming_at_a_turned_environment_changes_no_mean():
     spot = np.zeros((32, 64, 3), np.float32)
     spot[8:12, 20:26] = 200.0
     means = []
-    for turn in (0.0, 200.0):
-        light = EnvironmentLight(Texture(spot, srgb=False), rotation=turn)
+    for degrees in (0.0, 200.0):
+        light = EnvironmentLight(Texture(spot, srgb=False), rotation=degrees)
         camera = Camera((0, 6, 0), (0, 0, 0), up=(0, 0, -1), fov=20)
         scene = Scene([floor(9, WHITE)], [light], camera)
         means.append(render(scene, (16, 16), integrator=Path(samples=32, bounces=1), backend="opencl").pixels.mean())

@@ -37,9 +37,9 @@ class TangentBuilder(DefinitionBuilder):
 
     def since(self, count: int) -> list[Stmt]:
         """Take the statements after the first `count` out of the open region."""
-        taken = self._regions[-1][count:]
+        statements = self._regions[-1][count:]
         del self._regions[-1][count:]
-        return taken
+        return statements
 
 
 class Zero(Formula):
