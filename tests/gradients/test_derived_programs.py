@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -299,3 +300,19 @@ def test_values_that_leave_the_function_are_refused() -> None:
 
     with pytest.raises(sh.ShpyTypeError, match="k is named twice"):
         shade.gradient("k", "k")
+
+
+@sh.program
+def wave(p: sh.Attrib3f) -> sh.Attrib1f:
+    return sh.sin(p.x * p.y + p.z) * sh.expm1(p.z) * p.x + sh.length(p)
+
+
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_fused_derivatives_have_the_same_bits_everywhere(mode: Any) -> None:
+    """Also in wide packets, of a program that was pickled."""
+    p = np.random.default_rng(3).normal(size=(500, 3)).astype(np.float32)
+    derived = pickle.loads(pickle.dumps(wave.gradient("p", mode=mode)))
+    expected = derived.compile("numpy", fuse=True)(p)[0]
+    assert differs(derived.compile("numpy")(p)[0], expected).any()
+    for target in ("opencl-1", "opencl-32", "glsl"):
+        assert not differs(run(derived, target, p, fuse=True).outputs[0], expected).any(), target
