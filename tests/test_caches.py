@@ -26,6 +26,7 @@ FEW = {
     "shpy/collectives/histograms.py": "types of an element",
     "shpy/collectives/leaves.py": "types of an element",
     "shpy/collectives/scattering.py": "types of an index",
+    "shpy/fitting.py": "one program",
     "shpy/ieee.py": "one library and one warning",
     "shpy/ir/constants.py": "precisions",
     "shpy/ir/exact.py": "functions of the language",
