@@ -19,6 +19,7 @@ TOPS = ("shpy", "raytracer", "shpy_start", "examples", "benchmarks", "tests", "d
 Place = tuple[str, int, str]
 
 OPENING = re.compile(r"(What|Whether|Which|Who|That|Those|Of|How|Where|Why)\b")
+QUOTED = re.compile(r"[\"']\s*" + OPENING.pattern)
 
 WORDS = {
     r"that (is|are) (?-i:none)": "is not one, does not exist",
@@ -47,9 +48,11 @@ def files(*suffixes: str) -> list[str]:
 def openings() -> Iterator[Place]:
     """Yield the docstrings, of attributes and constants too, that open with a question word."""
     for file in files(".py"):
-        for line, text in _docstrings(ast.parse((ROOT / file).read_text())):
-            if OPENING.match(text):
-                yield file, line, text.splitlines()[0]
+        whole = (ROOT / file).read_text()
+        if QUOTED.search(whole):  # parsing every file would take most of the time
+            for line, text in _docstrings(ast.parse(whole)):
+                if OPENING.match(text):
+                    yield file, line, text.splitlines()[0]
 
 
 def _docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -63,14 +66,14 @@ def _docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
 def words() -> Iterator[Place]:
     """Yield the comments, strings and paragraphs with an expression that is not ours."""
     for file in files(".py", ".md"):
-        if file not in OWN:
-            for line, text in _texts(file):
+        whole = (ROOT / file).read_text()
+        if file not in OWN and NOT_OURS.search(re.sub(r"\s+", " ", whole)):  # tokens of every file would take seconds
+            for line, text in _texts(file, whole):
                 for found in NOT_OURS.finditer(re.sub(r"\s+", " ", text)):
                     yield file, line, found.string[max(0, found.start() - 30) : found.end() + 30]
 
 
-def _texts(file: str) -> Iterator[tuple[int, str]]:
-    whole = (ROOT / file).read_text()
+def _texts(file: str, whole: str) -> Iterator[tuple[int, str]]:
     if file.endswith(".md"):
         line = 1
         for paragraph in whole.split("\n\n"):

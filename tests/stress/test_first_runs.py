@@ -16,7 +16,8 @@ import numpy as np
 import shpy as sh
 
 backend = sys.argv[1]
-SHAPES = [64, 2100, 2900, 17_000, (33, 64), (17, 128), (65, 256), (129, 128), (1, 700), (1, 70_000), (3, 1, 5000)]
+SHAPES = [64, 2100, 17_000, 2900, (33, 64), (17, 128), (65, 256), (129, 128), (1, 70_000), (1, 700), (3, 1, 5000)]
+SHAPES = SHAPES[int(sys.argv[2]) :: int(sys.argv[3])]
 wrong = {}
 
 
@@ -67,11 +68,16 @@ print(json.dumps(wrong))
 """
 
 
+@pytest.mark.parametrize("part", ["0::2", pytest.param("1::2", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
-def test_first_runs_of_kernels_and_chains(backend):
+def test_first_runs_of_kernels_and_chains(backend, part):
     environment = os.environ | {"PYTHONPATH": str(TESTS.parent), "SHPY_CACHE_DIR": ""}
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, backend], env=environment, text=True, capture_output=True, timeout=HANGING
+        [sys.executable, "-c", SCRIPT, backend, *part.split("::")],
+        env=environment,
+        text=True,
+        capture_output=True,
+        timeout=HANGING,
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {}

@@ -219,7 +219,6 @@ def test_pytest_writes_reads_and_renews(tmp_path):
     assert "there is no golden result" in pytest_of_a_user(0.5).stdout
     assert "1 passed" in pytest_of_a_user(0.5, "--shpy-update").stdout
     assert (tmp_path / "golden" / "half.npz").is_file()
-    assert "1 passed" in pytest_of_a_user(0.5).stdout
     changed = pytest_of_a_user(0.25).stdout
     assert "half: golden and numpy differ in 4 of 5 elements, first in element 1" in changed
     assert "return x * 0.25" in changed
