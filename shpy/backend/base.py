@@ -243,6 +243,9 @@ class Tree(Protocol):
     ) -> None:
         """Give all prefixes, where `above` are those that end with each part, or None for only one part."""
 
+    def scanning(self, elements: Sequence[Any], exclusive: bool) -> Callable[[], Sequence[Memory]]:
+        """Prepare the scan of a stream of one part, as its memory is at each call, which returns the prefixes."""
+
 
 class Space(Protocol):
     """The memory of one device, which runs work in the order in which it was started."""

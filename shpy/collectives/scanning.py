@@ -10,6 +10,7 @@ sums and their applications (1990).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -56,9 +57,13 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
     Dask array, for any chunks with the bits of one Stream. Raises ShpyTypeError for programs that do not
     combine two elements into one, and for an `exclusive` that is no bool.
     """
+    prepared = stream._reductions.get("scan") if isinstance(stream, Stream) else None
+    if prepared is not None and prepared[0][0] is program and prepared[0][1] is exclusive:
+        return prepared[1]()
     exclusive = checked_bool(exclusive, "exclusive")
     if is_lazy(stream):
         return scan_chunks(reduce, _scan_block, program, stream, exclusive)
+    key = program, exclusive
     program, element = combination(program, stream, "scan")
     if stream.size < 2:
         if not exclusive or not stream.size:
@@ -66,10 +71,27 @@ def scan(program: Program, stream: Any, exclusive: bool = False) -> Any:
         return Stream.empty(stream.shape, stream.type, *stream.place)
     own = own_tree(stream.place, program, element, element, None)
     if own is not None:
-        return _by(own, stream, exclusive)
+        return _prepared(own, stream, key)() if stream.size <= own.each(stream.size) else _by(own, stream, exclusive)
     flat = retyped(stream, element, (stream.size,))
     prefixes = (_on_host if stream.place.space.on_host else _on_device)(program, flat, exclusive)
     return retyped(prefixes, stream.type, stream.shape)
+
+
+def _prepared(own: Tree, stream: Stream, key: tuple[Program, bool]) -> Callable[[], Stream]:
+    """Prepare the scan of a stream that is one part; the stream keeps what its last scan has prepared.
+
+    Microseconds of CPU for 10**4 numbers on one core with OpenCL, of which an empty launch takes 10: 33 for 42.
+    """
+    elements, type_, shape, place = memories_of(stream), stream.type, stream.shape, stream.place
+    prefixes = own.scanning(elements, key[1])
+
+    def run() -> Stream:
+        return Stream.over(type_, shape, place, prefixes())
+
+    stream._reductions["scan"] = key, run
+    if memories_of(stream) != elements:  # another thread has replaced them
+        stream._reductions.clear()
+    return run
 
 
 def _by(own: Tree, stream: Stream, exclusive: bool) -> Stream:

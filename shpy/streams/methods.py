@@ -48,7 +48,10 @@ class StreamReductions:
     """
 
     _reductions: dict[str, tuple[Any, Callable[[], Any]]]
-    """Reductions of all elements that a device has prepared, by their names, each with the memories that it reads."""
+    """Reductions of all elements that a device has prepared, by their names, each with the memories that it reads.
+
+    The last scan is among them, with its program and whether it was exclusive.
+    """
 
     def _reduced(self, name: str, axis: int | None, *options: Any) -> Any:
         """Reduce the elements, as an earlier reduction of all of them has prepared it, or else check everything.

@@ -1,15 +1,9 @@
-"""Pools: things are used again by kind, at most so many bytes are kept, and what an owner leaves comes back."""
-
-import gc
+"""Pools: things are used again by kind, at most so many bytes are kept, and what is lent comes back."""
 
 import pytest
 
 from shpy.backend.device import pool as pools
 from shpy.backend.device.pool import Kind, Pool, rounded
-
-
-class Owner:
-    pass
 
 
 def never():
@@ -40,21 +34,21 @@ def test_no_more_bytes_are_kept_than_the_bound(monkeypatch):
     assert len(pool) == 1
 
 
-def test_what_belongs_to_an_owner_comes_back_with_its_end():
-    pool, kind, owner = Pool(), Kind(8), Owner()
-    pool.belong(owner, kind, "thing")
+def test_what_is_lent_comes_back_with_the_end_of_the_loan():
+    pool, kind = Pool(), Kind(8)
+    loan = pool.lend(kind, "thing")
     assert pool.take(kind, lambda: "another") == "another"
-    del owner
-    gc.collect()
+    del loan
     assert len(pool) == 1
     assert pool.take(kind, never) == "thing"
 
 
 def test_what_was_left_to_others_does_not_come_back():
-    pool, kind, owner = Pool(), Kind(8), Owner()
-    pool.belong(owner, kind, "thing").detach()
-    del owner
-    gc.collect()
+    pool, kind = Pool(), Kind(8)
+    loan = pool.lend(kind, "thing")
+    assert loan.detach()
+    assert not loan.detach()
+    del loan
     assert len(pool) == 0
 
 

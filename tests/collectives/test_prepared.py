@@ -1,4 +1,4 @@
-"""Repeated reductions of a stream, which an earlier one has prepared, give the answers of the present elements."""
+"""Repeated reductions and scans of a stream, prepared by an earlier one, give the answers of the present elements."""
 
 import threading
 
@@ -15,6 +15,16 @@ def negated(x: sh.Attrib1f) -> sh.Attrib1f:
     return -x
 
 
+@sh.program
+def add(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a + b
+
+
+@sh.program
+def subtract(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
+    return a - b
+
+
 def test_a_repeated_reduction_sees_what_the_stream_holds_now(target):
     """A reduction is prepared for the memory that the stream has at that time, and a run may replace that."""
     n = 5000
@@ -29,6 +39,13 @@ def test_a_repeated_reduction_sees_what_the_stream_holds_now(target):
             assert (stream.argmin(), stream.argmax()) == (values.argmin(), values.argmax())
             assert (stream.any(), stream.all()) == (values.any(), values.all())
             assert stream.count() == np.count_nonzero(values)
+            sums = sh.scan(add, stream)
+            assert np.array_equal(sums.numpy().ravel(), np.cumsum(values))
+            assert sums.shape == stream.shape
+            before = sh.scan(add, stream, exclusive=True)
+            assert np.array_equal(before.numpy().ravel(), np.cumsum(values) - values)
+            assert np.array_equal(sums.numpy().ravel(), np.cumsum(values)), "each scan has memory of its own"
+            assert sh.scan(subtract, stream)[...].ravel()[1] == values[0] - values[1]
 
     check_all(s, x)
     s.update(x + 7)

@@ -106,8 +106,8 @@ class GlslMemory:
     count: int
     type: Type
     dtype: np.dtype[Any]
-    pooling: Any = None
-    """The finalizer that returns the texture to the pool; None for a texture that the user made."""
+    loan: Any = None
+    """The loan by which the texture returns to the pool; None for a texture that the user made."""
     shown: Any = None
     """The texture that users get."""
 
@@ -119,7 +119,7 @@ class GlslMemory:
     @property
     def native(self) -> Any:
         """A moderngl.Texture, which is released with its last holder; only the context's thread may use it."""
-        if self.pooling is None:  # the user owns the texture
+        if self.loan is None:  # the user owns the texture
             return self.texture
         if self.shown is None:
             self.space.call(self._show)
@@ -127,7 +127,7 @@ class GlslMemory:
 
     def _show(self) -> None:
         """Take the texture out of the pool for good, since the user now holds it."""
-        if self.shown is None and self.pooling.detach():
+        if self.shown is None and self.loan.detach():
             doomed = self.space._context.doomed
             self.shown = shown_texture(self.texture, self.space.check_thread)
             weakref.finalize(self, doomed.append, self.target.framebuffer).atexit = False
@@ -224,7 +224,7 @@ class GlslSpace:
     def _take(self, width: int, height: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
         kind, target = self._store.target([type], width, height)
         memory = GlslMemory(self, target, width, count, type, dtype)
-        memory.pooling = self._store.pool.belong(memory, kind, target)
+        memory.loan = self._store.pool.lend(kind, target)
         return memory
 
     def owns(self, native: Any) -> bool:

@@ -290,6 +290,19 @@ class OpenCLTree:
         args = [*_buffers(elements), *sizes, *_buffers(elements if above is None else above), *_buffers(prefixes)]
         self._run(SCAN, parts, count, args)
 
+    def scanning(self, elements: Sequence[Any], exclusive: bool) -> Callable[[], list[OpenCLMemory]]:
+        """Prepare the prefixes of elements that are one part."""
+        count = elements[0].count
+        sizes = [np.uint64(count), np.uint64(self.each(count)), np.int32(1), np.int32(exclusive)]
+        args, kinds = [*_buffers(elements), *sizes, *_buffers(elements)], [(m.type, m.dtype) for m in elements]
+
+        def scan() -> list[OpenCLMemory]:
+            prefixes = [self.space.allocate(count, *kind) for kind in kinds]
+            self._run(SCAN, 1, count, args + _buffers(prefixes))
+            return prefixes
+
+        return scan
+
     def _run(self, name: str, parts: int, count: int, args: list[Any]) -> None:
         self.space.enqueue(self.text, name, parts, args, brief=count <= self.brief)
 

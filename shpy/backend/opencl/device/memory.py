@@ -88,8 +88,8 @@ class OpenCLMemory:
     dtype: np.dtype[Any]
     owner: OpenCLMemory | None = None
     """For a view, the memory that owns the buffer; this reference keeps it alive."""
-    pooling: Any = None
-    """The finalizer that returns the buffer to the pool; None for a buffer that the caller made."""
+    loan: Any = None
+    """The loan by which the buffer returns to the pool; None for a buffer that the caller made."""
 
     @property
     def _buffer_dtype(self) -> np.dtype[Any]:
@@ -112,8 +112,8 @@ class OpenCLMemory:
         """Keep the buffer out of the pool: it is freed with the last array that holds it."""
         if self.owner is not None:
             self.owner._give_up()
-        if self.pooling is not None:
-            self.pooling.detach()
+        if self.loan is not None:
+            self.loan.detach()
 
     @property
     def extent(self) -> tuple[Any, int, int]:
@@ -194,7 +194,7 @@ class OpenCLSpace:
             except (machine.cl.MemoryError, machine.cl.LogicError) as error:
                 raise too_large(count, type, dtype) from error
         memory = OpenCLMemory(self, buffer, count, type, dtype)
-        memory.pooling = machine.pool.belong(memory, kind, buffer)
+        memory.loan = machine.pool.lend(kind, buffer)
         return memory
 
     def owns(self, native: Any) -> bool:
