@@ -52,6 +52,13 @@ def assert_golden_chain(
     return Agreement(("golden", *chosen), _count(golden), {})
 
 
+def check_streams(chain: Chain, inputs: tuple[Any, ...]) -> None:
+    """Raise ShpyTypeError for streams by position."""
+    if inputs:
+        names = ", ".join(f"{name}=…" for name in chain.inputs)
+        raise ShpyTypeError(f"{chain} takes its streams by name", loc=here(), cure=names or "no streams")
+
+
 def _arrays(chain: Chain, backend: str, streams: dict[str, Any]) -> dict[str, Array]:
     """Return the streams that the chain writes, by name; of a struct each leaf."""
     written = chain.run(**streams, backend=backend).streams

@@ -186,7 +186,7 @@ def first_divergence(
     setting, other = settings or [Setting(program, inputs, inputs_by_name, shape, options)] * 2
     bound = Bound(ulp, atol, rtol)
     first = run(setting, names[0])
-    check_element(element, setting)
+    check_element(element, math.prod(setting.element_shape))
     for name in names[1:]:
         second = run(other, name)
         places = np.flatnonzero(parted(first, second, bound))
@@ -200,9 +200,8 @@ def first_divergence(
     return None
 
 
-def check_element(element: Any, setting: Setting) -> None:
-    """Raise ShpyIndexError for anything but the number of an element of the run, in C order, or None."""
-    count = math.prod(setting.element_shape)
+def check_element(element: Any, count: int) -> None:
+    """Raise ShpyIndexError for anything but None or the number of an element, in C order, of a run over `count`."""
     if element is not None and not (is_int(element) and 0 <= element < count):
         raise ShpyIndexError(
             f"element {element!r} of a run over {count}", loc=here(), cure=f"0 to {count - 1}, or None"

@@ -34,7 +34,7 @@ from shpy.lang.recording.text import written
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.programs import Program
 from shpy.testing import defaults
-from shpy.testing.chained import assert_golden_chain
+from shpy.testing.chained import assert_golden_chain, check_streams
 from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting
 from shpy.testing.reference import split_options, targets
@@ -74,6 +74,7 @@ def assert_golden(
     path = _folder(folder) / f"{name}.npz"
     updates = defaults.update if update is None else update
     if isinstance(program, Chain):
+        check_streams(program, inputs)
         arguments = named | ({} if shape is None else {"shape": shape})
         if backends is None and defaults.backends is not None:
             backends = [target.partition("-")[0] for target in defaults.backends]

@@ -250,5 +250,7 @@ def test_a_chain_is_held_by_its_streams(tmp_path):
     assert "of 17 numbers, first in (" in text
     assert "const 0x1p-2" in text
     assert "const 0x1p-3" in text
+    with pytest.raises(sh.ShpyTypeError, match=r"repeat\(.*\) takes its streams by name"):
+        sh.testing.assert_golden(heat(), X, name="heat", folder=tmp_path)
     with pytest.raises(sh.ShpyTypeError, match="a chain does not run on opencl-8"):
         read(heat(), backends=["opencl-8"])

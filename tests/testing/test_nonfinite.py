@@ -128,3 +128,88 @@ def test_generated_programs_have_the_same_first_event_on_numpy_and_in_the_interp
     if first is not None:
         assert (first.kind, first.element, first.loc, first.text) == (other.kind, other.element, other.loc, other.text)
         assert first.iterations == other.iterations
+
+
+@sh.program
+def sharpen(u: sh.Table[sh.Attrib1f], pass_: sh.Attrib1i) -> sh.Attrib1f:
+    i = sh.grid_index(1)
+    return sh.sqrt(u[i - 1] + u[i + 1] - u[i] + 0 * sh.Attrib1f(pass_))
+
+
+def passes(times: int) -> sh.Chain:
+    return sh.repeat(sharpen, times, index="pass_")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_run_of_a_chain_is_the_first_after_which_its_streams_have_nan(seed):
+    u = np.random.default_rng(seed).uniform(4, 8, 6).astype(np.float32)
+    first = sh.testing.first_nan(passes(40), u=u, shape=6)
+    states = [passes(times).run(u=u, shape=6).streams["u"].numpy() for times in (first.run - 1, first.run)]
+    assert not np.isnan(states[0]).any()
+    assert (first.program, first.element) == ("sharpen", (int(np.argmax(np.isnan(states[1]))),))
+    assert first.inputs == {"pass_": first.run - 1}
+    assert first.text.startswith("sqrt(")
+    assert f"sharpen on numpy, run {first.run}, element {first.element[0]}: NaN at " in str(first)
+
+
+@sh.struct
+class Body:
+    place: sh.Point2f
+    speed: sh.Attrib1f
+
+
+@sh.program
+def move(body: Body, dt: sh.Attrib1f) -> Body:
+    return Body(body.place + sh.Vector2f(dt * body.speed, 0), body.speed / (1 - body.place.x))
+
+
+@sh.program
+def halve(x: sh.Attrib1f) -> sh.Attrib1f:
+    SH_DISCARD(~(x >= 1))
+    return x / 2
+
+
+@pytest.mark.parametrize("backend", ["opencl", "glsl"])
+def test_chains_of_structs_with_conditions_run_on_every_backend(backend):
+    @sh.program
+    def near(body: Body) -> sh.Attrib1b:
+        return body.place.x < 2
+
+    bodies = {"place": [[3, 0], [0, 0], [0.5, 0]], "speed": [1, 0.25, 0.5]}
+    chain = sh.sequence(halve, sh.repeat(move, 3, where=near))
+    first = sh.testing.first_nan(chain, body=bodies, dt=1, x=[0, 8, 1], backend=backend)
+    assert (first.kind, first.program, first.run, first.element) == ("infinite", "move", 2, (2,))
+    assert first.text.startswith("div(")
+    assert first.inputs["body.speed"] == 1
+    assert sh.testing.first_nan(chain, body=bodies, dt=1, x=[0, 8, 1], backend=backend, element=0) is None
+
+
+def test_a_stream_that_has_nan_before_a_chain_and_one_that_a_kernel_copies():
+    first = sh.testing.first_nan(sh.loop(halve), x=[8, np.nan, 3])
+    assert (first.run, first.element, first.loc) == (1, (1,), None)
+    assert sh.testing.first_nan(sh.loop(halve), x=[8, 2, 3]) is None
+    read = sh.testing.first_nan(passes(2), u=[4, 5, np.nan, 5], shape=4)
+    assert (read.run, read.element) == (1, (1,))
+    assert "table u" in read.text
+
+
+def test_a_kernel_in_a_chain_is_searched_with_its_options():
+    @sh.program
+    def square(x: sh.Attrib1f) -> sh.Attrib1f:
+        return x * x
+
+    chain = sh.repeat(square.compile("numpy", precision="f16"), 4)
+    first = sh.testing.first_nan(chain, x=[1, 3])
+    assert (first.kind, first.run, first.element, first.value) == ("infinite", 4, (1,), np.inf)
+    assert first.inputs == {"x": np.float16(6561)}
+    assert sh.testing.first_nan(sh.repeat(square, 4), x=[1, 3]) is None
+    assert sh.testing.first_nan(sh.repeat(square, 4), x=[1, 3], precision="f16").run == 4
+
+
+def test_what_a_chain_does_not_have_is_an_error():
+    with pytest.raises(sh.ShpyTypeError, match="takes its streams by name"):
+        sh.testing.first_nan(sh.loop(halve), [1, 2])
+    with pytest.raises(sh.ShpyIndexError, match="element 3 of a run over 3"):
+        sh.testing.first_nan(sh.loop(halve), x=[1, 2, 3], element=3)
+    with pytest.raises(sh.ShpyTypeError, match="y is no stream of loop"):
+        sh.testing.first_nan(sh.loop(halve), y=[1, 2])
