@@ -148,13 +148,11 @@ class _OpenCLCollectives:
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
-        result: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)[0]
-        return result
+        return self._sorted(keys, descending, None, indexed=False)
 
     def order(self, keys: Any, descending: bool, below: int | None) -> OpenCLMemory:
         """Return the indices that sort scalars."""
-        indices: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)[1]
-        return indices
+        return self._sorted(keys, descending, below, indexed=True)
 
     def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
         """Count how often each number below `bins` occurs."""
@@ -165,8 +163,11 @@ class _OpenCLCollectives:
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
         return counts if chunks == 1 else self._space.view(counts, counts.type, bins)
 
-    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> tuple[Any, Any]:
-        """Sort scalars digit by digit; return them and, if `indexed`, the indices that they had."""
+    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> OpenCLMemory:
+        """Sort scalars digit by digit; return them or, if `indexed`, the indices that they had.
+
+        By the last digit the indices move alone.
+        """
         text, bits = self._ordering(keys, descending, below)
         last = 0 if below is None else below - 1  # an argument, so that each bound takes the same kernel
         chunks, chunk = self._chunks(keys.count)
@@ -174,7 +175,9 @@ class _OpenCLCollectives:
         counts = self._allocate(chunks << digit, Base.U)
         source, indices = keys, None
         for shift in range(0, bits, digit):
-            moved, moved_indices = self._like(keys), self._allocate(keys.count, Base.I) if indexed else None
+            alone = indexed and shift + digit >= bits
+            moved = None if alone else self._like(keys)
+            moved_indices = self._allocate(keys.count, Base.I) if indexed else None
             sizes = (keys.count, chunk, shift, 1 << digit, last, counts)
             self._run(text, "count_digits", chunks, source, *sizes)
             self._run(text, "sum_before", 1, counts, counts.count)
@@ -184,7 +187,8 @@ class _OpenCLCollectives:
             else:
                 self._run(text, "move_words", chunks, *args)
             source, indices = moved, moved_indices
-        return source, indices
+        result: OpenCLMemory = indices if indexed else source
+        return result
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
         """Return the kernel text that sorts keys of this type, and the bits of a key."""

@@ -44,7 +44,8 @@ __kernel void move_words(__global const WORD *given, uint n, uint chunk, uint sh
     }
 }
 
-// The same with the index that each word had at first: without `indices`, that is where it stands.
+// The same with the index that each word had at first: without `indices`, that is where it stands. The words themselves
+// move if another digit follows, that is with `moved`.
 __kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
                          __global const uint *counts, __global WORD *moved, __global const uint *indices,
                          __global uint *moved_indices) {
@@ -55,7 +56,8 @@ __kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint sh
     for (uint i = first; i < end; ++i) {
         WORD x = given[i];
         uint to = at[(key(x, last) >> shift) & (radix - 1)]++;
-        moved[to] = x;
+        if (moved)
+            moved[to] = x;
         moved_indices[to] = indices ? indices[i] : i;
     }
 }
