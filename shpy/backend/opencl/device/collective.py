@@ -148,11 +148,13 @@ class _OpenCLCollectives:
 
     def sort(self, keys: Any, descending: bool) -> OpenCLMemory:
         """Sort scalars."""
-        return self._sorted(keys, descending, None, indexed=False)
+        words: OpenCLMemory = self._sorted(keys, descending, None, indexed=False)
+        return words
 
     def order(self, keys: Any, descending: bool, below: int | None) -> OpenCLMemory:
         """Return the indices that sort scalars."""
-        return self._sorted(keys, descending, below, indexed=True)
+        indices: OpenCLMemory = self._sorted(keys, descending, below, indexed=True)
+        return indices
 
     def tally(self, numbers: Any, bins: int) -> OpenCLMemory:
         """Count how often each number below `bins` occurs."""
@@ -163,7 +165,7 @@ class _OpenCLCollectives:
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
         return counts if chunks == 1 else self._space.view(counts, counts.type, bins)
 
-    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> OpenCLMemory:
+    def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> Any:
         """Sort scalars digit by digit; return them or, if `indexed`, the indices that they had.
 
         By the last digit the indices move alone.
@@ -187,8 +189,7 @@ class _OpenCLCollectives:
             else:
                 self._run(text, "move_words", chunks, *args)
             source, indices = moved, moved_indices
-        result: OpenCLMemory = indices if indexed else source
-        return result
+        return indices if indexed else source
 
     def _ordering(self, keys: Any, descending: bool, below: int | None) -> tuple[str, int]:
         """Return the kernel text that sorts keys of this type, and the bits of a key."""
