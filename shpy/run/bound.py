@@ -18,14 +18,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from shpy.backend.base import Array, Call, Executable
+from shpy.backend.base import Array, Call, Executable, Memory
 from shpy.ir.types import Base
-from shpy.lang.data.tables import Table
-from shpy.lang.programs.record import RecordedProgram
-from shpy.lang.values.structure import Leaf, build_arrays, leaves
+from shpy.lang.data.tables import Table, TableType
+from shpy.lang.data.textures import TextureType
+from shpy.lang.programs.record import InputType, RecordedProgram
+from shpy.lang.values.structure import Leaf, build_arrays, layout_of, leaves
 from shpy.run.on_device import check_places, has_elements_of, prepare
 from shpy.streams.elements import Shape
-from shpy.streams.stream import Place, Stream
+from shpy.streams.stream import Place, Stream, StreamSource
 
 KEPT: Final = 64
 """The most bound calls that a kernel keeps."""
@@ -39,8 +40,8 @@ Ran = tuple[Any, Shape, Any, Place | None]
 def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
     """Return the key of a bound call, with an entry for each input; None if an input has no entry.
 
-    The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream of one leaf its shape, type
-    and place. Other inputs have no entry.
+    The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream, and of a Table of scalars or
+    vectors in a stream, its shape, type and place. Other inputs have no entry.
     """
     entries: list[Any] = []
     for value in inputs:
@@ -48,8 +49,11 @@ def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
             entries.append((value.shape, value.dtype))
         elif type(value) is float and -_LARGEST < value < _LARGEST:
             entries.append(float)
-        elif type(value) is Stream and len(value._memories) == 1:
+        elif type(value) is Stream:
             entries.append((value._shape, value._type, value.place))
+        elif type(value) is Table and type(value.source) is StreamSource and not value._parts:
+            stream = value.source.stream
+            entries.append((value.leaf, stream._shape, stream._type, stream.place))
         else:
             return None
     return tuple(entries)
@@ -113,17 +117,27 @@ class BoundArrays(Bound):
 
 @dataclass(frozen=True, slots=True)
 class BoundStreams(Bound):
-    """A call over streams of one leaf each, at a place."""
+    """A call over streams at a place; `tables` has the name of each input that is read by index, and None for others.
+
+    Microseconds of CPU for 64 elements of a struct of two leaves beside a Table on OpenCL: 87 for 147.
+    """
 
     place: Place
+    tables: tuple[str | None, ...]
 
     def run(self, inputs: Sequence[Any], params: dict[str, Array], tables: Mapping[str, Table], out: Any) -> Ran:
         """Run over streams of the signature; `out` is checked."""
         recorded, executable, place = self.recorded, self.executable, self.place
         if out is not None:
             check_places([out], place, recorded.module.name)
-        memories = [stream._memories[0] for stream in inputs]
-        return prepare(recorded, executable, memories, tables, params, place, self.shape, out).run(executable)
+        memories: list[Memory] = []
+        by_name = dict(tables)
+        for value, name in zip(inputs, self.tables, strict=True):
+            if name is None:
+                memories += value._memories
+            else:
+                by_name[name] = value if type(value) is Table else Table(value, name=name)
+        return prepare(recorded, executable, memories, by_name, params, place, self.shape, out).run(executable)
 
 
 def bound_of(
@@ -136,19 +150,21 @@ def bound_of(
 ) -> Bound | None:
     """Return the bound call for `inputs`, over which a call has just succeeded, at the place of streams or over arrays.
 
-    Returns None if each such call needs its checks: an input has several leaves, is left at its default, is a Table, is
-    converted or broadcast, or is an array beside streams.
+    Returns None if each such call needs its checks: an input is left at its default, is a texture or a Table of structs,
+    is converted or broadcast, or is an array beside streams; an array is a Table or has several leaves.
     """
-    types = list(recorded.inputs.values())
-    if not inputs or len(inputs) != len(types) or not all(isinstance(type_, Leaf) for type_ in types):
+    types = recorded.inputs
+    if not inputs or len(inputs) != len(types):
         return None
     if place is not None:
-        streams = all(isinstance(value, Stream) and has_elements_of(value.shape, common) for value in inputs)
-        return BoundStreams(recorded, executable, common, place) if streams else None
-    if not common or 0 in common:
+        tables = tuple(name if isinstance(type_, TableType | TextureType) else None for name, type_ in types.items())
+        entries = zip(inputs, types.values(), strict=True)
+        repeats = all(_repeats(value, type_, common) for value, type_ in entries)
+        return BoundStreams(recorded, executable, common, place, tables) if repeats else None
+    if not common or 0 in common or not all(isinstance(type_, Leaf) for type_ in types.values()):
         return None
     flat = []
-    for array, type_ in zip(inputs, types, strict=True):
+    for array, type_ in zip(inputs, types.values(), strict=True):
         assert isinstance(type_, Leaf)
         cls = type_.cls
         tail = (cls.size,) if cls.size > 1 else ()
@@ -169,3 +185,10 @@ def bound_of(
         outputs.append(((*common, *tail), (math.prod(common), *tail), np.dtype(dtypes[cls.base])))
     flat_inputs = all(getattr(array, "shape", None) == shape for array, (shape, _) in zip(inputs, flat, strict=True))
     return BoundArrays(recorded, executable, common, tuple(flat), flat_inputs, tuple(outputs), len(common) == 1, dtypes)
+
+
+def _repeats(value: Any, type_: InputType, common: Shape) -> bool:
+    """Return whether a call over streams can take such a value as it is: elements, or a Table of scalars or vectors."""
+    if isinstance(type_, TableType):
+        return isinstance(value, Table | Stream) and isinstance(layout_of(type_.cls, ""), Leaf)
+    return isinstance(value, Stream) and not isinstance(type_, TextureType) and has_elements_of(value.shape, common)

@@ -152,3 +152,42 @@ def test_streams_of_other_types_and_places_are_checked(name):
         kernel(x, sh.Stream(whole, sh.Attrib1i, "numpy", precision="f64"))
     with pytest.raises(sh.ShpyTypeError, match="do not broadcast"):
         kernel(x, x[:7])
+
+
+@sh.struct
+class Body:
+    at: sh.Attrib2f
+    mass: sh.Attrib1i
+
+
+@sh.program
+def moved(body: Body, by: sh.Table[sh.Attrib2f], base: sh.Table[sh.Attrib1i, 2]) -> Body:
+    return Body(body.at + by[body.mass], body.mass + base[0, 1])
+
+
+@every
+def test_structs_and_tables_in_streams_are_checked_once(name, checks):
+    kernel, rng = moved.compile(name), np.random.default_rng(5)
+    at, by = (rng.integers(-99, 99, (n, 2)).astype(np.float32) for n in (40, 7))
+    mass = rng.integers(0, 7, 40).astype(np.int32)
+    bodies = sh.Stream({"at": at, "mass": mass}, Body, name)
+    steps, rows = sh.Stream(by, sh.Attrib2f, name), sh.Stream(np.int32([[5, 3], [0, 0]]), sh.Attrib1i, name)
+    for table in (steps, sh.Table(steps), sh.Table(steps)):
+        result = kernel(bodies, table, sh.Table(rows)).numpy()
+        assert np.array_equal(result.at, at + by[mass])
+        assert np.array_equal(result.mass, mass + 3)
+    assert len(checks) == 2, "a stream that is read by index has a signature of its own"
+    steps.update(2 * by)
+    rows.update(np.int32([[5, 1], [0, 0]]))
+    kernel.run(bodies, sh.Table(steps), sh.Table(rows), out=bodies)
+    assert np.array_equal(bodies.numpy().at, at + 2 * by[mass])
+    assert np.array_equal(bodies.numpy().mass, mass + 1)
+    assert len(checks) == 2
+    with pytest.raises(sh.ShpyTypeError, match="out is memory that the Table"):
+        kernel.run(bodies, sh.Table(bodies["at"]), sh.Table(rows), out=bodies)
+    for table in (sh.Table(rows), sh.Table(by, sh.Attrib2f)):  # of another rank and type; on the host
+        with pytest.raises(sh.ShpyTypeError):
+            kernel(bodies, table, sh.Table(steps))
+    assert np.array_equal(kernel(bodies, sh.Table(by, sh.Attrib2f), sh.Table(rows)).numpy().mass, mass + 2)
+    few = kernel(bodies, sh.Table(sh.Stream(by[:2], sh.Attrib2f, name)), sh.Table(rows)).numpy()
+    assert np.array_equal(few.at, at + 2 * by[mass] + by[np.minimum(mass + 1, 1)])
