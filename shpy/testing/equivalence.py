@@ -164,14 +164,22 @@ class Comparison:
             yield f"the first statement at which they part:\n{divergence}"
 
     def values(self, element: int) -> Iterator[str]:
-        """Return each target's outputs, and how far they are from the first's."""
+        """Yield each target's values of the outputs that differ, and how far they are from the first's."""
         truth = run(self.setting, INTERPRETER, only={element}) if INTERPRETER not in self.names else None
         for leaf, name in enumerate(self.setting.program.outputs):
+            if not any(self.differs(one, leaf, element) for one in self.runs):
+                continue
             yield f"  output {name}:"
             for one in [*self.runs, *([truth] if truth else [])]:
                 value = one.outputs[leaf][element]
                 text = _exact(value) if one.written[element] else "not written"
                 yield f"    {one.target:<12} {text}{self.distance(one, leaf, element)}"
+
+    def differs(self, one: Run, leaf: int, element: int) -> bool:
+        """Return whether a run's output differs from the first run's in an element, or one of both did not write it."""
+        first = self.runs[0]
+        ends_alike = one.written[element] == first.written[element]
+        return not ends_alike or self.bound.parts(first.outputs[leaf][element], one.outputs[leaf][element])
 
     def distance(self, one: Run, leaf: int, element: int) -> str:
         """Return how far a float is from the first run's, as the end of a line."""

@@ -7,6 +7,9 @@ Stage: test. Takes a `Setting` and the reference that `assert_equivalent` is cal
 
 from __future__ import annotations
 
+import contextlib
+import reprlib
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -28,10 +31,11 @@ def reference_run(setting: Setting, reference: Any, run: Run) -> Run:
     """Return the run that the reference expects, with the types and sizes of `run`.
 
     A function is called once, with the inputs by position: arrays that broadcast, floats rounded to the working
-    precision and then held in binary64. Masked elements (`numpy.ma`) are expected to be discarded. Raises ShpyTypeError
-    for a reference that has another shape than the outputs, or fractions for an output of integers.
+    precision and then held in binary64. One of mpmath is called for each element. Masked elements (`numpy.ma`) are
+    expected to be discarded. Raises ShpyTypeError for a function that raises TypeError or ValueError, for a reference
+    that has another shape than the outputs, or is no numbers, or has fractions for an output of integers.
     """
-    values = reference(*setting.arrays()) if callable(reference) else reference
+    values = _computed(reference, setting.arrays()) if callable(reference) else reference
     parts = flatten(setting.program.recorded.output, values, "the reference")
     written = np.ones(run.written.size, np.bool_)
     for part in parts:
@@ -46,11 +50,29 @@ def reference_run(setting: Setting, reference: Any, run: Run) -> Run:
     return replace(run, target=REFERENCE, outputs=outputs, written=written, notes=())
 
 
+def _computed(function: Callable[..., Any], arrays: list[Any]) -> Any:
+    if (getattr(function, "__module__", None) or "").startswith("mpmath."):
+        return np.vectorize(function, otypes=[object])(*arrays)
+    try:
+        return function(*arrays)
+    except (TypeError, ValueError) as error:
+        name = getattr(function, "__name__", repr(function))
+        raise ShpyTypeError(
+            f"the reference {name} raises {type(error).__name__}: it is called once, with arrays",
+            loc=here(),
+            cure=f"np.vectorize({name}), where it takes one number at a time",
+        ) from error
+
+
 def _leaf(part: Any, one: Array, shape: tuple[int, ...], name: str) -> Array:
     """Return the reference of one leaf as (n, size) numbers of the type of `one`."""
     numbers = np.ma.getdata(part) if isinstance(part, np.ma.MaskedArray) else np.asarray(part)
     if numbers.dtype == object:  # numbers of mpmath
-        numbers = numbers.astype(np.float64)
+        with contextlib.suppress(TypeError, ValueError):
+            numbers = numbers.astype(np.float64)
+    if numbers.dtype.kind not in "fiub":
+        spoken = reprlib.repr(numbers.ravel().tolist()[0])
+        raise ShpyTypeError(f"the reference of output {name} has {spoken}, no number", loc=here(), cure=_CURE)
     size = one.shape[1]
     try:
         whole = _broadcast(numbers, (*shape, size) if size > 1 else shape, len(one))

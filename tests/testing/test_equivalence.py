@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import random
 import subprocess
 import sys
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, find, given, seed, settings
@@ -230,6 +232,60 @@ def test_params_tables_grids_and_names():
 def test_a_name_that_is_neither_input_nor_option():
     with pytest.raises(sh.ShpyTypeError, match="speed is no input of rounded, and no option of compile"):
         sh.testing.assert_equivalent(rounded_program(), X, [1, 2], speed=2)
+
+
+@sh.program
+def growths(x: sh.Attrib1f, y: sh.Attrib1f) -> tuple[sh.Attrib1f, sh.Attrib1f]:
+    SH_DISCARD(x > 3)
+    return sh.expm1(x), sh.hypot(x, y)
+
+
+def agrees(reference, program=growths, inputs=(X, 2), **bound):
+    return sh.testing.assert_equivalent(program, *inputs, reference=reference, backends=["numpy"], **bound)
+
+
+def test_a_reference_is_a_function_of_numpy_or_mpmath_or_an_array():
+    written = np.ma.masked_where(X > 3, np.float64(X))
+    agreement = agrees(lambda x, y: (np.expm1(written), np.hypot(x, y)))
+    assert str(agreement) == f"reference, numpy agree on {X.size} elements"
+    agrees((np.ma.masked_where(X > 3, np.expm1(np.float64(X))), np.hypot(np.float64(X), 2)))
+
+    @sh.program
+    def error(x: sh.Attrib2f) -> sh.Attrib2f:
+        return sh.erf(x)
+
+    pairs = X[:16].reshape(8, 2)
+    agrees(mpmath.erf, error, (pairs,))
+    agrees(np.vectorize(math.erf), error, (pairs,))
+
+
+def test_a_failure_shows_the_outputs_that_differ_from_the_reference():
+    with pytest.raises(AssertionError) as failure:
+        agrees(lambda x, y: (np.expm1(np.ma.masked_where(x > 3, x)), np.hypot(x, y + 1e-6)))
+    said = str(failure.value)
+    assert "  output 1:\n    reference    " in said
+    assert "1 ULP from reference" in said
+    assert "output 0" not in said
+    agrees(lambda x, y: (np.expm1(np.ma.masked_where(x > 3, x)), np.hypot(x, y + 1e-6)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("reference", "problem", "cure"),
+    [
+        (math.hypot, "the reference hypot raises TypeError: it is called once, with arrays", "np.vectorize(hypot)"),
+        ((X, "hypot"), "the reference of output 1 has 'hypot', no number", "an array or a function of the inputs"),
+        (
+            (X, X[:3]),
+            r"the reference of output 1 has the shape \(3,\), and the output \(17,\)",
+            "with a part for each output",
+        ),
+    ],
+)
+def test_a_reference_of_other_values_is_refused(reference, problem, cure):
+    with pytest.raises(sh.ShpyTypeError, match=problem) as caught:
+        agrees(reference)
+    assert cure in caught.value.cure
+    assert caught.value.loc.file == __file__
 
 
 @pytest.mark.parametrize("bound", [{"ulp": -1}, {"ulp": "2"}, {"atol": np.nan}, {"rtol": -1e-6}])
