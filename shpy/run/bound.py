@@ -40,8 +40,8 @@ Ran = tuple[Any, Shape, Any, Place | None]
 def signature(inputs: Sequence[Any]) -> tuple[Any, ...] | None:
     """Return the key of a bound call, with an entry for each input; None if an input has no entry.
 
-    The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream, and of a Table of scalars or
-    vectors in a stream, its shape, type and place. Other inputs have no entry.
+    The entry of a contiguous array is its shape and dtype; of a number `float`; of a stream, and of a Table of scalars
+    or vectors in a stream, its shape, type and place. Other inputs have no entry.
     """
     entries: list[Any] = []
     for value in inputs:
@@ -150,8 +150,8 @@ def bound_of(
 ) -> Bound | None:
     """Return the bound call for `inputs`, over which a call has just succeeded, at the place of streams or over arrays.
 
-    Returns None if each such call needs its checks: an input is left at its default, is a texture or a Table of structs,
-    is converted or broadcast, or is an array beside streams; an array is a Table or has several leaves.
+    Returns None if each such call needs its checks: an input is left at its default, is a texture or a Table of
+    structs, is converted or broadcast, or is an array beside streams; an array is a Table or has several leaves.
     """
     types = recorded.inputs
     if not inputs or len(inputs) != len(types):
