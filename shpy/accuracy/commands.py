@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from shpy.accuracy.measuring import measure
+from shpy.accuracy.rounding_lines import roundings
 from shpy.accuracy.tradeoffs import tradeoff
 from shpy.choices import Choice, combinations
 from shpy.command import MOST, progress_lines, whole
@@ -41,6 +42,9 @@ def add_commands(commands: Any) -> None:
     accuracy = commands.add_parser("accuracy", help="measure the errors of a program on every backend")
     _add_shared(accuracy, 2000)
     accuracy.add_argument("--precision", default="f32", help="f32,f64,f16 (default: f32)")
+    accuracy.add_argument(
+        "--lines", nargs="?", const="", metavar="OUTPUT", help="also name the lines that lose the digits of one output"
+    )
     accuracy.set_defaults(run=lambda options: _guarded(_accuracy, options))
     trade = commands.add_parser(
         "tradeoff", help="measure time and error of every variant, and choose the fastest within an error"
@@ -89,10 +93,14 @@ def _guarded(command: Any, options: argparse.Namespace) -> int:
 
 
 def _accuracy(options: argparse.Namespace) -> int:
-    program = load(options.program)
-    report = measure(next(combinations(program))[1], **_shared(options, program))
+    program = next(combinations(load(options.program)))[1]
+    shared = _shared(options, program)
+    report = measure(program, **shared)
     print(report.table())
     _write(report, options.output)
+    if options.lines is not None:
+        drawn = {name: shared[name] for name in ("domain", "samples", "seed")}
+        print(roundings(program, output=options.lines or None, **drawn))
     return 0
 
 

@@ -32,7 +32,8 @@ def pointer(math: str | None, precision: str, errors: float, output: str) -> str
     """Return a line that points to `roundings`, None where these are not of a large error in strict mode at f32."""
     if math != "strict" or precision != "f32" or errors <= LARGE:
         return None
-    return f"more than {LARGE:g} ULP: sh.accuracy.roundings(program, domain{output}) names the lines"
+    call = f"sh.accuracy.roundings(program, domain{output})"
+    return f"more than {LARGE:g} ULP: {call}, or shpy accuracy --lines, names the lines"
 
 
 @dataclass(frozen=True)

@@ -108,9 +108,13 @@ class Tradeoff:
 
     def table(self) -> str:
         """Return the candidates as text, with a legend of its marks, columns and short names."""
+        return "\n  ".join([self._comparison.table(), *self._pointers()])
+
+    def _pointers(self) -> set[str]:
+        """Return the line that points to `roundings`, if there is one."""
         errors = ((c, c.error) for c in self.candidates if self.budget.unit == "ulp" and _has_lines(c.program))
-        pointers = {pointer(c.variant.math, c.variant.precision, error, "") for c, error in errors} - {None}
-        return "\n  ".join([self._comparison.table(), *map(str, pointers)])
+        lines = (pointer(c.variant.math, c.variant.precision, error, "") for c, error in errors)
+        return {line for line in lines if line is not None}
 
     def __str__(self) -> str:
         return self.table()
@@ -143,6 +147,7 @@ class Tradeoff:
         """
         figure = new_figure(10, 6)
         draw_comparison(self._comparison, figure)
+        figure.supxlabel("".join(self._pointers()), fontsize=8, x=0, ha="left")
         save_figure(figure, Path(path), self.json())
 
     @cached_property

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import shpy as sh
-from shpy import SH_FOR, SH_IF, SH_WHILE
+from shpy import SH_FOR, SH_IF, SH_WHILE, cli
 from shpy.accuracy.reference import evaluate
 from shpy.accuracy.stable_forms import stable_forms
 from shpy.passes.pipeline import optimise
@@ -237,10 +238,20 @@ def test_forms_of_large_programs() -> None:
     assert texts == ["x / (sh.sqrt(gain + x) + sh.sqrt(gain))", "sh.log1p(total * 1e-09)"]
 
 
-def test_large_errors_point_here() -> None:
+COMMANDED = """
+import shpy as sh
+
+@sh.program
+def f(x: sh.Attrib1f):
+    upper = sh.sqrt(x + 1)
+    return {"y": upper - sh.sqrt(x), "z": upper}
+"""
+
+
+def test_large_errors_point_here(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = PROGRAMS["cosine"][1]
     few: dict[str, Any] = {"backends": ["numpy"], "samples": 100}
-    line = "more than 16 ULP: sh.accuracy.roundings(program, domain) names the lines"
+    line = "more than 16 ULP: sh.accuracy.roundings(program, domain), or shpy accuracy --lines, names the lines"
     assert line in str(sh.accuracy.measure(cosine, domain, math="strict", **few))
     assert line not in str(sh.accuracy.measure(cosine, domain, math="fast", **few))
     assert line not in str(sh.accuracy.measure(cosine, {"x": (0.5, 1)}, math="strict", **few))
@@ -248,6 +259,31 @@ def test_large_errors_point_here() -> None:
         cosine, domain, sh.accuracy.ulp(4), rounds=1, elements=9, math="strict", precision=["f32", "f64"], **few
     )
     assert str(comparison).count(line) == 1
+    figure = Figure()
+    monkeypatch.setattr("shpy.accuracy.tradeoffs.new_figure", lambda *size: figure)
+    monkeypatch.setattr("shpy.accuracy.tradeoffs.save_figure", lambda *content: None)
+    comparison.plot("t.png")
+    assert figure.get_supxlabel() == line
+
+
+def test_the_command_names_the_lines_of_an_output(tmp_path, capsys) -> None:
+    (tmp_path / "p.py").write_text(COMMANDED)
+    command = [
+        "accuracy",
+        f"{tmp_path / 'p.py'}:f",
+        "--domain",
+        "x=1e3:1e6:log",
+        "--samples",
+        "50",
+        "--backends",
+        "numpy",
+    ]
+    assert cli.main([*command, "--math", "strict", "--lines", "y"]) == 0
+    said = capsys.readouterr().out
+    assert "f: roundings at f32 may change the result by " in said
+    assert "write 1 / (upper + sh.sqrt(x)) for upper - sh.sqrt(x)" in said
+    assert cli.main([*command, "--math", "fast", "--lines"]) == 2
+    assert "write instead: output='y' or output='z'" in capsys.readouterr().err
 
 
 def test_what_is_refused() -> None:
