@@ -12,8 +12,8 @@ all backends give the same bits.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from typing import Any, Literal
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from shpy.collectives import scatter
 from shpy.collectives.programs import annotated, sums
 from shpy.errors import ShpyTypeError
-from shpy.gradients.sums import summed_leaves
+from shpy.gradients.sums import SummedLeaves, summed_leaves
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import dtypes_at
 from shpy.lang.data.tables import Table, TableType
@@ -40,7 +40,7 @@ from shpy.streams.stream import Stream, streams_in
 
 def value_and_gradient(
     program: Program, wrt: Any, *, mode: Literal["forward", "reverse"] = "reverse", most: int | None = None
-) -> Callable[..., Any]:
+) -> ValueAndGradient:
     """Return the function that runs a program and returns the sum of its output over all elements, and its gradient.
 
     The output is one float. `wrt` is a Param, a Table or a Texture, or its name, or a tuple of them for a tuple of
@@ -51,8 +51,10 @@ def value_and_gradient(
     and `where=` as `Program.compile` and `Kernel.run` do. Elements that are discarded do not count. A read of a Table
     out of range counts for the nearest element, which it reads. Divide by the number of elements for a mean.
 
+    Of the reads of a Table in loops a run of the kernel gives 16, so many reads take several runs.
+
     Raises ShpyTypeError for a program with other outputs, and for other inputs; RecordError where the output does not
-    depend on one of `wrt`, and where a loop reads a Table of them.
+    depend on one of `wrt`, and for a loop without a bound.
     """
     check_program(program)
     several = isinstance(wrt, tuple | list)
@@ -61,10 +63,27 @@ def value_and_gradient(
     tables = _checked(program, [w for w, is_table in zip(entries, are_tables, strict=True) if is_table], mode)
     params = [w for w, is_table in zip(entries, are_tables, strict=True) if not is_table]
     summed = summed_leaves(program.recorded, params, tables, mode, most)
-    flat = Program(summed.recorded)
+    return ValueAndGradient(program, Program(summed.recorded), summed, tables, are_tables, several)
+
+
+@dataclass(frozen=True)
+class ValueAndGradient:
+    """The function that `value_and_gradient` returns; it can be pickled.
+
+    `flat` is the program of `summed`. `tables` are those of `wrt`, and `are_tables` has for each of `wrt` whether it is
+    one.
+    """
+
+    program: Program
+    flat: Program
+    summed: SummedLeaves
+    tables: Sequence[str | Table]
+    are_tables: Sequence[bool]
+    several: bool
 
     @in_ieee_arithmetic
-    def run(
+    def __call__(
+        self,
         *args: Any,
         backend: str | None = None,
         device: int | None = None,
@@ -73,20 +92,26 @@ def value_and_gradient(
         where: Any = None,
         **inputs: Any,
     ) -> Any:
+        """Return the sum and its gradient."""
+        summed, flat = self.summed, self.flat
         stream = next(streams_in(chain(args, inputs.values(), flat.recorded.tables.values())), None)
         if stream is not None:
             backend, device, precision = stream.place
         kernel = flat.compile(backend, device=device or None, precision=precision)
-        outputs = kernel.run(*args, shape=shape, where=where, **inputs).outputs
-        parts = iter([_stream(x, cls, precision) for x, cls in zip(outputs, flat.outputs.values(), strict=True)])
-        value, *by_params = build_arrays(summed.layout, (next(parts).sum() for _ in leaves(summed.layout, "")))
-        values = bind(flat.recorded, args, inputs)
-        data = [w if isinstance(w, Table) else table_of(w, flat.inputs[w], values[w]) for w in tables]
-        by_tables = _table_gradients(data, summed.reads, parts, precision)
-        gradients = tuple((by_tables if is_table else by_params).pop(0) for is_table in are_tables)
-        return value, gradients if several else gradients[0]
-
-    return run
+        values = bind(self.program.recorded, args, inputs)
+        data = [w if isinstance(w, Table) else table_of(w, flat.inputs[w], values[w]) for w in self.tables]
+        by_tables = [_zeros(table, precision) for table in data]
+        totals: list[Any] = []
+        for more, counted in summed.runs():
+            outputs = kernel.run(**values, **more, shape=shape, where=where).outputs
+            parts = iter([_stream(x, cls, precision) for x, cls in zip(outputs, flat.outputs.values(), strict=True)])
+            results = [next(parts) for _ in leaves(summed.layout, "")]
+            totals = totals or [x.sum() for x in results]
+            _add_reads(by_tables, summed.leaves, parts, counted)
+        value, *by_params = build_arrays(summed.layout, iter(totals))
+        of_tables = [build_arrays(layout_of(t.type, ""), iter(g)) for t, g in zip(data, by_tables, strict=True)]
+        gradients = tuple((of_tables if is_table else by_params).pop(0) for is_table in self.are_tables)
+        return value, gradients if self.several else gradients[0]
 
 
 def _entry(program: Program, w: Any) -> Any:
@@ -133,27 +158,29 @@ def _stream(x: Any, cls: Any, precision: Precision) -> Stream:
     return x if isinstance(x, Stream) else Stream(x, cls, "numpy", precision=precision)
 
 
-def _table_gradients(
-    tables: Sequence[Table], reads: Sequence[tuple[int, int]], parts: Iterator[Stream], precision: Precision
-) -> list[Any]:
-    """Return the gradient by each table; `parts` are the place and the derivative of each read, of a table's leaf.
-
-    The derivatives of a read are added in the order of the elements of the run, and these sums in the order of reads.
-    """
-    gradients: list[list[NDArray[Any]]] = [
-        [
-            np.zeros((*table.shape, *([cls.size] if cls.size > 1 else [])), dtypes_at(precision)[cls.type.base])
-            for _, _, cls in leaves(layout_of(table.type, ""), "")
-        ]
-        for table in tables
+def _zeros(table: Table, precision: Precision) -> list[NDArray[Any]]:
+    """Return a zero for each number of a table, leaf by leaf."""
+    return [
+        np.zeros((*table.shape, *([cls.size] if cls.size > 1 else [])), dtypes_at(precision)[cls.type.base])
+        for _, _, cls in leaves(layout_of(table.type, ""), "")
     ]
-    for table, leaf in reads:
+
+
+def _add_reads(
+    totals: Sequence[list[NDArray[Any]]], moved: Sequence[tuple[int, int]], parts: Iterator[Stream], counted: int
+) -> None:
+    """Add the derivatives of a run's reads to those by tables, without the reads before the one numbered `counted`.
+
+    `moved` are the numbers of the table and the leaf of each read, and `parts` are its place and its derivative. The
+    derivatives of a read are added in the order of the elements of the run, and these sums in the order of reads.
+    """
+    for k, (table, leaf) in enumerate(moved):
         place, derivative = next(parts), next(parts)
-        add = sums(derivative.type.size, derivative.type.base, "pairwise").combine
-        total = gradients[table][leaf]
-        added = scatter(derivative, _before()(place), math.prod(tables[table].shape), combine=add)
-        total += added.numpy().reshape(total.shape)
-    return [build_arrays(layout_of(t.type, ""), iter(g)) for t, g in zip(tables, gradients, strict=True)]
+        if k >= counted:
+            total = totals[table][leaf]
+            add = sums(derivative.type.size, derivative.type.base, "pairwise").combine
+            count = total.size // derivative.type.size
+            total += scatter(derivative, _before()(place), count, combine=add).numpy().reshape(total.shape)
 
 
 @cache

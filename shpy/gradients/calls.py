@@ -16,6 +16,7 @@ from shpy.lang.programs.outline import Outline
 from shpy.lang.recording.location import here
 from shpy.passes.dead import remove_dead
 from shpy.passes.derivatives.forward import ForwardFunctions
+from shpy.passes.derivatives.loop_state import LoopLimits
 from shpy.passes.derivatives.reverse import Reverse, ReverseFunctions
 from shpy.passes.derivatives.structured import prepared
 from shpy.passes.pipeline import optimise
@@ -39,21 +40,23 @@ def reverse_call(
     *,
     rounding: bool = False,
     tables: Collection[str] = (),
+    first: int | None = None,
 ) -> tuple[list[int], Reverse]:
     """Call the reverse function for a cotangent of 1.
 
     Return the outputs `kept`, by position, the bars of the derived inputs, with `rounding` the errors of lines, and a
-    place and a bar for each read of the `tables`; and the function. Without `what`, the result need not depend on the
-    inputs.
+    place and a bar for each read of the `tables`; and the function. `first` is the number of the first read in loops
+    that it gives. Without `what`, the result need not depend on the inputs.
     """
     recording = outline.frame.recording
+    limits = LoopLimits(most, forward=not (rounding or tables))
     if any(isinstance(p, Variable) for p in outline.function.inputs):
         raise RecordError(
             f"reverse mode: {outline.spoken} stores into a value from outside of it, or reads an array from there",
             loc=here(),
-            cure='values of its own; or mode="forward"',
+            cure=limits.cure("values of its own"),
         )
-    module = prepared(_module_of(outline, what), defined=rounding)
+    module = prepared(_module_of(outline, what), tables, defined=rounding)
     originals = {g.name: g for g in outline.reached}
     names = {
         g.name: g.name if originals.get(g.name) == g else recording.function_name(g.name) for g in module.functions[:-1]
@@ -61,13 +64,14 @@ def reverse_call(
     functions = [replace(_with_callees(g, names), name=names.get(g.name, g.name)) for g in module.functions]
     *callees, entry = functions
     world = ReverseFunctions(
-        {g.name: g for g in callees}.__getitem__, recording.function_name, most, rounding, frozenset(tables)
+        {g.name: g for g in callees}.__getitem__, recording.function_name, limits, rounding, frozenset(tables)
     )
     moving = moving_inputs(outline, entry)
     reverse = world.reversed(entry, moving, kept, unit=True)
     others = [g for g in callees if g.name in originals]
     new = [g for g in callees if g.name not in originals]
-    results = iter(call_derived(outline, others, [*new, *world.callees], reverse.function, (), "reverse"))
+    more = () if first is None or len(reverse.function.inputs) == len(outline.arguments) else (first,)
+    results = iter(call_derived(outline, others, [*new, *world.callees], reverse.function, more, "reverse"))
     handles = [next(results) for _ in kept]
     active = world.activities.in_function(entry, moving).inputs
     for v, moves in zip((v for m in outline.moved for v in m.inputs), active, strict=False):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -29,8 +29,10 @@ from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values import arithmetic
 from shpy.lang.values.matrix import MATRICES
 from shpy.lang.values.structure import Leaf, build_values, flatten, layout_from, leaves
+from shpy.lang.values.value import Value
 from shpy.passes.derivatives.forward import ForwardFunctions, Seed
 from shpy.passes.derivatives.linear import TangentBuilder
+from shpy.passes.derivatives.table_reads import Reads
 from shpy.run.kernel import Kernel
 
 _OF_PLACES = {"Point": "Normal", "Vector": "Normal", "Normal": "Vector"}
@@ -72,9 +74,9 @@ def gradient(
         what = "sh.gradient"
         outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
         check_scalar(what, outline)
-        first, gradients, _ = gradient_values(outline, what, mode, most, value=value)
-        result = tuple(gradients) if isinstance(wrt, tuple | list) else gradients[0]
-        return (first[0], result) if value else result
+        derivatives = gradient_values(outline, what, mode, most, value=value)
+        result = tuple(derivatives.gradients) if isinstance(wrt, tuple | list) else derivatives.gradients[0]
+        return (derivatives.results[0], result) if value else result
 
     derived.__name__ = derived.__qualname__ = derived_name(called(f), "gradient")
     return derived
@@ -221,6 +223,19 @@ def _result_type(outline: Outline) -> Type:
 # The derived function
 
 
+@dataclass(frozen=True)
+class GradientValues:
+    """The result of a function, where it is asked for, and the gradient by each argument.
+
+    `elements` has, for each of `reads` of tables, the number of the element, from 1 on, and the derivative by it.
+    """
+
+    results: list[Any]
+    gradients: list[Any]
+    reads: Reads
+    elements: list[tuple[Any, Any]]
+
+
 def gradient_values(
     outline: Outline,
     what: str,
@@ -229,16 +244,17 @@ def gradient_values(
     *,
     value: bool,
     tables: Mapping[str, Table] = MappingProxyType({}),
-) -> tuple[list[Any], list[Any], list[tuple[str, Any, Any]]]:
-    """Call the derived function; return the result, if `value` asks for it, the gradient by each argument, and reads.
+    first: Value | None = None,
+) -> GradientValues:
+    """Call the derived function; `tables` are those that move, by their names in the recording, in reverse mode.
 
-    Reads are those of `tables`, by their names in the recording, in reverse mode: the name, the place, from 1 on, and
-    the derivative.
+    `first` is the number of the first read in loops that it gives.
     """
     results = [0] if value else []
-    reads: tuple[str, ...] = ()
+    reads = Reads()
     if mode == "reverse":
-        values, reverse = reverse_call(outline, what, results, most, tables=tables)
+        start = None if first is None else first._read(outline.frame)
+        values, reverse = reverse_call(outline, what, results, most, tables=tables, first=start)
         handles, reads = iter(values), reverse.reads
     else:
         world, forward, rows = _seeded(outline, what)
@@ -248,9 +264,12 @@ def gradient_values(
     def plain(type: Type) -> Any:
         return arithmetic.make_value("Attrib", type, outline.frame, next(handles))
 
-    first = [plain(_result_type(outline)) for _ in results]
-    gradients = [_of_argument(outline, m, handles) for m in outline.moved]
-    return first, gradients, [(name, plain(vec(Base.I)), plain(tables[name].type.type)) for name in reads]
+    return GradientValues(
+        [plain(_result_type(outline)) for _ in results],
+        [_of_argument(outline, m, handles) for m in outline.moved],
+        reads,
+        [(plain(vec(Base.I)), plain(tables[name].type.type)) for name in reads.tables],
+    )
 
 
 def _seeded(outline: Outline, what: str) -> tuple[ForwardFunctions, Function, list[Variable | None]]:

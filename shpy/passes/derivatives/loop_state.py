@@ -1,6 +1,10 @@
-"""The state of a loop that reverse mode keeps: the variables that iterations hand on, and those that they only read.
+"""The state of a loop that reverse mode keeps, so that its iterations can run once more, the last one first.
 
-Stage: improve; for `reverse`.
+Stage: improve; for `reverse`. It keeps the variables that iterations hand on, at the start of each iteration; those
+that they only read, before the loop; and of arrays the elements that the loop overwrites, in the order of its stores:
+
+    store $a[%i] = %x          ->      store $a_kept[$height] = $a[%i]; store $a_index[$height] = %i; $height += 1
+                                       store $a[%i] = %x
 """
 
 from __future__ import annotations
@@ -9,67 +13,176 @@ from dataclasses import dataclass
 
 from shpy.errors import RecordError
 from shpy.ir.builder import Builder
-from shpy.ir.nodes import MAX_ARRAY, Function, If, Let, Loop, Region, Store, Variable
+from shpy.ir.nodes import MAX_ARRAY, Break, Function, If, Let, Loop, Region, Store, Value, Variable
 from shpy.ir.traverse import results, uses, walk
 from shpy.ir.types import Base, vec
+
+_INT = vec(Base.I)
+
+
+@dataclass(frozen=True)
+class ArrayLog:
+    """The elements of an array that a loop overwrites, their indices, and how many there are.
+
+    `starts` holds this number at the start of each iteration.
+    """
+
+    elements: Variable
+    indices: Variable
+    height: Variable
+    starts: Variable
+
+    def keep(self, b: Builder, array: int, index: int) -> None:
+        """Append statements that keep the element at an index, before it is overwritten."""
+        at = b.load(self.height)
+        b.store(self.elements, b.load(array, index), index=at)
+        b.store(self.indices, index, index=at)
+        most = b.const(_INT, [self.elements.length or 0])  # `restore` takes no more iterations
+        b.store(self.height, b.let("min", b.let("add", at, b.const(_INT, [1])), most))
+
+    def restore(self, b: Builder, array: int, iteration: Value) -> None:
+        """Append a loop that restores the elements which this iteration, the last one that is kept, overwrote."""
+        low = b.load(self.starts, iteration)
+        with b.loop(turns=self.elements.length):
+            at = b.load(self.height)
+            with b.when(b.let("le", at, low)):
+                b.exit(Break)
+            last = b.let("sub", at, b.const(_INT, [1]))
+            b.store(array, b.load(self.elements, last), index=b.load(self.indices, last))
+            b.store(self.height, last)
 
 
 @dataclass(frozen=True)
 class LoopState:
-    """The slots of a loop: the count of iterations, the variables that change, and those that only stay, before it."""
+    """The slots of a loop: the count of iterations, the variables that change, and those that only stay, before it.
+
+    `logs` are those of arrays that it changes; `over` holds where the loop took more than `most` iterations.
+    """
 
     count: Variable
-    arrays: dict[int, Variable]
+    changing: dict[int, Variable]
     steady: dict[int, Variable]
+    logs: dict[int, ArrayLog]
     most: int
     over: Variable | None
 
+    def begin(self, b: Builder) -> None:
+        """Append statements before the loop that keep what it only reads."""
+        b.store(self.count, b.const(_INT, [0]))
+        for variable, slot in self.steady.items():
+            b.store(slot, b.load(variable))
+        for log in self.logs.values():
+            b.store(log.height, b.const(_INT, [0]))
 
-def make_loop_state(b: Builder, function: Function, loop: Loop, most: int | None) -> LoopState:
-    """Return new slots for a loop of a function; `most` is the number of iterations where it has no known bound.
+    def keep(self, b: Builder) -> None:
+        """Append statements at the start of an iteration that keep its state."""
+        at = b.load(self.count)
+        for variable, array in self.changing.items():
+            b.store(array, b.load(variable), index=at)
+        for log in self.logs.values():
+            b.store(log.starts, b.load(log.height), index=at)
+        b.store(self.count, b.let("add", at, b.const(_INT, [1])))
+        if self.over is not None:
+            with b.when(b.let("ge", at, b.const(_INT, [self.most]))):
+                b.store(self.over, b.const(vec(Base.B), [True]))
 
-    Raises RecordError for a loop without a bound or with too large a one, and for an array that it changes.
+    def restore(self, b: Builder) -> None:
+        """Append statements that restore the state of the last iteration that is left; without one, leave."""
+        at = b.load(self.count)
+        with b.when(b.let("le", at, b.const(_INT, [0]))):
+            b.exit(Break)
+        last = b.let("sub", at, b.const(_INT, [1]))
+        b.store(self.count, last)
+        for variable, array in self.changing.items():
+            b.store(variable, b.load(array, last))
+        for variable, slot in self.steady.items():
+            b.store(variable, b.load(slot))
+        for variable, log in self.logs.items():
+            log.restore(b, variable, last)
+
+
+@dataclass(frozen=True)
+class LoopLimits:
+    """The number of iterations of a loop without a known bound, `most`, and whether the caller has forward mode too."""
+
+    most: int | None = None
+    forward: bool = True
+
+    def cure(self, *choices: str) -> str:
+        """Return a cure of these choices, and of forward mode where the caller has it."""
+        return "; or ".join((*choices, 'mode="forward"') if self.forward else choices)
+
+    def iterations(self, loop: Loop) -> int:
+        """Return the most iterations of a loop; RecordError without a bound and beyond the length of an array."""
+        most = loop.turns if loop.turns is not None else self.most
+        if most is None:
+            raise RecordError(
+                "reverse mode keeps the state of each iteration, and this loop has no known bound",
+                loc=loop.loc,
+                cure=self.cure(
+                    "SH_FOR with numbers of Python and SH_BREAK(c) in it",
+                    "most=64, where elements that take more iterations give NaN",
+                ),
+            )
+        if most > MAX_ARRAY:
+            raise RecordError(
+                f"reverse mode keeps the states of {most:,} iterations, and an array has at most {MAX_ARRAY:,}",
+                loc=loop.loc,
+                cure=self.cure("fewer iterations"),
+            )
+        return most
+
+    def stores(self, region: Region, array: int) -> int:
+        """Return the most stores into an array that a region runs."""
+        total = 0
+        for s in region:
+            match s:
+                case Store(variable):
+                    total += variable == array
+                case If(_, then, orelse):
+                    total += max(self.stores(then, array), self.stores(orelse, array))
+                case Loop(body, continuing):
+                    inner = self.stores((*body, *continuing), array)
+                    total += self.iterations(s) * inner if inner else 0
+        return total
+
+
+def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int], limits: LoopLimits) -> LoopState:
+    """Return new slots for a loop of a function; `arrays` are those that have to be restored.
+
+    Raises RecordError for a loop without a bound, with too large a one, and with too many stores into an array.
     """
-    most = loop.turns if loop.turns is not None else most
-    if most is None:
-        raise RecordError(
-            "reverse mode keeps the state of each iteration, and this loop has no known bound",
-            loc=loop.loc,
-            cure="SH_FOR with numbers of Python and SH_BREAK(c) in it; or most=64, where elements that take more "
-            'iterations give NaN; or mode="forward"',
-        )
-    if most > MAX_ARRAY:
-        raise RecordError(
-            f"reverse mode keeps the states of {most:,} iterations, and an array has at most {MAX_ARRAY:,}",
-            loc=loop.loc,
-            cure='mode="forward", or fewer iterations',
-        )
+    most = limits.iterations(loop)
     changing, steady = _handed_on((*loop.body, *loop.continuing))
     slots = {v.id: v for v in (*function.variables, *function.outputs)}
-    for v in sorted(changing | steady):
-        changes = v in changing or (slots[v].length is not None and _is_stored_after(function, loop, v))
-        if slots[v].length is not None and changes:
+
+    def new(v: int, ending: str, length: int | None = None) -> Variable:
+        return b.variable(slots[v].type, length, f"{slots[v].name or 'state'}_{ending}")
+
+    kept = {v: new(v, "kept", most) for v in sorted(changing) if slots[v].length is None}
+    before = {v: new(v, "before") for v in sorted(steady) if slots[v].length is None}
+    logs: dict[int, ArrayLog] = {}
+    for v in sorted(arrays):
+        count = limits.stores((loop,), v)
+        if count > MAX_ARRAY:
             raise RecordError(
-                f"reverse mode: the array {slots[v].name or v} changes in a loop, or after one that reads it",
+                f"reverse mode keeps the elements of {slots[v].name or 'an array'} that this loop overwrites, up to "
+                f"{count:,}, and an array has at most {MAX_ARRAY:,}",
                 loc=loop.loc,
-                cure='mode="forward", or values in place of the array',
+                cure=limits.cure("fewer iterations"),
             )
-    arrays = {v: b.variable(slots[v].type, most, f"{slots[v].name or 'state'}_kept") for v in sorted(changing)}
-    single = [v for v in sorted(steady) if slots[v].length is None]
-    before = {v: b.variable(slots[v].type, None, f"{slots[v].name or 'state'}_before") for v in single}
+        if count:
+            height = b.variable(_INT, None, f"{slots[v].name or 'array'}_height")
+            logs[v] = ArrayLog(new(v, "kept", count), b.variable(_INT, count), height, b.variable(_INT, most))
     over = b.variable(vec(Base.B), None, "over") if loop.turns is None else None
-    return LoopState(b.variable(vec(Base.I), None, "turns"), arrays, before, most, over)
+    return LoopState(b.variable(_INT, None, "turns"), kept, before, logs, most, over)
 
 
-def _is_stored_after(function: Function, loop: Loop, variable: int) -> bool:
-    """Return whether a statement that follows the loop stores a variable."""
-    inside = {id(s) for s in walk((loop,))}
-    behind = False
-    for s in walk(function.body):
-        behind = behind or s is loop
-        if behind and id(s) not in inside and isinstance(s, Store) and s.variable == variable:
-            return True
-    return False
+def arrays_to_restore(function: Function) -> set[int]:
+    """Return the arrays that change and that a loop reads: its iterations read earlier contents when they run again."""
+    stored = {s.variable for s in walk(function.body) if isinstance(s, Store) and s.index is not None}
+    loops = tuple(s for s in walk(function.body) if isinstance(s, Loop))
+    return stored & {s.attr for s in walk(loops) if isinstance(s, Let) and s.op == "load" and s.args}
 
 
 def free_values(body: Region) -> list[int]:

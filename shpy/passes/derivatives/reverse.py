@@ -18,6 +18,8 @@ The backward part reads values of the forward part as follows:
 - A value of a branch is kept in a variable.
 - A loop keeps the variables that its iterations hand on, at the start of each iteration, in arrays. Backwards, each
   iteration is computed again from these. So a loop needs a bound; `structured.py` splits long ones into two.
+- Arrays that loops read go back to their earlier contents: the backward part of a store restores the element that it
+  overwrote, and before an iteration is computed again, the elements that it overwrote are restored.
 - A call is computed again, by the callee's own reverse function.
 - A read of a table that moves gives outputs of its own (`table_reads.py`).
 
@@ -33,7 +35,6 @@ from typing import Any
 
 from shpy.ir.nodes import (
     EXITS,
-    Break,
     Call,
     Discard,
     Function,
@@ -52,10 +53,18 @@ from shpy.ir.traverse import results, rewrite, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, tangent_of
-from shpy.passes.derivatives.loop_state import LoopState, free_values, make_loop_state
+from shpy.passes.derivatives.loop_state import (
+    ArrayLog,
+    LoopLimits,
+    LoopState,
+    arrays_to_restore,
+    free_values,
+    make_loop_state,
+)
+from shpy.passes.derivatives.places import Place
 from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
-from shpy.passes.derivatives.table_reads import TableReads
+from shpy.passes.derivatives.table_reads import Reads, TableReads
 from shpy.passes.derivatives.transposed import Transposition, spread
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
@@ -63,28 +72,29 @@ _INT, _BOOL = vec(Base.I), vec(Base.B)
 
 @dataclass(frozen=True)
 class Reverse:
-    """A reverse function. Its last outputs are a place and a bar for each of `reads`, the names of the tables.
+    """A reverse function. Its last outputs are a place and a bar for each of `reads`.
 
-    Before these come the errors of `lines`, where roundings are asked for.
+    Before these come the errors of `lines`, where roundings are asked for. Where a loop reads the tables, the last
+    input is the number of the first of these reads that a run gives.
     """
 
     function: Function
     lines: tuple[Loc | None, ...]
-    reads: tuple[str, ...]
+    reads: Reads
 
 
 @dataclass
 class ReverseFunctions:
     """The reverse functions of a prepared module; see `forward.ForwardFunctions`.
 
-    `most` is the number of iterations that are kept of a loop without a known bound; None refuses such a loop.
-    With `rounding` a function has an output for each line more: the most by which the roundings of the operations of
-    this line may change the result, to the first order. `tables` are the names of the tables that move.
+    `limits` are those of loops. With `rounding` a function has an output for each line more: the most by which the
+    roundings of the operations of this line may change the result, to the first order. `tables` are the names of the
+    tables that move.
     """
 
     functions: Callable[[str], Function]
     fresh: Callable[[str], str]
-    most: int | None = None
+    limits: LoopLimits = field(default_factory=LoopLimits)
     rounding: bool = False
     tables: frozenset[str] = frozenset()
 
@@ -114,25 +124,6 @@ class ReverseFunctions:
         return _ReverseRewriter(function, self.activities.in_function(function, moving), self, kept).run(unit)
 
 
-@dataclass
-class _Place:
-    """A region of the backward part: the values that it may use, and the bars of the values of its own region."""
-
-    parent: _Place | None
-    visible: set[int] = field(default_factory=set)
-    bars: dict[int, Tangent] = field(default_factory=dict)
-    loads: dict[int, int] = field(default_factory=dict)
-    own: set[int] = field(default_factory=set)
-
-    def sees(self, value: int) -> bool:
-        """Return whether a value of the new function is visible here."""
-        return value in self.visible or (self.parent is not None and self.parent.sees(value))
-
-    def load_of(self, value: int) -> int | None:
-        """Return the load of a kept value that is visible here."""
-        return self.loads.get(value) or (self.parent.load_of(value) if self.parent is not None else None)
-
-
 class _ReverseRewriter:
     """Makes the reverse of one function. `env` maps its values to those of the latest forward part."""
 
@@ -151,6 +142,11 @@ class _ReverseRewriter:
         self.shadows: dict[int, Variable] = {}
         """The variables that hold the bars of variables."""
         self.loops: dict[int, LoopState] = {}
+        self.restored = arrays_to_restore(function)
+        self.overwritten: dict[int, int] = {}
+        """The element that a store into such an array overwrites, by the id of the statement, as a value."""
+        self.logs: dict[int, ArrayLog] = {}
+        """The logs, by array, of the loop whose state is being kept."""
         self.errors: dict[Loc | None, Variable] = {}
         self.scales = {s.value.id for s in walk(function.body) if isinstance(s, Let) and is_scale(s)}
         self.reads = TableReads(self.b)
@@ -158,7 +154,7 @@ class _ReverseRewriter:
     def run(self, unit: bool) -> Reverse:
         """Return the reverse function."""
         b, f = self.b, self.function
-        top = _Place(None)
+        top = Place(None)
         for port in f.inputs:
             assert isinstance(port, Value), "a prepared function takes values"
             self.env[port.id] = port.id
@@ -181,11 +177,11 @@ class _ReverseRewriter:
             for port, output in bars:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
             b.outputs += self.errors.values()
-            b.outputs += self.reads.outputs
+            b.outputs += self.reads.finish()
             self._poison()
         reverse = b.finish()
         function = replace(reverse, body=rewrite(reverse.body, self._spilled))
-        return Reverse(function, tuple(self.errors), tuple(self.reads.tables))
+        return Reverse(function, tuple(self.errors), self.reads.reads)
 
     def _spilled(self, s: Stmt) -> Any:
         """Return a statement, followed by stores of its values that the backward part reads."""
@@ -208,7 +204,7 @@ class _ReverseRewriter:
 
     # The forward part
 
-    def forward(self, region: Region, place: _Place | None, *, keep: bool) -> None:
+    def forward(self, region: Region, place: Place | None, *, keep: bool) -> None:
         """Append the statements of a region, or a copy of them.
 
         With `keep`, its loops keep the states that the backward part of the same place needs.
@@ -229,12 +225,16 @@ class _ReverseRewriter:
                         self._enter(value, copy, place)
                 case Store(variable, stored, components, index, loc):
                     at = None if index is None else self.env[index]
+                    if at is not None and variable in self.logs:
+                        self.logs[variable].keep(b, variable, at)
+                    elif at is not None and variable in self.restored and place is not None:
+                        self._keep_overwritten(s, at, place)
                     b.append(Store(variable, self.env[stored], components, at, loc))
                 case If(condition, then, orelse, loc):
                     parts = []
                     for inner in (then, orelse):
                         b.push()
-                        self.forward(inner, _Place(place) if place else None, keep=keep)
+                        self.forward(inner, Place(place) if place else None, keep=keep)
                         parts.append(b.pop())
                     b.append(If(self.env[condition], parts[0], parts[1], loc))
                 case Loop():
@@ -246,46 +246,49 @@ class _ReverseRewriter:
         """Return a value for a copy of a statement; that of the first one keeps its id."""
         return value if value.id not in self.env else self.b.value(value.type, value.name, value.loc)
 
-    def _enter(self, value: Value, copy: Value, place: _Place | None) -> None:
+    def _enter(self, value: Value, copy: Value, place: Place | None) -> None:
         self.env[value.id] = copy.id
         if place is not None:
             place.visible.add(copy.id)
             place.own.add(value.id)
+
+    def _keep_overwritten(self, s: Store, index: int, place: Place) -> None:
+        """Append a load of the element that a store overwrites."""
+        b = self.b
+        old = b.load(s.variable, index)
+        value = self.overwritten.setdefault(id(s), old.id)
+        self.env[value] = old.id
+        place.visible.add(old.id)
 
     def _forward_loop(self, loop: Loop, *, keep: bool) -> None:
         b = self.b
         head = head_of(loop)
         state = self._state(loop) if keep else None
         if state is not None:
-            b.store(state.count, b.const(_INT, [0]))
-            for variable, slot in state.steady.items():
-                b.store(slot, b.load(variable))
+            state.begin(b)
+            self.logs = state.logs
         b.push()
         self.forward(loop.body[:head], None, keep=False)
         if state is not None:
-            at = b.load(state.count)
-            for variable, array in state.arrays.items():
-                b.store(array, b.load(variable), index=at)
-            b.store(state.count, b.let("add", at, b.const(_INT, [1])))
-            if state.over is not None:
-                with b.when(b.let("ge", at, b.const(_INT, [state.most]))):
-                    b.store(state.over, b.const(_BOOL, [True]))
+            state.keep(b)
         self.forward(loop.body[head:], None, keep=False)
         body = b.pop()
         b.push()
         self.forward(loop.continuing, None, keep=False)
         until = None if loop.until is None else self.env[loop.until]
         b.append(Loop(body, b.pop(), until, loop.turns, loop.loc))
+        if state is not None:
+            self.logs = {}
 
     def _state(self, loop: Loop) -> LoopState:
         """Return the slots of a loop, made once for each loop."""
         if id(loop) not in self.loops:
-            self.loops[id(loop)] = make_loop_state(self.b, self.function, loop, self.world.most)
+            self.loops[id(loop)] = make_loop_state(self.b, self.function, loop, self.restored, self.world.limits)
         return self.loops[id(loop)]
 
     # Values and bars
 
-    def need(self, value: int, place: _Place) -> Live:
+    def need(self, value: int, place: Place) -> Live:
         """Return a value of the function, where the backward part stands."""
         here, b = self.env[value], self.b
         if place.sees(here):
@@ -297,7 +300,7 @@ class _ReverseRewriter:
             load = place.loads[here] = b.load(self.spills[here]).id
         return b.live(load)
 
-    def add(self, value: int, bar: Tangent, place: _Place) -> None:
+    def add(self, value: int, bar: Tangent, place: Place) -> None:
         """Add to the bar of a value."""
         if isinstance(bar, Zero) or value not in self.activity.values:
             return
@@ -310,7 +313,7 @@ class _ReverseRewriter:
             self.slots[value] = b.variable(bar.type, None, "bar")
         b.store(self.slots[value], (Live(b, b.load(self.slots[value])) + bar).value)
 
-    def take(self, value: int, type: Type, place: _Place) -> Tangent:
+    def take(self, value: int, type: Type, place: Place) -> Tangent:
         """Return the bar of a value that is computed here; all its uses are behind."""
         b = self.b
         bar = place.bars.pop(value, None)
@@ -323,7 +326,7 @@ class _ReverseRewriter:
 
     # The backward part
 
-    def backward(self, region: Region, place: _Place) -> None:
+    def backward(self, region: Region, place: Place) -> None:
         """Append the statements of a region backwards."""
         b = self.b
         for s in reversed(region):
@@ -335,6 +338,10 @@ class _ReverseRewriter:
                 case Store():
                     if s.variable in self.shadows:
                         self._store(s, place)
+                    if id(s) in self.overwritten:
+                        assert s.index is not None
+                        old = self.need(self.overwritten[id(s)], place)
+                        b.store(s.variable, old.value, index=self.need(s.index, place).value)
                 case Call():
                     bars = [self.take(r.id, r.type, place) for r in s.results if r.id in self.activity.values]
                     self._call(s.function, s.args, bars, place)
@@ -343,7 +350,7 @@ class _ReverseRewriter:
                     parts = []
                     for inner in (then, orelse):
                         b.push()
-                        self.backward(inner, _Place(place, own={v.id for x in inner for v in results(x)}))
+                        self.backward(inner, Place(place, own={v.id for x in inner for v in results(x)}))
                         parts.append(b.pop())
                     if parts[0] or parts[1]:
                         b.append(If(test, parts[0], parts[1], loc))
@@ -352,34 +359,26 @@ class _ReverseRewriter:
                 case _:
                     assert isinstance(s, Discard), "a structured function has no other exits"
 
-    def _backward_loop(self, loop: Loop, place: _Place) -> None:
+    def _backward_loop(self, loop: Loop, place: Place) -> None:
         b = self.b
         state = self._state(loop)
         head = head_of(loop)
         body = (*loop.body[: max(head - 1, 0)], *loop.body[head:], *loop.continuing)
         with b.loop(turns=state.most if loop.turns is not None else None):
-            at = b.load(state.count)
-            with b.when(b.let("le", at, b.const(_INT, [0]))):
-                b.exit(Break)
-            before = b.let("sub", at, b.const(_INT, [1]))
-            b.store(state.count, before)
-            for variable, array in state.arrays.items():
-                b.store(variable, b.load(array, before))
-            for variable, slot in state.steady.items():
-                b.store(variable, b.load(slot))
-            own = _Place(place)
+            state.restore(b)
+            own = Place(place)
             outer = {v: self.env[v] for v in free_values(body)}
             for v in outer:
                 self.env[v] = self.need(v, own).value.id
                 own.visible.add(self.env[v])
             self.forward(body, own, keep=True)
-            self.reads.loops += state.most > 1  # an iteration that runs once at most is no loop
+            self.reads.times *= state.most
             if not self._ended():
                 self.backward(body, own)
-            self.reads.loops -= state.most > 1
+            self.reads.times //= state.most
             self.env.update(outer)
 
-    def _store(self, s: Store, place: _Place) -> None:
+    def _store(self, s: Store, place: Place) -> None:
         b, shadow = self.b, self.shadows[s.variable]
         index = None if s.index is None else self.need(s.index, place)
         at = None if index is None else index.value
@@ -393,7 +392,7 @@ class _ReverseRewriter:
         b.store(shadow, b.const(bar.type, [0] * bar.type.size), s.components, at)
         self.add(s.value, bar, place)
 
-    def _let(self, let: Let, place: _Place) -> None:
+    def _let(self, let: Let, place: Place) -> None:
         b = self.b
         bar = self.take(let.value.id, let.value.type, place)
         if isinstance(bar, Zero):
@@ -423,7 +422,7 @@ class _ReverseRewriter:
             case _:
                 self._linear(let, bar, place)
 
-    def _load(self, let: Let, bar: Tangent, place: _Place) -> None:
+    def _load(self, let: Let, bar: Tangent, place: Place) -> None:
         b, shadow = self.b, self.shadows[int(let.attr)]  # type: ignore[arg-type]
         if not let.args:
             b.store(shadow, (Live(b, b.load(shadow)) + bar).value)
@@ -432,7 +431,7 @@ class _ReverseRewriter:
         index = self.need(let.args[0], place).op("clamp", 0, shadow.length - 1).value
         b.store(shadow, (Live(b, b.load(shadow, index)) + bar).value, index=index)
 
-    def _call(self, name: str, args: tuple[int, ...], bars: list[Tangent], place: _Place) -> None:
+    def _call(self, name: str, args: tuple[int, ...], bars: list[Tangent], place: Place) -> None:
         """Append a call of the reverse function of a function that the forward part calls."""
         b = self.b
         if all(isinstance(bar, Zero) for bar in bars):
@@ -448,10 +447,10 @@ class _ReverseRewriter:
         rest = iter(outputs[len(moving) :])
         for loc in reverse.lines:
             self._add_error(loc or b.loc, Live(b, next(rest)))
-        for table in reverse.reads:
+        for table in reverse.reads.tables:
             self.reads.add(table, next(rest), next(rest))
 
-    def _linear(self, let: Let, bar: Tangent, place: _Place) -> None:
+    def _linear(self, let: Let, bar: Tangent, place: Place) -> None:
         """Emit the tangent of an operation with placeholders, and transpose the statements that depend on them."""
         b = self.b
         operands = [self.need(a, place) for a in let.args]

@@ -15,6 +15,7 @@ Discards stay, since an element that ends has no derivative.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from math import isqrt
 
@@ -24,6 +25,7 @@ from shpy.ir.ops import COMPOSITES, OPS
 from shpy.ir.traverse import continues, has_exit, test_length
 from shpy.ir.types import Base, vec
 from shpy.passes.by_value import pass_by_value, takes_array
+from shpy.passes.derivatives.table_reads import reads_in_loops
 from shpy.passes.inline import inline_calls
 from shpy.passes.lower import lower
 from shpy.passes.pipeline import optimise
@@ -42,14 +44,16 @@ floats of state takes 1.4 times as long on llvmpipe and as long on PoCL, so the 
 """
 
 
-def prepared(module: Module, *, defined: bool = False) -> Module:
+def prepared(module: Module, tables: Collection[str] = (), *, defined: bool = False) -> Module:
     """Return a module whose functions take values, and leave each region at its end.
 
-    With `defined`, composite operations are calls of their definitions, whose roundings count one by one.
+    Functions in which a loop reads one of the `tables` are inlined, so that one count numbers their reads. With
+    `defined`, composite operations are calls of their definitions, whose roundings count one by one.
     """
+    looped = reads_in_loops(module, tables)
     if defined:
         module = lower(module, frozenset(OPS) - COMPOSITES)
-    module = optimise(pass_by_value(inline_calls(module, takes_array)), fixed=False)
+    module = optimise(pass_by_value(inline_calls(module, lambda f: takes_array(f) or f.name in looped)), fixed=False)
     functions = tuple(split_loops(structured(f), FEW) for f in module.functions)
     return optimise(replace(module, functions=functions), fixed=False)
 
