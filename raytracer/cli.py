@@ -264,9 +264,7 @@ def _render(options: argparse.Namespace) -> int:
     check_fits(width, height, SAVING[output.suffix.lower()], PIXEL if options.cluster is None else 0)
     arguments = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     chosen_integrator = integrator.chosen(options.integrator, arguments)
-    viewing.check(
-        options, output, lights_all=isinstance(chosen_integrator, integrator.Path), framed=options.scene not in SCENES
-    )
+    viewing.check(options, output, framed=options.scene not in SCENES)
     scene = _still(options) if options.time is None else scene_at(options, options.time)
     title, resume_path = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(chosen_integrator, integrator.Path):
@@ -406,7 +404,7 @@ def _animate(options: argparse.Namespace) -> int:
     named = ("size", "integrator", "backend", "resume", "cluster", "exposure", "tonemap")
     asked = {name: getattr(options, name) for name in named}
     framed = Path(options.scene).suffix.lower() in FORMATS
-    viewing.check(options, output, lights_all=options.integrator == "path", framed=framed)
+    viewing.check(options, output, framed=framed)
     make, frames, fps = _moving(options)
     steps = animate(make, output, frames, fps=fps, **asked, **arguments)
     with progress_bar(f"{options.scene}, {frames:,} frames") as progress:

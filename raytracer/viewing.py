@@ -76,7 +76,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--tonemap", choices=CURVES, default="none", help="pictures for the eye: how light beyond 1 is shown (none)"
     )
-    group.add_argument("--environment", type=Path, metavar="FILE", help="path: a 360 degree picture that lights all")
+    group.add_argument("--environment", type=Path, metavar="FILE", help="a 360 degree picture that lights the scene")
     group.add_argument(
         "--rotation",
         type=_degrees,
@@ -111,13 +111,8 @@ def joined(arguments: Sequence[str]) -> list[str]:
     return words
 
 
-def check(options: argparse.Namespace, output: Path, *, lights_all: bool, framed: bool) -> None:
-    """Raise SceneError for options that do not go together.
-
-    `lights_all` says whether the environment can light, and `framed` whether the scene is put on a floor.
-    """
-    if options.environment is not None and not lights_all:
-        raise SceneError("--environment lights scenes with --integrator path alone: add that, or leave it out")
+def check(options: argparse.Namespace, output: Path, *, framed: bool) -> None:
+    """Raise SceneError for options that do not go together; `framed` says whether the scene is put on a floor."""
     for name in ("exposure", "tonemap"):
         if getattr(options, name) not in (None, "none") and output.suffix.lower() in READING:
             raise SceneError(f"{output}: --{name} is for .png; {' and '.join(READING)} hold the light as it is")

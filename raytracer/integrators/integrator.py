@@ -254,14 +254,7 @@ def check_scene(scene: Scene, integrator: Integrator) -> None:
         raise SceneError(
             "a scene without triangles shows a colour: a Texture or program as its background needs a mesh beside it"
         )
-    if scene.environment is None:
-        return
-    if not isinstance(integrator, Path):
-        raise SceneError(
-            'an EnvironmentLight shines with integrator="path" alone: choose it, or leave the light out; '
-            "Scene(background=...) shows a picture or program without lighting by it"
-        )
-    if not scene.triangles:
+    if scene.environment is not None and not scene.triangles:
         raise SceneError("a scene without triangles shows its background: an EnvironmentLight needs something to light")
 
 

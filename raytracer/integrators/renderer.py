@@ -228,10 +228,11 @@ class Renderer:
         if isinstance(self.integrator, Path):
             return PathTracer(layout, self.scene, self.integrator.bounces, self.backend)
         scene, bounces = self.scene, self.integrator.bounces
-        arguments: list[Any] = [layout, scene.background, scene.ambient, bounces, self.backend]
+        arguments = layout, scene.background, scene.ambient, bounces, self.backend
+        options: dict[str, Any] = {"environment": scene.environment}
         if isinstance(self.integrator, Whitted):
-            arguments.append(self.integrator.min_contribution)
-        tracer = Tracer(*arguments)
+            options["min_contribution"] = self.integrator.min_contribution
+        tracer = Tracer(*arguments, **options)
         if not tracer.surfaces.clear:
             return tracer
         if isinstance(self.integrator, Staged):
@@ -239,7 +240,7 @@ class Renderer:
                 "the staged tracer follows mirrored rays alone, and this scene has glass: "
                 "choose the unified tracer, Whitted()"
             )
-        return GlassTracer(*arguments)
+        return GlassTracer(*arguments, **options)
 
     def _choose(self, camera: Camera, seen: bool = False, transparent: bool = False) -> None:
         """Take the kernels for a camera's projection, compiled once; `seen` where a G-buffer stands for eye rays."""

@@ -6,7 +6,7 @@ triangle is chosen evenly, a direction to the environment by the brightness of i
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.kinds import glow_rows
 from raytracer.kernels.point import barylerp
 from raytracer.kernels.scene_tables import LightList
-from raytracer.kernels.sky import Sky, turn_of
+from raytracer.kernels.sky import EnvironmentSky, turn_of
 from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.triangle import CandidateHit, RayHit
 from raytracer.scene.layout import Layout
@@ -184,19 +184,12 @@ class Emitters:
         return self.per_glow * self.surfaces.glow_at(hit).w * way * way / abs(sh.dot(face, ray))
 
 
-class Environment:
-    """The light around a scene, `sky`, and how it is sampled; `mean` is its mean radiance, over the channels too."""
+class Environment(EnvironmentSky):
+    """The light around a scene, and how it is sampled; `mean` is its mean radiance, over the channels too."""
 
     def __init__(self, light: EnvironmentLight) -> None:
-        source = next(s for s in (light.color, light.picture, light.program) if s is not None)
-        self.light = light
-        self.sky = Sky(source, "environment", "environment_color", "an EnvironmentLight")
+        super().__init__(light)
         self.cells: Chances | None = None
-        angle = pi * light.rotation / 180
-        self.turn: Any = None  # the cosine and the sine of the rotation
-        if light.rotation and not self.sky.plain:
-            self.turn = sh.Param(sh.Attrib2f, (cos(angle), sin(angle)), name="environment_turn")
-        self.strength = None if light.strength == 1 else sh.Param(sh.Attrib1f, light.strength, name="strength")
         self.mean = light.strength * (1.0 if light.color is None else float(np.mean(light.color)))
         if light.picture is None:
             return
@@ -205,18 +198,6 @@ class Environment:
         self.mean = float(weights.mean())
         weights = weights + EVERYWHERE * (self.mean or 1.0)
         self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
-
-    def radiance(self, ray: Any) -> Any:
-        """Return the light from the direction of a unit vector."""
-        light = self.sky.radiance(self.turned(ray, back=True))
-        return light if self.strength is None else self.strength * light
-
-    def turned(self, ray: Any, *, back: bool = False) -> Any:
-        """Return a direction of the picture in the scene; `back`, a direction of the scene in the picture."""
-        if self.turn is None:
-            return ray
-        cosine, sine = self.turn.x, -self.turn.y if back else self.turn.y
-        return sh.Vector3f(cosine * ray.x + sine * ray.z, ray.y, cosine * ray.z - sine * ray.x)
 
     def sample(self, surface: Interaction, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
         """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""

@@ -34,11 +34,18 @@ class Waiting:
     left: sh.Attrib1i
 
 
+@sh.struct
+class BlurredWaiting(Waiting):
+    """The `Waiting` of a scene with rough mirrors and an environment; see `BlurredLight`."""
+
+    blur: sh.Attrib1f
+
+
 class MediaStack:
     """The rays that wait, and how many; with media, also the bodies that hold each."""
 
-    def __init__(self, places: int, body_arrays: list[Any]) -> None:
-        waiting = sh.Array(Waiting, places)  # emitted texts name the array after this variable
+    def __init__(self, waiting_struct: Any, places: int, body_arrays: list[Any]) -> None:
+        waiting = sh.Array(waiting_struct, places)  # emitted texts name the array after this variable
         self.rays, self.bodies = waiting, body_arrays
         count = sh.Attrib1i(0)
         self.count = count
@@ -75,7 +82,7 @@ class GlassTracer(Tracer):
         rays, media, walk = pixel.rays, self.surfaces.media, self.intersector
         share = sh.Color3f(1, 1, 1)
         ray_bodies, shadow, rows = (None, None, []) if media is None else media.of_rays(self.places)
-        waiting = MediaStack(self.places, rows)
+        waiting = MediaStack(BlurredWaiting if self.blurs else Waiting, self.places, rows)
         through = sh.Attrib1b(False)  # the shadow ray is on its way, behind glass
         share_type = sh.Color3f if self.shares.tinted else sh.Attrib1f
         local, mirror, clear = share_type(1), share_type(0), share_type(0)
@@ -135,7 +142,7 @@ class GlassTracer(Tracer):
         clear[:] = surface.transmission * (1 - reflected)
         if self.shares.thin:
             clear += self.shares.clear(surface, opaque)
-        light.scolor[:] = self.ambient * self.shares.ambient(surface)
+        light.scolor[:] = self.light_around(light, surface)
         if emission is not None:  # mirrors and glass emit in full, too
             pixel.color[:] += share * emission
         light.shadows[:] = sh.cond(
@@ -148,7 +155,7 @@ class GlassTracer(Tracer):
         """Take the background for a ray that has missed, after the branch of rays that have hit."""
         if not self.background.plain:
             with SH_ELSE():
-                light.scolor[:] = self.background.radiance(ray.direction)
+                light.scolor[:] = self.light_from(ray, light)
 
     def meet_light(
         self, ray: Any, light: Any, surface: Interaction, hit: Any, through: Any, shadow: RayBodies | None
@@ -192,7 +199,9 @@ class GlassTracer(Tracer):
         mirror_ray = mirrored(surface)
         with SH_IF(refracts):
             with SH_IF(reflects):
-                waiting.push(Waiting(surface.inter, mirror_ray, mirror * share, light.r), ray_bodies)
+                ray_values = surface.inter, mirror_ray, mirror * share, light.r
+                mirror_image = BlurredWaiting(*ray_values, light.blur) if self.blurs else Waiting(*ray_values)
+                waiting.push(mirror_image, ray_bodies)
             if ray_bodies is not None:
                 ray_bodies.cross()
             ray.direction[:] = bent
@@ -210,6 +219,8 @@ class GlassTracer(Tracer):
                 ray.eye[:] = last.eye
                 share[:] = last.share
                 light.r[:] = last.left
+                if self.blurs:
+                    light.blur[:] = last.blur
         return finished
 
 

@@ -45,10 +45,13 @@ class Scattering(NamedTuple):
 
 
 class Microfacets:
-    """The lobes of the layered surfaces of a scene that has `coats`, `thin` walls, or a `sheen`."""
+    """The lobes of the layered surfaces of a scene that has `coats`, `thin` walls, or a `sheen`.
+
+    A mirror image has one roughness. So if `hides` is set, it leaves out a base to the extent that this has a coat.
+    """
 
     def __init__(self, coats: bool, thin: bool, sheen: bool = False) -> None:
-        self.coats, self.thin = coats, thin
+        self.coats, self.thin, self.hides = coats, thin, False
         self.sheen = Sheen() if sheen else None
         self.table = sh.Table(albedo_table(), sh.Attrib2f, "albedos")
 
@@ -97,10 +100,34 @@ class Microfacets:
         surface.matt *= through
         below = through * through * opaque
         surface.chances.x = share_of(covered, below)
+        if self.hides:
+            hidden = surface.coat.x * surface.mirror
+            surface.mirror -= hidden
+            surface.spread += hidden
         sharp = (1 - blur) * (1 - blur)
         surface.mirror[:] = through * through * surface.mirror + sharp * covered
         surface.spread[:] = through * through * surface.spread + (1 - sharp) * covered
         return covered + below
+
+    def blurred_shares(self, surface: Any) -> tuple[Any, Any, Any]:
+        """Return the shares of `spread` that the base and the coat mirror, and the roughness of the mirror image.
+
+        The coat's share is None where nothing has one. See `hides`.
+        """
+        roughness, away = surface.coefficients.z, sh.dot(surface.normal, surface.seen)
+        scale, sharp = self.albedo(away, roughness), (1 - roughness) * (1 - roughness)
+        glossy = sh.min(surface.f0 * scale.x + surface.f90 * scale.y, 1.0)
+        if self.sheen is not None:
+            glossy = glossy * surface.fuzz.y
+        if not self.coats:
+            return (1 - sharp) * glossy, None, roughness
+        glossy = glossy * (surface.through * surface.through)
+        sharp = (1 - surface.coat.x) * sharp
+        blur, covered = surface.coat.y, self.coat_albedo(surface, away)
+        clear = (1 - blur) * (1 - blur) * covered
+        shown = largest(sharp * glossy)
+        seen = (shown * roughness + clear * blur) / sh.max(shown + clear, 2.0**-20)
+        return (1 - sharp) * glossy, covered - clear, seen
 
     def upper_albedo(self, surface: Any, scale: Any) -> Any:
         """Return the albedo of the clear layer over the matt lobe, for the integrals `scale`."""

@@ -67,7 +67,7 @@ def _follow(tracer: Tracer, seen: SeenSurface, direction: Any, eye: Any, first_o
         pixel.note(hit, surface, tracer.surfaces)
         tracer.gather(light, pixel, surface, emission)
     with SH_ELSE():
-        light.scolor[:] = tracer.background.radiance(ray.direction)
+        light.scolor[:] = tracer.light_from(ray, light)
         light.rn.y = 0
     finished = tracer.go_on(ray, light, surface, pixel)
     if tracer.loops:

@@ -74,6 +74,7 @@ class SceneTables:
     """True for tracers whose rays soon have little in common with their neighbours: see `scene_walk`."""
     features: dict[str, bool | int]
     lights: LightList
+    background: Any
     ambient: Any = None
     """The param of the ambient light, for tracers that add it."""
 

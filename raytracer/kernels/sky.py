@@ -9,7 +9,7 @@ equirectangular (a latitude-longitude map), as `EnvironmentLight` describes it.
 
 from __future__ import annotations
 
-from math import pi
+from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import shpy as sh
 from raytracer.appearance.programs import UserProgram, ask_sky, examine_sky
 from raytracer.appearance.textures import Texture
+from raytracer.scene.lights import EnvironmentLight
 
 
 class Sky:
@@ -63,6 +64,35 @@ class Sky:
         column = turn_of(ray) * width + 1
         row = sh.acos(sh.clamp(ray.y, -1, 1)) * (height / pi) + 1
         return self._texels(sh.TexCoord2f(column * (1 / (width + 2)), row * (1 / (height + 2))))
+
+
+class EnvironmentSky:
+    """The light around a scene: a `sky` that may be turned and has a strength."""
+
+    def __init__(self, light: EnvironmentLight) -> None:
+        source = next(s for s in (light.color, light.picture, light.program) if s is not None)
+        self.light = light
+        self.sky = Sky(source, "environment", "environment_color", "an EnvironmentLight")
+        angle = pi * light.rotation / 180
+        self.turn: Any = None  # the cosine and the sine of the rotation
+        if light.rotation and not self.sky.plain:
+            self.turn = sh.Param(sh.Attrib2f, (cos(angle), sin(angle)), name="environment_turn")
+        self.strength = None if light.strength == 1 else sh.Param(sh.Attrib1f, light.strength, name="strength")
+
+    def radiance(self, ray: Any) -> Any:
+        """Return the light from the direction of a unit vector."""
+        return self.strengthened(self.sky.radiance(self.turned(ray, back=True)))
+
+    def strengthened(self, light: Any) -> Any:
+        """Return light of the sky as the scene gets it."""
+        return light if self.strength is None else self.strength * light
+
+    def turned(self, ray: Any, *, back: bool = False) -> Any:
+        """Return a direction of the picture in the scene; `back`, a direction of the scene in the picture."""
+        if self.turn is None:
+            return ray
+        cosine, sine = self.turn.x, -self.turn.y if back else self.turn.y
+        return sh.Vector3f(cosine * ray.x + sine * ray.z, ray.y, cosine * ray.z - sine * ray.x)
 
 
 def turn_of(ray: Any) -> Any:

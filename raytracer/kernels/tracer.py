@@ -22,9 +22,11 @@ from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.pixel import Pixel, background_pixel
 from raytracer.kernels.scene_tables import LightList, SceneTables, whitted_features
 from raytracer.kernels.shares import MIN_CONTRIBUTION, ColoredShares, LeastShare, MirrorShares
+from raytracer.kernels.surroundings import Surroundings
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import meet
 from raytracer.scene.layout import Layout
+from raytracer.scene.lights import EnvironmentLight
 from raytracer.scene.scene import Background
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
@@ -62,11 +64,19 @@ class TintedLight(Light):
     rn: ColoredShares  # type: ignore[assignment]
 
 
+@sh.struct
+class BlurredLight(TintedLight):
+    """The `TintedLight` of a scene with rough mirrors and an environment; `blur` is the largest roughness so far."""
+
+    blur: sh.Attrib1f
+
+
 class Tracer(SceneTables):
     """The tables of a scene, and the loop that follows a ray through it.
 
     `most_bounces` is the number that the kernel has room for; the param `bounces` may be less. A `min_contribution`
-    other than the default one ends the rays of a smaller share of the picture.
+    other than the default one ends the rays of a smaller share of the picture. An `environment` takes the place of the
+    background and of the ambient light.
     """
 
     def __init__(
@@ -77,15 +87,22 @@ class Tracer(SceneTables):
         bounces: int,
         backend: str,
         min_contribution: float = MIN_CONTRIBUTION,
+        environment: EnvironmentLight | None = None,
     ) -> None:
         super().__init__(layout, background, backend)
+        self.around = None if environment is None else Surroundings(environment, self.surfaces)
+        if self.around is not None:
+            self.background = self.around
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.shares = MirrorShares(self.surfaces)
         self.least = LeastShare(min_contribution, self.shares)
         self.lights = LightList(layout, self.surfaces)
         self.reflects = self.shares.reflects
+        self.blurs = self.around is not None and self.around.blurs
         self.light_struct: Any = TintedLight if self.shares.tinted else Light
+        if self.blurs:
+            self.light_struct = BlurredLight
         self.loops = self.reflects or self.lights.count > 0
         self.features = whitted_features(self, layout)
 
@@ -105,7 +122,8 @@ class Tracer(SceneTables):
         """Return an eye ray, its light and its pixel before its first hit."""
         ray = Ray(eye, direction, far(), sh.Attrib1b(True))
         black = sh.Color3f(0, 0, 0)
-        light = self.light_struct(black, self.shares.first(), sh.Attrib1i(self.bounces), sh.Attrib1i(0), black)
+        blur = [sh.Attrib1f(0)] if self.blurs else []
+        light = self.light_struct(black, self.shares.first(), sh.Attrib1i(self.bounces), sh.Attrib1i(0), black, *blur)
         return ray, light, background_pixel(sh.Color3f(black), sh.Attrib1i(0))
 
     def aim(self, ray: Any, light: Any, surface: Interaction) -> None:
@@ -130,7 +148,7 @@ class Tracer(SceneTables):
                     pixel.note(hit, surface, self.surfaces)
                 self.gather(light, pixel, surface, emission)
             with SH_ELSE():
-                light.scolor[:] = self.background.radiance(ray.direction)
+                light.scolor[:] = self.light_from(ray, light)
                 light.rn.y = 0
         if self.lights.count:
             with SH_ELSE():
@@ -143,9 +161,24 @@ class Tracer(SceneTables):
                     light.scolor += sh.cond(lit, shade * light.lightcol, 0.0)
         return self.go_on(ray, light, surface, pixel)
 
+    def light_from(self, ray: Any, light: Any) -> Any:
+        """Return what a ray shows that has met nothing."""
+        if self.around is not None and self.blurs:
+            return self.around.blurred(ray.direction, light.blur)
+        return self.background.radiance(ray.direction)
+
+    def light_around(self, light: Any, surface: Interaction) -> Any:
+        """Return the light of a surface in ambient light, or under the environment."""
+        if self.around is None:
+            return self.ambient * self.shares.ambient(surface)
+        shown, roughness = self.around.scattered_by(surface)
+        if self.blurs:
+            light.blur[:] = sh.max(light.blur, roughness)
+        return shown
+
     def gather(self, light: Any, pixel: Pixel, surface: Interaction, emission: Any) -> None:
         """Begin with the light of a surface that a ray has reached: ambient light, emission, and the lights to ask."""
-        light.scolor[:] = self.ambient * self.shares.ambient(surface)
+        light.scolor[:] = self.light_around(light, surface)
         if self.shares.layered:
             light.rn.y = self.shares.mirror(surface, light.rn.y)
         if emission is not None:  # mirrors emit in full, too

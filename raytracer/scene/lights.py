@@ -117,7 +117,7 @@ class DirectionalLight:
 
 
 class EnvironmentLight:
-    """Light from everywhere around the scene, for `integrator="path"`; it is also the background.
+    """Light from everywhere around the scene; it is also the background.
 
     `source` is a colour (r, g, b), linear radiance; an equirectangular picture, as an array (H, W, 3), the path of a
     file, such as an .hdr or .exr one, or a `Texture`; or a program from a unit `direction`, an sh.Vector3f, to an
@@ -125,7 +125,9 @@ class EnvironmentLight:
     in that of y. `rotation` turns a picture or program about the axis y, in degrees, counter-clockwise as seen from y:
     with 90 the middle of a picture lies in the direction (-1, 0, 0). `strength` multiplies the light.
 
-    A picture is sampled by its brightness, a colour and a program are sampled evenly.
+    In path tracing a picture is sampled by its brightness, a colour and a program are sampled evenly. The other
+    integrators trace no rays to it: they light surfaces by means over parts of it, which nothing shades
+    (docs/raytracer.md, "Light from around").
     Raises SceneError for negative colours, other sources, a rotation that is not finite and a negative strength; see
     `Texture` for the errors of pictures.
     """

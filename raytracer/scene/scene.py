@@ -56,7 +56,7 @@ class Scene:
     colour then.
 
     With `integrator="path"` there is no ambient light, and rays that matt surfaces scatter see the background by way of
-    mirrors and glass alone. Where the scene has an `EnvironmentLight`, that is seen instead of the background, so that
+    mirrors and glass alone. An `EnvironmentLight` takes the place of the background and of the ambient light, so that
     no light counts twice.
 
     Raises SceneError for meshes of another kind, backgrounds and ambients that make no sense. Source of the picture as

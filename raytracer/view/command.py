@@ -55,7 +55,7 @@ def view(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; return 0. Raises SceneError and sh.ShpyError for scenes that cannot be shown."""
     path, request = file_of(options.scene), request_of(options)
     chosen(options, options.integrator)
-    viewing.check(options, _WRITTEN, lights_all=options.integrator == "path", framed=path.suffix.lower() in FORMATS)
+    viewing.check(options, _WRITTEN, framed=path.suffix.lower() in FORMATS)
     state = {"size": list(options.size), "backend": options.backend, "playing": False}
     report = partial(print, f"raytracer view {options.scene}:", flush=True)
     shown = sh.view.View("raytracer.view.session", request, state, (PAGE, sh.view.PAGE))

@@ -262,7 +262,7 @@ class Renderers:
         self._drawers.begin(form, partial(_make, form, scene))
         error = self._drawers.error(form)
         if error is not None:
-            # Another scene, such as one without an environment light, may be possible.
+            # Another scene, such as one without glass, may be possible.
             self._drawers.forget(form)
             raise error
         if self._drawers.is_done(form):

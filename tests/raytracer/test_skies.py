@@ -223,12 +223,6 @@ def test_a_scene_without_triangles_shows_a_colour():
             render(Scene(background=shown), (4, 3), backend="numpy")
 
 
-def test_an_environment_light_without_path_is_refused_with_what_shows_one():
-    scene = mirrors(lights=[EnvironmentLight(PIXELS)])
-    with pytest.raises(SceneError, match=r"leave the light out; Scene\(background=...\) shows a picture or program"):
-        render(scene, (4, 3), backend="numpy")
-
-
 @pytest.mark.parametrize("glass", [False, True])
 def test_rays_of_a_smaller_share_than_the_least_contribution_are_not_followed(glass):
     """Between two mirrors of one half the share of a ray is 1/2, 1/4, 1/8."""

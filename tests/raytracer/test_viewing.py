@@ -177,8 +177,9 @@ def test_exposure_doubles_the_light(quad):
     assert pixels == [[137, 89, 0], [188, 124, 0]]
 
 
-def test_an_environment_takes_the_place_of_the_two_lights(quad):
-    options = ("--integrator", "path", "--samples", "4", "--environment", "sky.png", "--no-floor")
+@pytest.mark.parametrize("integrator", ["whitted", "path"])
+def test_an_environment_takes_the_place_of_the_two_lights(integrator, quad):
+    options = ("--integrator", integrator, "--samples", "4", "--environment", "sky.png", "--no-floor")
     image = rendered(*options)
     assert image.pixels[0, 0].tolist() == pytest.approx([0, 0, 1])
     square = image.pixels[image.object_id == 0]
@@ -189,11 +190,7 @@ def test_an_environment_takes_the_place_of_the_two_lights(quad):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--environment", "sky.png"], "with --integrator path alone"),
-        (
-            ["--environment", "gone.png", "--integrator", "path"],
-            "no picture gone.png: --environment is the path of",
-        ),
+        (["--environment", "gone.png"], "no picture gone.png: --environment is the path of"),
         (["--exposure", "1"], "--exposure is for .png; .exr and .npy hold the light as it is"),
         (["--camera", "1,1,1", "--target", "1,1,1"], "--camera is 1,1,1, --target is 1,1,1, --up is 0,1,0; choose"),
         (["--camera", "0,3,0", "--target", "0,0,0"], "must not be along its line of sight: --camera is 0,3,0"),
