@@ -70,7 +70,7 @@ def fingerprint(renderer: Renderer) -> str:
     if layout is None:
         return ""
     tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.cones
-    numbers = layout.sheens, layout.glass, layout.layers, layout.mirrors, layout.lights
+    numbers = layout.sheens, layout.glass, layout.layers, layout.mirrors, layout.lights, renderer.levels_around
     return probed(renderer.backend, renderer.integrator, *tables, *numbers)
 
 

@@ -28,6 +28,7 @@ from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.triangle import REACH
 from raytracer.scene.camera import Camera
 from raytracer.scene.layout import Layout
+from raytracer.scene.lights import EnvironmentLight
 
 SLACK = 2 * REACH
 """The part of a distance by which a part's box is taken to begin earlier and to end later."""
@@ -54,6 +55,7 @@ class PartData:
     camera: Camera
     background: Any
     ambient: float
+    environment: EnvironmentLight | None
     uniforms: dict[str, Any]
     integrator: Whitted
     backend: str
@@ -87,6 +89,7 @@ class Part:
             integrator.bounces,
             data.backend,
             integrator.min_contribution,
+            data.environment,
         )
         tracer.surfaces.black = data.black
         walk = tracer.intersector
@@ -99,7 +102,7 @@ class Part:
         for name, value in data.uniforms.items():
             self.eyes.params[name].value = value
         self.point = tracer.surfaces.interaction
-        self.fingerprint = probed(data.backend, integrator)
+        self.fingerprint = probed(data.backend, integrator, tracer.levels_around)
         self.visits, self.done = 0, list[Records]()
 
     def begin(self, top: int, count: int, width: int, first: int) -> Records:
@@ -227,16 +230,19 @@ class Records:
         return sum(column.nbytes for column in self.columns.values())
 
     def argument(self, name: str) -> Any:
-        """Return an array, or the arrays of a struct by field, as kernels take them."""
+        """Return an array, or the arrays of a struct by field, as kernels take them; a field may be a struct."""
         if name in self.columns:
             return self.columns[name]
-        return {key.partition(".")[2]: c for key, c in self.columns.items() if key.startswith(f"{name}.")}
+        fields = dict.fromkeys(
+            key[len(name) + 1 :].partition(".")[0] for key in self.columns if key.startswith(f"{name}.")
+        )
+        return {field: self.argument(f"{name}.{field}") for field in fields}
 
     def take(self, name: str, value: Any) -> None:
         """Replace an array, or those of a struct, by the result of a kernel."""
         if hasattr(value, "_fields"):
             for field in value._fields:
-                self.columns[f"{name}.{field}"] = np.asarray(getattr(value, field))
+                self.take(f"{name}.{field}", getattr(value, field))
         else:
             self.columns[name] = np.asarray(value)
 

@@ -29,11 +29,11 @@ from raytracer.image import Image, Stats
 from raytracer.integrators.integrator import Whitted, check_scene
 from raytracer.integrators.layers import Progress, canvas, rows_at_once, take_samples, unscale, whole_size
 from raytracer.kernels.appearance import Appearance
-from raytracer.kernels.kinds import MaterialKinds, is_black
+from raytracer.kernels.kinds import is_black
 from raytracer.kernels.pixel import Pixel
 from raytracer.layered.cube import is_layered
 from raytracer.scene.layout import Layout
-from raytracer.scene.scene import Background
+from raytracer.scene.scene import Scene
 
 MOST = 1024
 """Parts, at most."""
@@ -88,25 +88,21 @@ def check_partitions(job: Job, partitions: int) -> None:
         raise SceneError('partitions work at precision="f32" or "f64", not "f16"')
 
 
-def _check_layout(layout: Layout, background: Background) -> Appearance:
+def _check_layout(layout: Layout, scene: Scene) -> Appearance:
     """Return the materials of a scene; SceneError where some are clear, and for mistakes in programs."""
     appearance = Appearance(layout)
-    if callable(background):
-        examine_sky(background, "a background")
-    if (layout.glass[::2, 0] > 0).any() or "transmission" in appearance.gives:
+    if callable(scene.background):
+        examine_sky(scene.background, "a background")
+    if scene.environment is not None and scene.environment.program is not None:
+        examine_sky(scene.environment.program, "an EnvironmentLight")
+    if any(appearance.clears):
         raise SceneError("partitions follow mirrored rays alone, and this scene has glass: leave the partitions out")
-    kinds = MaterialKinds.of(layout, appearance)
-    if kinds.layered or kinds.tinted:
-        raise SceneError(
-            "partitions have Phong's model with grey mirrors, and this scene has a MetallicRoughness or a mirror with "
-            "a colour: leave the partitions out"
-        )
     return appearance
 
 
 def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> list[PartData]:
     """Cut a scene into parts of about equally many triangles."""
-    appearance = _check_layout(layout, job.scene.background)
+    appearance = _check_layout(layout, job.scene)
     corners = layout.triangles[:, :3].reshape(-1, 3, 3)
     groups = [np.sort(group) for group in _groups(corners.mean(axis=1), np.arange(len(corners)), partitions)]
     groups = [group for group in groups if len(group)]
@@ -121,6 +117,7 @@ def _cut(job: Job, layout: Layout, partitions: int, size: tuple[int, int]) -> li
         "camera": camera,
         "background": job.scene.background,
         "ambient": job.scene.ambient,
+        "environment": job.scene.environment,
         "uniforms": camera.uniforms(*size, layout.origin, layout.scale, layout.dtype),
         "integrator": job.integrator,
         "backend": job.backend,

@@ -18,14 +18,14 @@ from os import PathLike
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import shpy as sh
 from raytracer.accel.choice import MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
 from raytracer.image import ALPHA, LAYERS, Image, Stats
-from raytracer.integrators.integrator import Choice, Options, Path, Staged, Whitted, check_scene, chosen
+from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen
 from raytracer.integrators.layers import (
     Progress,
     check_rows,
@@ -43,13 +43,12 @@ from raytracer.integrators.origin import origin_of
 from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
+from raytracer.integrators.tracers import tracer_of
 from raytracer.integrators.turns import Turn, in_turn
 from raytracer.kernels.eye_rays import eye_rays_of
-from raytracer.kernels.glass import GlassTracer
 from raytracer.kernels.path import PathTracer
 from raytracer.kernels.picture import eye_rays, seen_rays
 from raytracer.kernels.pixel import Pixel
-from raytracer.kernels.tracer import Tracer
 from raytracer.kernels.walk import lanes_of
 from raytracer.scene.camera import Camera, checked_camera
 from raytracer.scene.layout import Layout
@@ -112,7 +111,7 @@ class Renderer:
         self._options: dict[str, Any] = self.integrator.arithmetic
         self._options |= lanes_of(self.backend, secondary)
         started = time.perf_counter()
-        self._tracer = self._tracer_of(self.layout)
+        self._tracer = tracer_of(self.integrator, scene, self.layout, self.backend)
         self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[Any, ...], dict[str, Any]] = {}
@@ -223,24 +222,10 @@ class Renderer:
             self._moving = tuple(sorted(motion.changed | set(self._moving)))
             self._prepare()
 
-    def _tracer_of(self, layout: Layout) -> Tracer | PathTracer:
-        """Return the tracer of the integrator and of what the scene has."""
-        if isinstance(self.integrator, Path):
-            return PathTracer(layout, self.scene, self.integrator.bounces, self.backend)
-        scene, bounces = self.scene, self.integrator.bounces
-        arguments = layout, scene.background, scene.ambient, bounces, self.backend
-        options: dict[str, Any] = {"environment": scene.environment}
-        if isinstance(self.integrator, Whitted):
-            options["min_contribution"] = self.integrator.min_contribution
-        tracer = Tracer(*arguments, **options)
-        if not tracer.surfaces.clear:
-            return tracer
-        if isinstance(self.integrator, Staged):
-            raise SceneError(
-                "the staged tracer follows mirrored rays alone, and this scene has glass: "
-                "choose the unified tracer, Whitted()"
-            )
-        return GlassTracer(*arguments, **options)
+    @property
+    def levels_around(self) -> NDArray[np.float32] | None:
+        """The blurred environment that a kernel reads; None where it reads none."""
+        return self._tracer.levels_around
 
     def _choose(self, camera: Camera, seen: bool = False, transparent: bool = False) -> None:
         """Take the kernels for a camera's projection, compiled once; `seen` where a G-buffer stands for eye rays."""

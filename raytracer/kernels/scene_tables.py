@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import shpy as sh
 from raytracer.accel.bounds import far
 from raytracer.accel.grid import Grid
@@ -75,6 +78,8 @@ class SceneTables:
     features: dict[str, bool | int]
     lights: LightList
     background: Any
+    levels_around: NDArray[np.float32] | None = None
+    """The numbers of the blurred environment, of tracers that read one."""
     ambient: Any = None
     """The param of the ambient light, for tracers that add it."""
 

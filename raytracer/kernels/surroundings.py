@@ -12,6 +12,7 @@ from math import pi
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import shpy as sh
 from raytracer.appearance.prefiltered import LEVELS, ROWS, Floats, means, prefiltered
@@ -30,6 +31,7 @@ FINE = 4
 class Surroundings(EnvironmentSky):
     """The environment of a scene with these surfaces; `blurs` says whether a ray needs to know how rough mirrors were.
 
+    `levels` are the numbers of its table; workers of a cluster must agree on them.
     Raises SceneError for a material with a shade.
     """
 
@@ -48,10 +50,10 @@ class Surroundings(EnvironmentSky):
         self.blurs = surfaces.lobes is not None and not self.sky.plain
         if surfaces.lobes is not None:
             surfaces.lobes.hides = True
-        self.table: Any = None
+        self.levels: NDArray[np.float32] | None = None
         if not self.sky.plain:
-            levels = [padded(level) for level in prefiltered(cells_of(self.sky))]
-            self.table = sh.Table(np.stack(levels), sh.Color3f, "prefiltered")
+            self.levels = np.stack([padded(level) for level in prefiltered(cells_of(self.sky))])
+            self.table = sh.Table(self.levels, sh.Color3f, "prefiltered")
 
     def suits(self, source: Any) -> bool:
         """Return whether another background needs no other kernel: it is not seen."""

@@ -92,7 +92,7 @@ class Tracer(SceneTables):
         super().__init__(layout, background, backend)
         self.around = None if environment is None else Surroundings(environment, self.surfaces)
         if self.around is not None:
-            self.background = self.around
+            self.background, self.levels_around = self.around, self.around.levels
         self.ambient = sh.Param(sh.Attrib1f, float(ambient), name="ambient")
         self.most_bounces, self.bounces = bounces, sh.Param(sh.Attrib1i, bounces, name="bounces")
         self.shares = MirrorShares(self.surfaces)

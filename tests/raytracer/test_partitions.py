@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from gltf_files import textured
 from patience import HANGING
 from scene_pictures import same
 
@@ -16,6 +17,8 @@ import shpy as sh
 from raytracer import (
     Camera,
     ClusterError,
+    DirectionalLight,
+    EnvironmentLight,
     Material,
     Mesh,
     MetallicRoughness,
@@ -88,6 +91,34 @@ def test_any_number_of_parts_makes_the_same_picture(client, parts):
     assert (moved["rounds"] == 1) == (parts == 1)
 
 
+def layers():
+    """Balls of layered materials, of coloured mirrors, and of textures in their slots, which show each other."""
+    picture = Texture(np.random.default_rng(2).random((4, 4, 3)))
+    materials = (
+        MetallicRoughness((1, 0.77, 0.34), 1, 0.1),
+        MetallicRoughness((0.2, 0.4, 0.9), 0, picture, clearcoat=1, sheen_color=(0.4, 0.2, 0.1), sheen_roughness=0.6),
+        Material((0.2, 0.9, 0.3), reflectivity=(0.7, 0.2, 0.4)),
+        MetallicRoughness((0.8, 0.8, 0.8), 0.5, 0.6, emission=(0, 0.2, 0.1)),
+    )
+    balls = [sphere(0.6, m, rings=6, segments=8).moved((k % 2, k // 2, -0.3 * k)) for k, m in enumerate(materials)]
+    return [*balls, floor(9, MetallicRoughness(picture, 0, 0.4)).moved((0, -0.5, 0))]
+
+
+@pytest.mark.parametrize("around", [False, True])
+def test_parts_of_layered_materials_and_coloured_mirrors_make_the_same_picture(client, around):
+    light = EnvironmentLight(sky, rotation=30) if around else DirectionalLight((-1, -2, -1))
+    scene = Scene(layers(), [light, PointLight((3, 4, 5))], Camera((0.5, 1, 5), (0.5, 0.5, 0), fov=50))
+    options = {"integrator": Whitted(bounces=2), "backend": "numpy"}
+    whole = render(scene, (18, 13), **options)
+    same(render(scene, (18, 13), cluster=client, partitions=3, **options), whole)
+
+
+def test_a_gltf_file_is_rendered_in_parts(client, tmp_path):
+    scene = Scene.load(textured().save(tmp_path / "tiles.glb"))
+    options = {"integrator": Whitted(bounces=1), "backend": "numpy"}
+    same(render(scene, (12, 9), cluster=client, partitions=2, **options), render(scene, (12, 9), **options))
+
+
 def test_a_part_holds_its_own_triangles_alone():
     random = np.random.default_rng(3)
     centres = random.random((1000, 3)) * (9, 1, 1)
@@ -142,8 +173,8 @@ def test_parts_are_found_for_blocks_of_rays(monkeypatch):
     ("material", "given", "message"),
     [
         (Material(transmission=1.0), {}, "this scene has glass"),
-        (MetallicRoughness(), {}, "this scene has a MetallicRoughness or a mirror with a colour: leave"),
-        (Material(reflectivity=(1, 0, 0)), {}, "a mirror with a colour: leave the partitions out"),
+        (MetallicRoughness(transmission=0.5), {}, "this scene has glass"),
+        (MetallicRoughness(alpha=0.5), {}, "this scene has glass"),
         (Material(), {"partitions": 0}, "a scene is cut into 1 to 1024 partitions, not 0"),
         (Material(), {"integrator": Path()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
         (Material(), {"integrator": Staged()}, 'partitions are rendered by Whitted\\(accel="bvh"\\)'),
