@@ -14,10 +14,8 @@ import re
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +26,10 @@ from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
 from raytracer.integrators import integrator
-from raytracer.integrators.layers import Progress
 from raytracer.integrators.renderer import Renderer
 from raytracer.listing import doctor, scenes
 from raytracer.memory import PIXEL, check_fits
+from raytracer.progress import announced, progress_bar
 from raytracer.rendering import render
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.loading import FORMATS
@@ -47,8 +45,6 @@ _SHARE = 20
 """It is not written before computing has taken this many times as long as writing did."""
 _KEYWORD = re.compile(r"\b(integrator|tracer|accel|grid|math)=[\"']?([\w:]+)[\"']?")
 """The options of the command as messages spell them, which are keywords of Python."""
-_PATIENCE = 2.0
-"""Seconds until a progress bar appears."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -258,6 +254,14 @@ def _still(options: argparse.Namespace) -> Scene:
 
 
 def _render(options: argparse.Namespace) -> int:
+    first_rows = announced(options.scene)
+    try:
+        return _render_picture(options, first_rows)
+    finally:
+        first_rows()
+
+
+def _render_picture(options: argparse.Namespace, first_rows: Callable[[], None]) -> int:
     output = options.output or Path(f"{Path(options.scene).stem}.png")
     writer(output, options.size, options.transparent)  # complains now about a path that cannot be written later
     width, height = options.size
@@ -271,12 +275,12 @@ def _render(options: argparse.Namespace) -> int:
         title, resume_path = f"{title}, {chosen_integrator.samples:,} samples", _begun(options, output)
         if options.cluster is None:
             renderer = Renderer(scene, integrator=chosen_integrator, backend=options.backend)
-            return _render_passes(options, renderer, output, resume_path, title)
+            return _render_passes(options, renderer, output, resume_path, title, first_rows)
     elif options.resume:
         raise SceneError("--resume is for --integrator path: other pictures have no samples to add to")
     elif options.error is not None and (options.math is not None or options.fuse):
         raise SceneError("--error chooses the arithmetic itself: leave out --math and --fuse")
-    with progress_bar(title) as progress:
+    with progress_bar(title, first_rows) as progress:
         image = render(
             scene,
             options.size,
@@ -310,13 +314,18 @@ def _begun(options: argparse.Namespace, output: Path) -> Path | None:
 
 
 def _render_passes(
-    options: argparse.Namespace, renderer: Renderer, output: Path, resume_path: Path | None, title: str
+    options: argparse.Namespace,
+    renderer: Renderer,
+    output: Path,
+    resume_path: Path | None,
+    title: str,
+    first_rows: Callable[[], None],
 ) -> int:
     """Render in passes, and write what there is every few minutes, after Ctrl-C, and at the end."""
     samples = renderer.integrator.samples
     stop: KeyboardInterrupt | None = None
     image, kept, due = None, 0, time.monotonic() + _SAVING
-    with progress_bar(title) as progress:
+    with progress_bar(title, first_rows) as progress:
         try:
             for image in renderer.passes(
                 options.size, progress=progress, resume=resume_path, transparent=options.transparent
@@ -448,23 +457,3 @@ def _summary(image: Image) -> str:
         f"in {stats.seconds:.2f} s, after {stats.build_seconds + stats.record_seconds + stats.compile_seconds:.2f} s "
         "of preparation"
     )
-
-
-@contextmanager
-def progress_bar(title: str) -> Iterator[Progress]:
-    """Show progress: a bar on a terminal once the work takes long; without a terminal, a line every few seconds."""
-    if not sys.stderr.isatty() or find_spec("rich") is None:
-        yield sh.command.progress_lines(title, percent=True)
-        return
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
-    started = time.monotonic()
-    with Bar(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, visible=False)
-
-        def progress(done: int, total: int) -> None:
-            late = time.monotonic() - started > _PATIENCE
-            bar.update(task, completed=done, total=total, visible=late and done < total)
-
-        yield progress

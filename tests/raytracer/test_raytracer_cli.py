@@ -1,14 +1,16 @@
 import os
 import re
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pages import wait_until
 
 import shpy as sh
-from raytracer import Image, Scene, SceneError, cli, gallery, memory, render, rendering
+from raytracer import Image, Scene, SceneError, cli, gallery, memory, progress, render, rendering
 from raytracer.scenes import SCENES
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
@@ -137,24 +139,41 @@ def test_doctor_names_backends_and_packages(capsys):
 def test_without_a_terminal_progress_is_a_line_every_few_seconds(monkeypatch, capsys):
     clock = iter([0, 2, 6, 6, 7, 11, 11])
     monkeypatch.setattr(sh.command, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    with cli.progress_bar("work") as progress:
+    with progress.progress_bar("work") as report:
         for done in range(5):
-            progress(done, 4)
+            report(done, 4)
     assert capsys.readouterr().err == "work: 25.0%\nwork: 75.0%\n"
 
 
 def test_the_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with cli.progress_bar("work") as progress:
-        progress(1, 2)
-        progress(2, 2)
+    with progress.progress_bar("work") as report:
+        report(1, 2)
+        report(2, 2)
     assert "work" not in capsys.readouterr().err
-    monkeypatch.setattr(cli, "_PATIENCE", -1.0)
+    monkeypatch.setattr(progress, "_PATIENCE", -1.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("FORCE_COLOR", "1")
-    with cli.progress_bar("work") as progress:
-        progress(1, 2)
+    with progress.progress_bar("work") as report:
+        report(1, 2)
     assert "work" in capsys.readouterr().err
+
+
+def test_a_command_says_what_it_does_before_the_first_rows(tmp_path, monkeypatch, capsys):
+    words = ["render", "boxes", "-o", str(tmp_path / "boxes.png"), "--size", "24x16", "--backend", "numpy"]
+    line = "raytracer: reads boxes, builds its accelerator and compiles its kernel before the first rows (SHPY_QUIET=1"
+    monkeypatch.setattr(progress, "_SILENCE", 0.0)
+    assert cli.main(words) == 0
+    assert line not in capsys.readouterr().err  # conftest sets SHPY_QUIET
+    monkeypatch.delenv("SHPY_QUIET")
+    for integrator in ("whitted", "path"):
+        assert cli.main([*words, "--integrator", integrator, "--samples", "1"]) == 0
+        assert capsys.readouterr().err.count(line) == 1
+    monkeypatch.setattr(progress, "_SILENCE", 3600.0)
+    before = threading.active_count()
+    assert cli.main(["render", str(tmp_path / "absent.obj")]) == 1
+    assert cli.main(words) == 0
+    wait_until(lambda: threading.active_count() <= before)
 
 
 def test_the_mode_of_arithmetic_is_an_option(tmp_path, capsys):
