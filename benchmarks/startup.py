@@ -121,8 +121,9 @@ def sessions(mesh: Mesh, quick: bool) -> Table:
     """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
 
     The policy of "auto" (`shpy/run/tiers`) promises at most twice the time of the better backend with the same caches.
-    Each backend fills its own here: after a process in which no program paid for its compilation, "auto" has nothing
-    in its cache. Up to 2,000,000 elements, cold: 5.1 s of CPU, numpy 4.1 and OpenCL 3.3; warm: 3.3, 4.3 and 0.6.
+    Each backend fills its own here. Up to 2,000,000 elements, cold: 5.1 s of CPU, numpy 4.1 and OpenCL 3.3; warm 4.3
+    and 0.6. Five processes of "auto" one after the other took 4.3, 2.6, 1.5, 1.4 and 1.5 s, and 5.3, 4.0, 2.3, 2.2
+    and 2.1 s where seconds of earlier processes did not count.
     """
     sizes = (1_000,) if quick else (10_000, 200_000, 2_000_000)
     texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}

@@ -51,6 +51,28 @@ def python(text, **settings):
     )
 
 
+def test_seconds_of_earlier_processes_pay_for_a_compilation(tmp_path, monkeypatch):
+    """A new executable is what a new process has: of a text that costs a second, numpy's quarters of it add up."""
+    monkeypatch.setattr(tiers.TieredExecutable, "expected", lambda self, *, cached: 0.1 if cached else 1.0)
+
+    def processes(number, *totals):
+        @sh.program
+        def scaled(x: sh.Attrib1f):
+            return x * number
+
+        executable = tiers.auto.compile(scaled.ir, scaled.compile("auto").options)
+        return [executable._has_paid(total) for total in totals]
+
+    monkeypatch.setenv("SHPY_CACHE_DIR", str(tmp_path))
+    assert processes(2, 0.1, 0.3, 0.6) == [False] * 3  # two quarters
+    assert processes(2, 0.2, 0.3) == [False, False]  # one more
+    assert processes(2, 0.2, 0.3) == [False, True]
+    assert processes(3, 0.1, 0.9, 1.0) == [False, False, True]
+    monkeypatch.setenv("SHPY_CACHE_DIR", "")  # nothing is kept
+    for _ in range(3):
+        assert processes(2, 0.2, 0.6) == [False, False]
+
+
 FORKED = """
 import os, numpy as np, shpy as sh
 from shpy.run import tiers
