@@ -6,7 +6,7 @@
 from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, ClassVar, Generic, Literal, Never, NoReturn
-from typing import ParamSpec, Self, TypeAlias, dataclass_transform, overload
+from typing import Concatenate, ParamSpec, Self, TypeAlias, dataclass_transform, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,7 @@ from shpy.tracing import Step as Step
 __version__: str
 _T = TypeVar("_T")
 _P = ParamSpec("_P")
+_Rest = ParamSpec("_Rest")
 _R = TypeVar("_R")
 _Operand = TypeVar("_Operand")
 _SingleOperand = TypeVar("_SingleOperand")
@@ -7035,10 +7036,20 @@ class Array(Generic[_E]):
 
 @dataclass_transform()
 def struct(cls: type[_T]) -> type[_T]: ...
+class _Subroutine(Generic[_P, _R]):
+    def __call__(self, *args: _P.args, **named: _P.kwargs) -> _R: ...
+    @overload
+    def __get__(self, instance: None, owner: Any = None) -> Self: ...
+    @overload
+    def __get__(
+        self: _Subroutine[Concatenate[Any, _Rest], _R], instance: object, owner: Any = None
+    ) -> Callable[_Rest, _R]: ...
+    def tangent(self, rule: Callable[..., _T]) -> Callable[..., _T]: ...
+
 @overload
-def subroutine(function: Callable[_P, _R]) -> Callable[_P, _R]: ...
+def subroutine(function: Callable[_P, _R]) -> _Subroutine[_P, _R]: ...
 @overload
-def subroutine(*, alone: bool) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]: ...
+def subroutine(*, alone: bool) -> Callable[[Callable[_P, _R]], _Subroutine[_P, _R]]: ...
 
 class _Block:
     def __enter__(self) -> None: ...

@@ -29,7 +29,8 @@ def forward_functions(outline: Outline, what: str, labels: Sequence[str]) -> tup
     module = optimise(module, fixed=False)
     simple = {g.name: g for g in module.functions[:-1]}
     find: Callable[[str], Function] = lambda name: simple.get(name) or outline.callees[name]  # noqa: E731
-    return module.entry, ForwardFunctions(labels, find, outline.frame.recording.function_name)
+    rules = {g.name: find(g.tangent) for g in outline.callees.values() if g.tangent is not None}
+    return module.entry, ForwardFunctions(labels, find, outline.frame.recording.function_name, rules)
 
 
 def reverse_call(
@@ -63,9 +64,9 @@ def reverse_call(
     }
     functions = [replace(_with_callees(g, names), name=names.get(g.name, g.name)) for g in module.functions]
     *callees, entry = functions
-    world = ReverseFunctions(
-        {g.name: g for g in callees}.__getitem__, recording.function_name, limits, rounding, frozenset(tables)
-    )
+    by_name = {g.name: g for g in callees}
+    rules = {} if rounding else {names[g.name]: by_name[names[g.tangent]] for g in outline.reached if g.tangent}
+    world = ReverseFunctions(by_name.__getitem__, recording.function_name, rules, limits, rounding, frozenset(tables))
     moving = moving_inputs(outline, entry)
     reverse = world.reversed(entry, moving, kept, unit=True)
     others = [g for g in callees if g.name in originals]

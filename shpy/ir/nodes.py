@@ -175,6 +175,8 @@ class Function:
     `any_lane` without `orelse`, one output, inputs by value): such a function is called by the op `call`, as an
     expression. Any other is called by the statement `Call`.
     `alone` marks a function that each lane of a packet should run by itself. It has no array parameters.
+    `tangent` is the name of the user's rule for its derivative, None for the derivative of its body: a function of the
+    outputs, the inputs, and a tangent of each input of floats, that gives the tangents of the outputs.
     """
 
     name: str
@@ -185,6 +187,7 @@ class Function:
     pure: bool = False
     loc: Loc | None = field(default=None, compare=False)
     alone: bool = False
+    tangent: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

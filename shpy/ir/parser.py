@@ -280,12 +280,12 @@ class _Reader(Transformer_NonRecursive[Token, Any]):
         return slots
 
     def function(
-        self, kind: Token | None, name: str, inputs: Any, outputs: Any, loc: Loc | None, *rest: Any
+        self, kind: Token | None, name: str, inputs: Any, outputs: Any, tangent: str | None, loc: Loc | None, *rest: Any
     ) -> Function:
         self.check_names()
         *variables, body = rest
         function = Function(
-            name, inputs or (), outputs or (), tuple(variables), body, kind == "pure", loc, kind == "alone"
+            name, inputs or (), outputs or (), tuple(variables), body, kind == "pure", loc, kind == "alone", tangent
         )
         self.functions[name] = function
         return function

@@ -142,7 +142,8 @@ class _Printer:
         inputs = ", ".join(map(self.declared, function.inputs))
         outputs = ", ".join(map(self.declared, function.outputs))
         kind = "pure " if function.pure else "alone " if function.alone else ""
-        head = f"{kind}function {quote(function.name)}({inputs}) -> ({outputs}){self.at(function.loc)} {{"
+        rule = f" tangent {quote(function.tangent)}" if function.tangent else ""
+        head = f"{kind}function {quote(function.name)}({inputs}) -> ({outputs}){rule}{self.at(function.loc)} {{"
         self.out += [Line(0, ""), Line(0, head, ("function", index))]
         for slot in function.variables:
             self.out.append(Line(1, f"var {self.declared(slot)}", ("variable", self.slots)))

@@ -227,7 +227,25 @@ class _FunctionCheck:
             self.check_pure()
         if self.function.alone and any(isinstance(p, Variable) and p.length is not None for p in self.function.inputs):
             self.fail("a function that each element runs alone takes no arrays")
+        if self.function.tangent is not None:
+            self.check_tangent(self.function.tangent)
         self.check_region(self.function.body)
+
+    def check_tangent(self, name: str) -> None:
+        """Check that the rule is a function before this one, of the right types."""
+        f, rule = self.function, self.scope.functions.get(name)
+        if rule is None:
+            self.fail(f"no function {name} before this one is the rule of its tangent")
+        if any(isinstance(port, Variable) for port in (*f.inputs, *rule.inputs)):
+            self.fail("a function with a rule of its tangent, and the rule, take their inputs by value")
+        floats = [port.type for port in f.inputs if port.type.is_float]
+        outputs = [v.type for v in f.outputs]
+        expected = [*outputs, *(port.type for port in f.inputs), *floats], outputs
+        if ([port.type for port in rule.inputs], [v.type for v in rule.outputs]) != expected:
+            self.fail(
+                f"the rule {name} takes the outputs, the inputs, and a tangent of each input of floats, and gives the "
+                f"tangents of the outputs"
+            )
 
     def check_declarations(self) -> None:
         for port in self.function.inputs:

@@ -12,7 +12,7 @@ Stage: improve. Each pass is a function Module -> Module in its own file. This f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from shpy.ir.exact import FUNCTIONS
@@ -114,6 +114,7 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     corrected = target.wrong if options.math != "fast" else frozenset()
     bounded = target.bounded if options.math == "relaxed" else frozenset()
     formulas = formulas_of(options.math, target.doubles, target.fuses)
+    module = without_rules(module)
     plain = lower_half(set_precision(module, options.precision), formulas, target.exact)
     does = target.does(options.math)
     lowered = lower(plain, does, corrected, bounded, formulas, target.exact, fuse=options.fuse)
@@ -127,6 +128,13 @@ def prepare(module: Module, options: Options, target: Target) -> PreparedModule:
     optimised = optimise(ending.module)
     result = optimised if target.vector else remove_dead(remove_decided_selects(optimised))
     return PreparedModule(remove_unused_functions(result), ending.status, ending.loops, ending.flagged)
+
+
+def without_rules(module: Module) -> Module:
+    """Return the module without the users' rules of tangents, which derivatives alone call."""
+    if all(f.tangent is None for f in module.functions):
+        return module
+    return remove_unused_functions(replace(module, functions=tuple(replace(f, tangent=None) for f in module.functions)))
 
 
 def with_strict_functions(module: Module, precision: Precision, math: Math = "strict", *, fuse: bool = False) -> Module:

@@ -223,10 +223,27 @@ def advance(p: sh.Point3f, v: sh.Vector3f, by: float) -> sh.Attrib1f:
     return sh.length(v)
 
 
+class Scene:
+    @sh.subroutine
+    def distance(self, p: sh.Point3f) -> sh.Attrib1f:
+        return sh.length(p)
+
+
+@sh.subroutine
+def height(p: sh.Point3f) -> sh.Attrib1f:
+    return sh.length(p)
+
+
+@height.tangent
+def height_tangent(y: sh.Attrib1f, p: sh.Point3f, d_p: sh.Vector3f) -> sh.Attrib1f:
+    return sh.dot(p, d_p) / y
+
+
 @sh.program
 def structs(ray: Ray) -> Shaded:
     moved = Ray(ray.o + ray.d, -ray.d)
-    way = advance(moved.o, moved.d, 0.5)
+    way = advance(moved.o, moved.d, 0.5) * Scene().distance(ray.o) * height(ray.o)
+    assert_type(way, sh.Attrib1f)
     assert_type(moved.o, sh.Point3f)
     assert_type(moved.o.x, sh.Attrib1f)
     moved.d = sh.Vector3f(0, 0, 1)

@@ -30,8 +30,18 @@ from shpy.lang.values import arithmetic
 from shpy.lang.values.coerce import literal, sequence
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.snapshot import snapshot
-from shpy.lang.values.structure import Layout, build_values, built, is_value, layout_from, layout_of, leaves, leaves_of
-from shpy.lang.values.value import Value
+from shpy.lang.values.structure import (
+    Layout,
+    Leaf,
+    build_values,
+    built,
+    is_value,
+    layout_from,
+    layout_of,
+    leaves,
+    leaves_of,
+)
+from shpy.lang.values.value import CLASSES, Value
 
 
 class Subroutine:
@@ -48,6 +58,7 @@ class Subroutine:
         self.name: str = name or str(getattr(function, "__name__", "subroutine"))
         self.signature = inspect.signature(function)
         self.alone = alone
+        self._rule: Subroutine | None = None
         self._hints: dict[str, Any] | None = None
         self._loc = loc_of(function)
         self._is_library = self._loc is not None and is_library(self._loc)
@@ -85,6 +96,33 @@ class Subroutine:
         converted = {name for name, value in arguments.items() if self._is_converted(value, bound.arguments[name])}
         return recorded.call(recording.frame, arguments, converted)
 
+    def tangent(self, rule: Callable[..., Any]) -> Callable[..., Any]:
+        """Make a function the rule by which derivatives of this subroutine are computed; return it.
+
+        The rule takes the result, all arguments, and a tangent of each argument of floats, in this order. It returns
+        the tangent of the result, which has to be linear in the tangents. Derivatives call it and leave the body of the
+        subroutine alone, so a solver is differentiated at its solution and not step by step:
+
+            @sh.subroutine
+            def root(c: sh.Attrib1f) -> sh.Attrib1f: ...      # x with x**3 + x = c, by Newton's method
+
+            @root.tangent
+            def root_tangent(x, c, d_c):
+                return d_c / (3 * x * x + 1)
+
+        A Point has a Vector as its tangent. Reverse mode takes rules without blocks: sums of tangents and products of
+        them with other values. `sh.accuracy.roundings` differentiates the body.
+
+        Raises ShpyTypeError for anything but a function; where the subroutine is recorded, for a rule with other
+        parameters or another result, and for arguments or results that have no tangent.
+        """
+        if not callable(rule):
+            raise ShpyTypeError(
+                f"{self.name}.tangent takes a function", loc=here(), cure=f"@{self.name}.tangent above a def"
+            )
+        self._rule = Subroutine(rule)
+        return rule
+
     def _key(self, arguments: dict[str, Any]) -> Hashable | None:
         """Return the key of the recording for a call: the types of values, and snapshots of all other objects read.
 
@@ -92,7 +130,8 @@ class Subroutine:
         """
         kinds = tuple((name, _kind(value)) for name, value in arguments.items())
         hosts = [value for (_, kind), value in zip(kinds, arguments.values(), strict=True) if kind is None]
-        seen = snapshot(*hosts) if self._is_library else snapshot(self.function, *hosts)
+        own = () if self._is_library else (self.function, *([self._rule.function] if self._rule else ()))
+        seen = snapshot(*own, *hosts)
         return None if seen is None else (self, kinds, seen)
 
     def _argument(self, frame: Frame, name: str, value: Any) -> Any:
@@ -141,12 +180,78 @@ class Subroutine:
             recording.frames.pop()
             recording.underway.pop()
         recorded = RecordedSubroutine(frame, inside, alone=self.alone)
+        if self._rule is not None:
+            recording.underway.append(self.function)
+            try:
+                rule = self._record_rule(self._rule, recorded, recording, arguments)
+            finally:
+                recording.underway.pop()
+            recorded.function = replace(recorded.function, tangent=rule.name)
         original: RecordedSubroutine = recording.subroutines.setdefault((self.name, *recorded.content()), recorded)
         if original is recorded:
             recording.functions.append(recorded.function)
         else:
             recording.function_names.discard(frame.name)
         return original
+
+    def _record_rule(
+        self, rule: Subroutine, recorded: RecordedSubroutine, recording: Recording, arguments: dict[str, Any]
+    ) -> Function:
+        """Record the rule for the types of the arguments and the result."""
+        if any(recorded.by_reference):
+            raise ShpyTypeError(
+                f"{self.name} has a rule of its tangent, and stores into its arguments or takes an array",
+                loc=self._loc,
+                cure=f"x.copy() in {self.name}, or values in place of the array",
+            )
+        layouts = {name: layout_from(x, name) for name, x in arguments.items() if is_value(x)}
+        moving = {name: layout for name, layout in layouts.items() if _has_floats(self.name, layout, name, self._loc)}
+        if recorded.layout is None or not _has_floats(self.name, recorded.layout, "its result", self._loc):
+            raise ShpyTypeError(f"the result of {self.name} has no tangent", loc=self._loc, cure="a result of floats")
+        expected = ["result", *arguments, *(f"d_{name}" for name in moving)]
+        names = list(rule.signature.parameters)
+        if len(names) != len(expected):
+            raise ShpyTypeError(
+                f"the rule {rule.name} takes the result of {self.name}, its arguments, and a tangent of each argument "
+                f"of floats: {len(expected)} parameters, not {len(names)}",
+                loc=rule._loc,
+                cure=f"def {rule.name}({', '.join(expected)}):",
+            )
+        scratch = Frame(recording, rule.name, rule._loc)
+        values = [_placeholder(scratch, recorded.layout), *arguments.values()]
+        values += [_placeholder(scratch, layout, tangent=True) for layout in moving.values()]
+        result = rule._record(recording, dict(zip(names, values, strict=True)))
+        types = [v.type for v in recorded.function.outputs]
+        if [v.type for v in result.function.outputs] != types or any(result.by_reference):
+            spoken = ", ".join(map(str, types))
+            raise ShpyTypeError(
+                f"the rule {rule.name} stores into its parameters"
+                if any(result.by_reference)
+                else f"the rule {rule.name} returns something else than {self.name}, whose result consists of {spoken}",
+                loc=rule._loc,
+                cure="the tangent of the result, from copies",
+            )
+        return result.function
+
+
+def _has_floats(name: str, layout: Layout, path: str, loc: Loc | None) -> bool:
+    """Return whether an argument or a result consists of floats; ShpyTypeError for one of both floats and others."""
+    floats = [cls.type.is_float for _, _, cls in leaves(layout, "")]
+    if any(floats) and not all(floats):
+        raise ShpyTypeError(
+            f"{name} has a rule of its tangent, and {path} has floats and ints",
+            loc=loc,
+            cure="two structs in place of it",
+        )
+    return all(floats)
+
+
+def _placeholder(frame: Frame, layout: Layout, *, tangent: bool = False) -> Any:
+    """Return an object of a layout; the tangent of a Point is a Vector."""
+    if tangent and isinstance(layout, Leaf) and layout.cls.kind == "Point":
+        layout = Leaf(CLASSES["Vector", layout.cls.size, layout.cls.type.base])
+    classes = [cls for _, _, cls in leaves(layout, "")]
+    return build_values(layout, iter([_slot_value(frame, cls, "", frame.loc) for cls in classes]))
 
 
 def _restore(signature: inspect.Signature, inside: dict[str, Any]) -> dict[str, Any]:

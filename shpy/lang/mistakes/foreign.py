@@ -46,6 +46,7 @@ _SHADING = {
     "kernel": "program", "func": "program", "function": "subroutine",
     **dict.fromkeys(("grad", "autodiff", "backward", "bwd_diff"), "gradient(f)(x), or program.gradient(\"x\")"),
     **dict.fromkeys(("fwd_diff", "forward_diff", "pushforward"), "jvp(f, [x], [dx]), or program.jvp(\"x\")"),
+    **dict.fromkeys(("custom_jvp", "custom_vjp"), "subroutine above f, and @f.tangent above its rule"),
     "value_and_grad": "gradient(f, value=True)(x), or sh.value_and_gradient(program, params)",
     **dict.fromkeys(("jacfwd", "jacrev"), "jacobian(f)(x)"),
     "hessian": "jacobian(sh.gradient(f))(x)", "derivative": "gradient(f)(x)",

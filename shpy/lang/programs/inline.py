@@ -96,7 +96,8 @@ class _Names:
         definition = self.recording.subroutines.get(key)
         if definition is None:
             name = self.recording.function_name(function.name)
-            definition = replace(self.body(function), name=name)
+            rule = None if function.tangent is None else self.functions[function.tangent]
+            definition = replace(self.body(function), name=name, tangent=rule)
             self.recording.subroutines[key] = definition
         self.functions[function.name] = definition.name
         result: Function = definition

@@ -62,11 +62,11 @@ class Outline:
 
     @property
     def reached(self) -> list[Function]:
-        """The functions that the outline calls, callees first."""
+        """The functions that the outline calls, with the rules of their tangents, callees first."""
         order: dict[str, Function] = {}
 
         def reach(function: Function) -> None:
-            for callee in filter(None, map(callee_of, walk(function.body))):
+            for callee in filter(None, (function.tangent, *map(callee_of, walk(function.body)))):
                 if callee not in order:
                     reach(self.callees[callee])
                     order[callee] = self.callees[callee]

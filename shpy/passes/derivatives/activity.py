@@ -7,9 +7,10 @@ callee is computed once for each set of its inputs that move. For roundings, a v
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
 
+from shpy.errors import RecordError
 from shpy.ir.nodes import Call, Function, Let, Store, Value, Variable
 from shpy.ir.ops import LANE_OPS, OPS
 from shpy.ir.tangents import flat
@@ -33,13 +34,20 @@ class Activity:
 class Activities:
     """The activities of a module's functions; `functions` returns a function by name.
 
-    Elements of `tables` move. With `rounding`, a value that is rounded moves.
+    Elements of `tables` move. With `rounding`, a value that is rounded moves. `rules` are the users' rules of tangents,
+    by the functions that have one.
     """
 
     def __init__(
-        self, functions: Callable[[str], Function], tables: Collection[str] = (), *, rounding: bool = False
+        self,
+        functions: Callable[[str], Function],
+        rules: Mapping[str, Function],
+        tables: Collection[str] = (),
+        *,
+        rounding: bool = False,
     ) -> None:
         self.functions = functions
+        self.rules = rules
         self.tables = tables
         self.rounding = rounding
         self._kept: dict[tuple[str, Moving], Activity] = {}
@@ -48,7 +56,9 @@ class Activities:
         """Return the activity of a function by name."""
         key = name, tuple(moving)
         if key not in self._kept:
-            self._kept[key] = self.in_function(self.functions(name), key[1])
+            function = self.functions(name)
+            activity = self.in_function(function, key[1])
+            self._kept[key] = self._by_rule(function, activity) if name in self.rules else activity
         return self._kept[key]
 
     def in_function(self, function: Function, moving: Moving) -> Activity:
@@ -72,6 +82,20 @@ class Activities:
         inputs = tuple(p.id in (values if isinstance(p, Value) else variables) for p in function.inputs)
         outputs = tuple(v.id in variables for v in function.outputs)
         return Activity(frozenset(values), frozenset(variables), inputs, outputs)
+
+    def _by_rule(self, function: Function, activity: Activity) -> Activity:
+        """Return the activity of a function with a rule; RecordError where it moves by more than its arguments."""
+        rule = self.rules[function.name]
+        floats = sum(port.type.is_float for port in function.inputs)
+        own = len(rule.inputs) == len(function.outputs) + len(function.inputs) + floats
+        if not own or any(self.in_function(function, (False,) * len(function.inputs)).outputs):
+            raise RecordError(
+                "this subroutine has a rule of its tangent by its arguments, and reads a Param or a Table that the "
+                "derivative is taken by",
+                loc=function.loc,
+                cure="an argument of the subroutine for it",
+            )
+        return replace(activity, outputs=(any(activity.inputs),) * len(function.outputs))
 
     def arguments(self, call: Call, values: Collection[int], variables: Collection[int]) -> Moving:
         """Return which arguments of a call move."""

@@ -26,6 +26,7 @@ from shpy.ir.traverse import is_straight
 from shpy.ir.types import Type
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, joined, tangent_of
+from shpy.passes.derivatives.own_rules import forward_by_rule
 
 Seed = Sequence[int | None]
 """For each direction, the component of an input that has the tangent 1 in it; None for an input that stays."""
@@ -37,15 +38,16 @@ class ForwardFunctions:
 
     `labels` name the directions: the tangent of `q` is `q_dx` for the label `dx`, and `d_q` for an empty one.
     `functions` returns a function by name; `fresh` makes names of functions. `callees` are those that the results
-    call, innermost first.
+    call, innermost first. `rules` are the users' rules of tangents, by the functions that have one.
     """
 
     labels: Sequence[str]
     functions: Callable[[str], Function]
     fresh: Callable[[str], str]
+    rules: Mapping[str, Function]
 
     def __post_init__(self) -> None:
-        self.activities = Activities(self.functions)
+        self.activities = Activities(self.functions, self.rules)
         self._kept: dict[tuple[str, Moving], Function] = {}
 
     @property
@@ -57,9 +59,19 @@ class ForwardFunctions:
         """Return the forward function of a function by name whose inputs `moving` move."""
         key = name, moving
         if key not in self._kept:
-            forward = _ForwardRewriter(self.functions(name), self.activities.of(name, moving), self, {}).run()
+            function, activity = self.functions(name), self.activities.of(name, moving)
+            if name in self.rules:
+                forward = forward_by_rule(function, self.rules[name], moving, self.names)
+            else:
+                forward = _ForwardRewriter(function, activity, self, {}).run()
             self._kept[key] = replace(forward, name=self.fresh(f"{name}_forward"))
         return self._kept[key]
+
+    def names(self, name: str | None) -> list[str | None]:
+        """Return the names of the tangents of a value or variable."""
+        if name is None:
+            return [None] * len(self.labels)
+        return [f"{name}_{label}" if label else f"d_{name}" for label in self.labels]
 
     def seeded(self, function: Function, moving: Moving, seeds: Mapping[int, Seed]) -> Function:
         """Return the forward function whose inputs `moving` move: by the `seeds` of their ids, or by new inputs."""
@@ -90,7 +102,7 @@ class _ForwardRewriter:
             elif port.id in self.seeds:
                 self.tangents[port.id] = tuple(self._seed(port.type, picked) for picked in self.seeds[port.id])
             elif port.id in self.activity.values:
-                self.tangents[port.id] = tuple(Live(b, b.input(port.type, n)) for n in self._names(port.name))
+                self.tangents[port.id] = tuple(Live(b, b.input(port.type, n)) for n in self.world.names(port.name))
         for v in f.outputs:
             if v.id in self.activity.variables:
                 self._shadow(v, lambda v, name: b.output(v.type, name))
@@ -102,14 +114,9 @@ class _ForwardRewriter:
         pure = is_straight(forward.body) and len(forward.outputs) == 1 and f.pure
         return replace(forward, pure=pure)
 
-    def _names(self, name: str | None) -> list[str | None]:
-        if name is None:
-            return [None] * len(self.world.labels)
-        return [f"{name}_{label}" if label else f"d_{name}" for label in self.world.labels]
-
     def _shadow(self, variable: Variable, make: Callable[[Variable, str | None], Variable]) -> None:
         self.b.loc = variable.loc
-        self.shadows[variable.id] = tuple(make(variable, name) for name in self._names(variable.name))
+        self.shadows[variable.id] = tuple(make(variable, name) for name in self.world.names(variable.name))
 
     def _seed(self, type: Type, picked: int | None) -> Tangent:
         """Return the tangent that is 1 in one component."""
@@ -164,7 +171,7 @@ class _ForwardRewriter:
             self.b.append(let)
             tangents = [self._tangent(let, k) for k in range(len(self.world.labels))]
         self.tangents[value.id] = tuple(tangents)
-        for name, t in zip(self._names(value.name), tangents, strict=True):
+        for name, t in zip(self.world.names(value.name), tangents, strict=True):
             if name is not None and isinstance(t, Live):
                 self.b.names.setdefault(t.value.id, name)
 

@@ -29,8 +29,8 @@ The bars of values that inner regions read, and those of variables, are variable
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from shpy.ir.nodes import (
@@ -61,6 +61,7 @@ from shpy.passes.derivatives.loop_state import (
     free_values,
     make_loop_state,
 )
+from shpy.passes.derivatives.own_rules import reverse_by_rule
 from shpy.passes.derivatives.places import Place
 from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
@@ -87,19 +88,20 @@ class Reverse:
 class ReverseFunctions:
     """The reverse functions of a prepared module; see `forward.ForwardFunctions`.
 
-    `limits` are those of loops. With `rounding` a function has an output for each line more: the most by which the
-    roundings of the operations of this line may change the result, to the first order. `tables` are the names of the
-    tables that move.
+    `rules` are the users' rules of tangents, by the functions that have one; `limits` are those of loops. With
+    `rounding` a function has an output for each line more: the most by which the roundings of the operations of this
+    line may change the result, to the first order. `tables` are the names of the tables that move.
     """
 
     functions: Callable[[str], Function]
     fresh: Callable[[str], str]
-    limits: LoopLimits = field(default_factory=LoopLimits)
+    rules: Mapping[str, Function]
+    limits: LoopLimits
     rounding: bool = False
     tables: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        self.activities = Activities(self.functions, self.tables, rounding=self.rounding)
+        self.activities = Activities(self.functions, self.rules, self.tables, rounding=self.rounding)
         self._kept: dict[tuple[str, Moving], Reverse] = {}
 
     @property
@@ -111,7 +113,12 @@ class ReverseFunctions:
         """Return the reverse function of a function by name whose inputs `moving` move."""
         key = name, moving
         if key not in self._kept:
-            reverse = _ReverseRewriter(self.functions(name), self.activities.of(name, moving), self, ()).run(unit=False)
+            original, activity = self.functions(name), self.activities.of(name, moving)
+            if name in self.rules:
+                function = reverse_by_rule(original, self.rules[name], moving, self.functions, self.limits)
+                reverse = Reverse(function, (), Reads())
+            else:
+                reverse = _ReverseRewriter(original, activity, self, ()).run(unit=False)
             function = replace(reverse.function, name=self.fresh(f"{name}_reverse"), pure=False)
             self._kept[key] = replace(reverse, function=function)
         return self._kept[key]
@@ -344,7 +351,7 @@ class _ReverseRewriter:
                         b.store(s.variable, old.value, index=self.need(s.index, place).value)
                 case Call():
                     bars = [self.take(r.id, r.type, place) for r in s.results if r.id in self.activity.values]
-                    self._call(s.function, s.args, bars, place)
+                    self._call(s.function, s.args, [r.id for r in s.results], bars, place)
                 case If(condition, then, orelse, loc):
                     test = self.need(condition, place).value.id
                     parts = []
@@ -406,7 +413,7 @@ class _ReverseRewriter:
             case "load":
                 self._load(let, bar, place)
             case "call":
-                self._call(str(let.attr), let.args, [bar], place)
+                self._call(str(let.attr), let.args, [let.value.id], [bar], place)
             case "table":
                 table = str(let.attr)
                 at = self.reads.place_of(table, self.need(let.args[0], place))
@@ -431,20 +438,21 @@ class _ReverseRewriter:
         index = self.need(let.args[0], place).op("clamp", 0, shadow.length - 1).value
         b.store(shadow, (Live(b, b.load(shadow, index)) + bar).value, index=index)
 
-    def _call(self, name: str, args: tuple[int, ...], bars: list[Tangent], place: Place) -> None:
+    def _call(self, name: str, args: tuple[int, ...], outputs: list[int], bars: list[Tangent], place: Place) -> None:
         """Append a call of the reverse function of a function that the forward part calls."""
         b = self.b
         if all(isinstance(bar, Zero) for bar in bars):
             return
         reverse = self.world.of(name, tuple(a in self.activity.values for a in args))
         callee = reverse.function
-        arguments = [self.need(a, place).value.id for a in args] + [dense(bar).value.id for bar in bars]
-        outputs = tuple(b.value(v.type) for v in callee.outputs)
-        b.append(Call(callee.name, tuple(arguments), outputs, b.loc))
+        values = [*args, *(outputs if name in self.world.rules else ())]
+        arguments = [self.need(v, place).value.id for v in values] + [dense(bar).value.id for bar in bars]
+        derived = tuple(b.value(v.type) for v in callee.outputs)
+        b.append(Call(callee.name, tuple(arguments), derived, b.loc))
         moving = [a for a in args if a in self.activity.values]
-        for a, v in zip(moving, outputs, strict=False):
+        for a, v in zip(moving, derived, strict=False):
             self.add(a, Live(b, v), place)
-        rest = iter(outputs[len(moving) :])
+        rest = iter(derived[len(moving) :])
         for loc in reverse.lines:
             self._add_error(loc or b.loc, Live(b, next(rest)))
         for table in reverse.reads.tables:
@@ -464,7 +472,7 @@ class _ReverseRewriter:
         if isinstance(tangent, Zero):
             return
         transposition = Transposition(b, {v.id for v in marks.values()})
-        transposition.run(b.since(count), tangent.value.id, bar)
+        transposition.run(b.since(count), {tangent.value.id: bar})
         for a, v in marks.items():
             self.add(a, transposition.bars.get(v.id, Zero(b, v.type)), place)
 

@@ -50,7 +50,7 @@ def prepared(module: Module, tables: Collection[str] = (), *, defined: bool = Fa
     Functions in which a loop reads one of the `tables` are inlined, so that one count numbers their reads. With
     `defined`, composite operations are calls of their definitions, whose roundings count one by one.
     """
-    looped = reads_in_loops(module, tables)
+    looped = reads_in_loops(module, tables) - {f.name for f in module.functions if f.tangent is not None}
     if defined:
         module = lower(module, frozenset(OPS) - COMPOSITES)
     module = optimise(pass_by_value(inline_calls(module, lambda f: takes_array(f) or f.name in looped)), fixed=False)

@@ -11,7 +11,7 @@ The operations that rules apply to tangents are few, and have their transposes h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from shpy.ir.nodes import Let, Stmt
@@ -26,8 +26,11 @@ class Transposition:
         self.placeholders = placeholders
         self.bars: dict[int, Tangent] = {}
 
-    def run(self, statements: Sequence[Stmt], result: int, bar: Tangent) -> None:
-        """Append the statements that depend on no placeholder as they are, then the others backwards."""
+    def run(self, statements: Sequence[Stmt], results: Mapping[int, Tangent]) -> None:
+        """Append the statements that depend on no placeholder as they are, then the others backwards.
+
+        `results` are the cotangents of the results.
+        """
         linear = set(self.placeholders)
         moving: list[Let] = []
         for s in statements:
@@ -36,7 +39,7 @@ class Transposition:
                 moving.append(s)
             else:
                 self.b.append(s)
-        self.bars[result] = bar
+        self.bars.update(results)
         for let in reversed(moving):
             own = self.bars.pop(let.value.id, None)
             if own is not None and not isinstance(own, Zero):

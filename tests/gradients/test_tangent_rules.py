@@ -1,0 +1,279 @@
+"""Rules of tangents that users write, `@f.tangent`: at the solution of a solver, in both modes, and wrong ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from shpy import SH_BREAK, SH_DO, SH_FOR, SH_IF, SH_UNTIL
+from shpy.ir.verifier import VerifyError
+from tests.backends.running import TARGETS, differs, run
+
+WHERE = sh.Param(sh.Point3f, (0.2, -0.1, 4), name="where")
+
+
+@sh.subroutine
+def root(c: sh.Attrib1f) -> sh.Attrib1f:
+    """Solve x**3 + x = c by Newton's method; no bound of the loop is known."""
+    x = sh.Attrib1f(1)
+    with SH_DO():
+        step = (x * x * x + x - c) / (3 * x * x + 1)
+        x -= step
+        SH_UNTIL(sh.abs(step) < 1e-5)
+    return x
+
+
+@root.tangent
+def root_tangent(x: Any, c: Any, d_c: Any) -> Any:
+    return d_c / (3 * x * x + 1)
+
+
+def surface(p: Any, center: Any) -> Any:
+    return sh.length(p - center) - 1 - 0.1 * sh.sin(p.x * 3)
+
+
+@sh.struct
+class Ray:
+    o: sh.Point3f
+    d: sh.Vector3f
+
+
+@sh.subroutine
+def hit(ray: Ray, center: sh.Point3f, most: sh.Attrib1i) -> sh.Point3f:
+    """March to the surface."""
+    t = sh.Attrib1f(0)
+    with SH_FOR(0, most):
+        step = surface(ray.o + t * ray.d, center)
+        t += step * 0.8
+        SH_BREAK(sh.abs(step) < 1e-11)
+    return ray.o + t * ray.d
+
+
+@hit.tangent
+def hit_tangent(p: Any, ray: Any, center: Any, most: Any, d_ray: Any, d_center: Any) -> Any:
+    """Stay on surface(p, center) = 0 while p moves along the ray."""
+    assert isinstance(d_ray, Ray)
+    n, by_center = sh.gradient(surface, (0, 1))(p, center)
+    t = sh.dot(p - ray.o, ray.d) / sh.dot(ray.d, ray.d)
+    across = d_ray.o + t * d_ray.d
+    return across - (sh.dot(n, across) + sh.dot(by_center, d_center)) / sh.dot(n, ray.d) * ray.d
+
+
+def deep(o: Any, d: Any) -> Any:
+    p = hit(Ray(o, sh.normalize(d)), WHERE, 200)
+    return root(sh.dot(p - o, p - o)) + p.y * root(p.x)
+
+
+@sh.program
+def depth(o: sh.Point3f, d: sh.Vector3f) -> sh.Attrib1f:
+    return deep(o, d)
+
+
+RNG = np.random.default_rng(7)
+ORIGINS = RNG.uniform(-0.1, 0.1, (30, 3))
+DIRECTIONS = RNG.uniform(-0.1, 0.1, (30, 3)) + (0, 0, 1)
+
+
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_rules_of_solvers(mode: Any) -> None:
+    """The derivative is the difference quotient, has the same bits on every backend, and the text calls the rule."""
+    slopes = depth.gradient("o", "d", WHERE, mode=mode)
+    whole = depth.compile("numpy", precision="f64")
+    derivatives = slopes.compile("numpy", precision="f64").run(ORIGINS, DIRECTIONS).outputs
+    for k, x in enumerate((ORIGINS, DIRECTIONS)):
+        for axis in range(3):
+            h = np.eye(3)[axis] * 1e-4
+            ends = [whole(*(y + s * h if y is x else y for y in (ORIGINS, DIRECTIONS))) for s in (1, -1)]
+            assert np.allclose(derivatives[k][:, axis], (ends[0] - ends[1]) / 2e-4, atol=1e-4)
+    assert np.allclose(derivatives[2], -derivatives[0] + derivatives[2] + derivatives[0])
+    single = [x.astype(np.float32) for x in (ORIGINS, DIRECTIONS)]
+    expected = run(slopes, "numpy", *single).outputs
+    for target in TARGETS[1:]:
+        for a, b in zip(run(slopes, target, *single).outputs, expected, strict=True):
+            assert not differs(a, b).any(), target
+
+
+def test_second_derivatives_directions_and_immediate_mode() -> None:
+    slope = sh.gradient(sh.gradient(root))(3.0)
+    x = float(sh.gradient(root, value=True)(3.0)[0])
+    assert np.isclose(float(slope), -6 * x / (3 * x * x + 1) ** 3, rtol=1e-5)
+    assert np.isclose(float(sh.gradient(root, mode="reverse")(3.0)), 1 / (3 * x * x + 1), rtol=1e-6)
+    value, change = sh.jvp(
+        hit,
+        [Ray(sh.Point3f(0, 0, 0), sh.Vector3f(0, 0, 1)), sh.Point3f(0, 0, 4), sh.Attrib1i(90)],
+        [None, sh.Vector3f(0, 0, 1), None],
+    )
+    assert np.allclose(np.asarray(value), [0, 0, 3], atol=1e-5)
+    assert np.allclose(np.asarray(change), [0, 0, 1], atol=1e-5)
+
+
+def test_the_recorded_text_has_the_rule_and_kernels_lack_it() -> None:
+    assert "tangent root_tangent" in str(depth.ir)
+    assert sh.parse(str(depth.ir)) == depth.ir
+    again = sh.Program.from_ir(sh.parse(str(depth.ir).replace("root", "solve")))
+    assert "root_tangent" not in depth.compile("opencl").source
+    slopes = again.gradient("o").compile("numpy")(ORIGINS.astype(np.float32), DIRECTIONS.astype(np.float32))
+    assert np.array_equal(
+        slopes[0], depth.gradient("o").compile("numpy")(ORIGINS.astype(np.float32), DIRECTIONS.astype(np.float32))[0]
+    )
+    body = sh.accuracy.roundings(depth, {"o": ORIGINS[:4], "d": DIRECTIONS[:4]}, samples=4, most=200)
+    assert any(line.loc and "step = (x" in line.text for line in body.lines)  # roundings are those of the body
+
+
+def nearly(x: Any, c: Any, d_c: Any) -> Any:
+    return sh.cond(d_c > 0, d_c, 2 * d_c)
+
+
+def squared(x: Any, c: Any, d_c: Any) -> Any:
+    return d_c * d_c
+
+
+def branched(x: Any, c: Any, d_c: Any) -> Any:
+    slope = sh.Attrib1f(d_c)
+    with SH_IF(x > 1):
+        slope *= x
+    return slope
+
+
+def added(x: Any, c: Any, d_c: Any) -> Any:
+    return d_c + x
+
+
+@pytest.mark.parametrize("rule", [nearly, squared, branched, added])
+def test_reverse_mode_refuses_rules_that_it_cannot_transpose(rule: Any) -> None:
+    @sh.subroutine
+    def half(c: sh.Attrib1f) -> sh.Attrib1f:
+        return c * 0.5
+
+    half.tangent(rule)
+    sh.gradient(half)(1.0)
+    with pytest.raises(sh.RecordError) as e:
+        sh.gradient(half, mode="reverse")(1.0)
+    assert e.value.message.endswith("this rule of a tangent backwards, and sees no sum of products with tangents here")
+    cure = "+ and - of tangents, * and / with other values, and sh.cond in place of SH_IF; or"
+    assert e.value.cure == f'{cure} mode="forward"'
+    assert e.value.loc is not None
+    lines = ["sh.cond(d_c > 0, d_c, 2 * d_c)", "d_c * d_c", "slope = sh.Attrib1f(d_c)", "d_c + x"]
+    assert Path(__file__).read_text().splitlines()[e.value.loc.line - 1].strip().removeprefix("return ") in lines
+
+
+def test_linear_rules_of_every_shape_are_transposed() -> None:
+    """Products, quotients, dot and cross products, components, vectors and choices of tangents."""
+
+    @sh.subroutine
+    def mixed(v: sh.Attrib3f, s: sh.Attrib1f) -> sh.Attrib3f:
+        return sh.cross(v, v.yzx) * s + sh.Attrib3f(sh.dot(v, v), s / v.x, v.y)
+
+    @mixed.tangent
+    def mixed_tangent(y: Any, v: Any, s: Any, d_v: Any, d_s: Any) -> Any:
+        turned = (sh.cross(d_v, v.yzx) + sh.cross(v, d_v.yzx)) * s + sh.cross(v, v.yzx) * d_s
+        third = sh.cond(v.z > 10, 0, sh.abs(1) * d_v.y)
+        return turned + sh.Attrib3f(2 * sh.dot(v, d_v), d_s / v.x - s * d_v.x / (v.x * v.x), third)
+
+    @sh.program
+    def both(v: sh.Attrib3f, s: sh.Attrib1f):
+        f = lambda v, s: sh.dot(mixed(v, s), sh.Attrib3f(1, 2, 3)) * s  # noqa: E731
+        return *sh.gradient(f, (0, 1))(v, s), *sh.gradient(f, (0, 1), mode="reverse")(v, s)
+
+    v, s = RNG.uniform(0.5, 1, (9, 3)), RNG.uniform(0.5, 1, 9)
+    by_v, by_s, bar_v, bar_s = both.compile("numpy", precision="f64")(v, s)
+    assert np.allclose(by_v, bar_v, rtol=1e-13)
+    assert np.allclose(by_s, bar_s, rtol=1e-13)
+
+    def value(v: Any, s: Any) -> Any:
+        y = np.cross(v, v[:, [1, 2, 0]]) * s[:, None] + np.stack([(v * v).sum(-1), s / v[:, 0], v[:, 1]], -1)
+        return y @ (1, 2, 3) * s
+
+    assert np.allclose(by_s, (value(v, s + 1e-6) - value(v, s - 1e-6)) / 2e-6, rtol=1e-6)
+
+
+def test_mistakes() -> None:
+    @sh.subroutine
+    def half(c: sh.Attrib1f) -> sh.Attrib1f:
+        return c * 0.5
+
+    half.tangent(lambda c, d_c: d_c)
+    with pytest.raises(
+        sh.ShpyTypeError, match="its arguments, and a tangent of each argument of floats: 3 parameters"
+    ) as e:
+        sh.gradient(half)(1.0)
+    assert e.value.cure == "def <lambda>(result, c, d_c):"
+    half.tangent(lambda y, c, d_c: sh.vec2(d_c, 0))
+    with pytest.raises(sh.ShpyTypeError, match="whose result consists of f"):
+        sh.gradient(half)(1.0)
+    with pytest.raises(sh.ShpyTypeError, match=r"half\.tangent takes a function"):
+        half.tangent(0.5)  # type: ignore[arg-type]
+
+    @sh.subroutine
+    def floored(c: sh.Attrib1f) -> sh.Attrib1i:
+        return sh.Attrib1i(c)
+
+    floored.tangent(lambda y, c, d_c: d_c)
+    with pytest.raises(sh.ShpyTypeError, match="the result of floored has no tangent"):
+        sh.gradient(lambda c: c * floored(c))(1.0)
+
+    @sh.subroutine
+    def storing(c: sh.Attrib1f) -> sh.Attrib1f:
+        c += 1
+        return c * c
+
+    storing.tangent(lambda y, c, d_c: d_c)
+    with pytest.raises(sh.ShpyTypeError, match="has a rule of its tangent, and stores into its arguments"):
+
+        @sh.program
+        def calls(c: sh.Attrib1f) -> sh.Attrib1f:
+            return storing(c)
+
+    gain = sh.Param(sh.Attrib1f, 2.0, name="gain")
+
+    @sh.subroutine
+    def scaled(c: sh.Attrib1f) -> sh.Attrib1f:
+        return c * gain
+
+    scaled.tangent(lambda y, c, d_c: d_c * gain)
+
+    @sh.program
+    def scales(c: sh.Attrib1f) -> sh.Attrib1f:
+        return scaled(c) * gain
+
+    assert scales.gradient("c")(3.0) == (4.0,)
+    for mode in ("forward", "reverse"):
+        with pytest.raises(sh.RecordError, match="reads a Param or a Table that the derivative is taken by"):
+            scales.gradient(gain, mode=mode)
+    with pytest.raises(sh.ShpyAttributeError) as foreign:
+        _ = sh.custom_jvp  # type: ignore[attr-defined]
+    assert "@f.tangent" in str(foreign.value)
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("other", "no function other before this one is the rule of its tangent"),
+        ("f", "no function f before this one is the rule of its tangent"),
+        ("g", "the rule g takes the outputs, the inputs, and a tangent of each input of floats"),
+    ],
+)
+def test_the_verifier_checks_rules(rule: str, message: str) -> None:
+    text = f"""module m
+input a: Attrib1f
+output b: Attrib1f
+
+function g(%x.0: f) -> ($y.0: f) {{
+  store $y.0 = %x.0
+}}
+
+function f(%x.0: f) -> ($y.0: f) tangent {rule} {{
+  store $y.0 = %x.0
+}}
+
+function m(%a.0: f) -> ($b.0: f) {{
+  call f(%a.0) -> %1: f
+  store $b.0 = %1
+}}
+"""
+    with pytest.raises(VerifyError, match=message):
+        sh.Program.from_ir(sh.parse(text))
