@@ -1,12 +1,21 @@
 """Examples that draw by derivatives: lines of one width, distances, curvatures and normals."""
 
+import importlib
+
 import numpy as np
+import pytest
 
 import shpy as sh
-from tests.test_examples import example
+from tests.test_examples import EXAMPLES
 
 
-def test_contours_have_one_width():
+@pytest.fixture
+def example(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return importlib.import_module
+
+
+def test_contours_have_one_width(example):
     """Whatever the slope of f, a line is as wide, and its edge is where the distance says."""
     m = example("contours")
     ink, paper = sh.Color3f(0, 0, 0), sh.Color3f(1, 1, 1)
@@ -22,7 +31,7 @@ def test_contours_have_one_width():
         np.testing.assert_allclose(shade, [0, 0, 0.5, 1, 1, 1], atol=0.01)
 
 
-def test_the_curvature_of_a_ball_is_one_over_its_radius():
+def test_the_curvature_of_a_ball_is_one_over_its_radius(example):
     m = example("curvature")
 
     @sh.program
@@ -34,7 +43,7 @@ def test_the_curvature_of_a_ball_is_one_over_its_radius():
     np.testing.assert_allclose(bend(p), 1 / np.linalg.norm(p, axis=-1), rtol=1e-5)
 
 
-def test_filaments_are_as_far_as_the_set():
+def test_filaments_are_as_far_as_the_set(example):
     """West of -2, where the set ends, the distance is known; the estimate holds within a factor of 2."""
     m = example("filaments")
     away = np.float32([0.5, 0.1, 0.01, 0.001])
@@ -47,7 +56,7 @@ def test_filaments_are_as_far_as_the_set():
     assert ((ratio > 0.5) & (ratio < 2)).all()
 
 
-def test_bumps_tilt_normals():
+def test_bumps_tilt_normals(example):
     """By the slope of the height across the normal, and not by that along it."""
     m = example("bumps")
 
