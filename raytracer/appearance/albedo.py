@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 ACROSS: Final = 32
 """The cosines, and the roughnesses, of the table."""
+SMOOTHEST: Final = 1 / (ACROSS - 1)
+"""The roughness below which a surface is a mirror: that of the second row of the table."""
 _DRAWS: Final = 64
 """Visible normals lie on a lattice of this many by as many."""
 _STEP: Final = 1 / 65535

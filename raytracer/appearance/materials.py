@@ -27,7 +27,7 @@ PICTURED: Final = ("color", *NUMBERS, "emission", "cutout", "normal_map")
 """The fields of a `Material` that may be a `Texture`."""
 LAYERED: Final = (
     *("metallic", "roughness", "index", "tint", "clearcoat", "clearcoat_roughness", "thin"),
-    *("sheen", "sheen_roughness"),
+    *("sheen", "sheen_roughness", "brush"),
 )
 """The kernels' names of what only a `MetallicRoughness` may have as a `Texture`."""
 _REAL: Final = float | int | np.integer | np.floating

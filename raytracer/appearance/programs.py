@@ -67,8 +67,8 @@ class Surface(_Lookup):
     mirror image, `transmission` the share that is clear, `ior` its refractive index, `emission` the linear radiance
     that the surface sends out, and `normal` a normal on the viewer's side, for instance one that a bump map has turned.
     A `MetallicRoughness` has `base_color` (or `color`), `metallic`, `roughness`, `specular`, `clearcoat`,
-    `clearcoat_roughness`, `sheen_color`, `sheen_roughness`, `emission` and `normal`. Numbers and triples are taken as
-    well as values of the language.
+    `clearcoat_roughness`, `sheen_color`, `sheen_roughness`, `anisotropy`, `anisotropy_rotation`, `emission` and
+    `normal`. Numbers and triples are taken as well as values of the language.
 
     A `Material`'s `shade` is handed one in which Phong's numbers, `color`, `reflectivity` and `normal` are known, and
     `position`, `face` and `view` as in a Hit. Shadows of glass are as clear as the material's own `transmission`,
@@ -92,6 +92,8 @@ class Surface(_Lookup):
     clearcoat_roughness: sh.Attrib1f
     sheen_color: sh.Color3f
     sheen_roughness: sh.Attrib1f
+    anisotropy: sh.Attrib1f
+    anisotropy_rotation: sh.Attrib1f
     position: sh.Point3f
     face: sh.Normal3f
     view: sh.Vector3f
@@ -115,6 +117,8 @@ class Surface(_Lookup):
         clearcoat_roughness: Any = None,
         sheen_color: Any = None,
         sheen_roughness: Any = None,
+        anisotropy: Any = None,
+        anisotropy_rotation: Any = None,
     ) -> None:
         values = {
             "color": color, "diffuse": diffuse, "specular": specular, "shininess": shininess,
@@ -122,6 +126,7 @@ class Surface(_Lookup):
             "emission": emission, "base_color": base_color, "metallic": metallic, "roughness": roughness,
             "clearcoat": clearcoat, "clearcoat_roughness": clearcoat_roughness,
             "sheen_color": sheen_color, "sheen_roughness": sheen_roughness,
+            "anisotropy": anisotropy, "anisotropy_rotation": anisotropy_rotation,
         }  # fmt: skip
         super().__init__({})
         self.values: dict[str, Any] = {
@@ -143,7 +148,7 @@ OF_PHONG = ("diffuse", "shininess", "reflectivity", "transmission", "ior")
 """The outputs of a `surface` that only a `Material` has."""
 OF_LAYERS = (
     *("base_color", "metallic", "roughness", "clearcoat", "clearcoat_roughness"),
-    *("sheen_color", "sheen_roughness"),
+    *("sheen_color", "sheen_roughness", "anisotropy", "anisotropy_rotation"),
 )
 """The outputs of a `surface` that only a `MetallicRoughness` has."""
 GIVEN: tuple[str, ...] = (

@@ -177,6 +177,8 @@ def _check_objects(objects: NDArray[np.int32], scene: Scene, layout: Layout, tra
             raise SceneError(f"a GBuffer has no vertex colours, and {name} has some: give it a Texture")
         if "normal_map" in mesh.material.textures:
             raise SceneError(f"the normals of a GBuffer are final, and {name} has a normal_map: rasterise it")
+        if "anisotropy" in tracer.surfaces.appearance.gives or getattr(mesh.material, "brush", (0,))[0] > 0:
+            raise SceneError(f"a GBuffer has no tangents, and {name} has an anisotropy: leave primary out")
         if unseen and mesh.material.surface is not None:
             raise SceneError(f"a GBuffer has no {unseen[0]}, and the surface program of {name} may read it")
 

@@ -73,11 +73,15 @@ class Appearance:
             material.is_clear or (material.surface is not None and "transmission" in gives[material.surface])
             for material in materials
         ]
-        self.reads = frozenset({"uv"} if self.textured else ()).union(*(examined.reads for examined in examinations))
-        reading = {p for p, examined in zip(self.surfaces, examinations, strict=True) if "uv" in examined.reads}
-        for material, name in zip(materials, layout.without_uv, strict=True):
-            if name and (material.textures or material.surface in reading):
-                reader = "a Texture" if material.textures else place_of(material.surface)
+        brushed = layout.brushes[:, 0] > 0
+        of_uv = {"uv"} if self.textured or brushed.any() or "anisotropy" in self.gives else ()
+        self.reads = frozenset(of_uv).union(*(examined.reads for examined in examinations))
+        pairs = zip(self.surfaces, examinations, strict=True)
+        reading = {p for p, examined in pairs if "uv" in examined.reads or "anisotropy" in examined.gives}
+        for material, name, is_brushed in zip(materials, layout.without_uv, brushed, strict=True):
+            if name and (material.textures or is_brushed or material.surface in reading):
+                reader = "an anisotropy" if is_brushed else place_of(material.surface)
+                reader = "a Texture" if material.textures else reader
                 raise SceneError(f"{name}: {reader} needs uv coordinates, and the mesh has none: Mesh(..., uv=...)")
         surfaces, shades = _numbered(self.surfaces), _numbered(self.shades)
         self._numbers = [(surfaces[material.surface], shades[material.shade]) for material in materials]
@@ -112,7 +116,7 @@ class Appearance:
                 elif name == "color":
                     variables[name] *= color
                 else:
-                    variables[name][:] = color if name in ("emission", "tint", "sheen") else color.r
+                    variables[name][:] = color if name in ("emission", "tint", "sheen", "brush") else color.r
         for number, program in enumerate(self.surfaces, 1):
             with self._where(material, 0, number):
                 for name, value in ask_surface(program, hit).values.items():
@@ -125,8 +129,8 @@ class Appearance:
 
     @staticmethod
     def _has_no_effect(name: str, variables: dict[str, Any]) -> bool:
-        """Return whether a value is the roughness of a sheen in a scene where all sheens are black."""
-        return name == "sheen_roughness" and name not in variables
+        """Return whether a value belongs to a sheen or an anisotropy in a scene without one."""
+        return name in ("sheen_roughness", "anisotropy_rotation") and name not in variables
 
     def number_at(self, name: str, material: Any, uv: Callable[[], Any], otherwise: Any) -> Any:
         """Return the number of a material's texture at `uv()`, which is recorded for it alone, or `otherwise`."""

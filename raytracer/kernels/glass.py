@@ -15,6 +15,7 @@ import shpy as sh
 from raytracer.kernels.directions import largest, mirrored
 from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import RayBodies
+from raytracer.kernels.microfacets import body_tint
 from raytracer.kernels.pixel import Pixel
 from raytracer.kernels.tracer import Tracer
 from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
@@ -140,6 +141,8 @@ class GlassTracer(Tracer):
         reflectivity = self.shares.mirror(surface, reflectivity)
         mirror[:] = opaque * reflectivity + surface.transmission * reflected
         clear[:] = surface.transmission * (1 - reflected)
+        if self.surfaces.kinds.bodies:
+            clear *= body_tint(surface)
         if self.shares.thin:
             clear += self.shares.clear(surface, opaque)
         light.scolor[:] = self.light_around(light, surface)

@@ -99,6 +99,26 @@ class SheenInteraction(LayeredInteraction):
     fuzz: sh.Attrib3f
 
 
+@sh.struct
+class DetailedInteraction(SheenInteraction):
+    """An interaction in a scene with an anisotropy, with bodies, or whose microfacets lose no light: all fields.
+
+    `anisotropy` is its strength, `rotation` its angle to where u grows, in degrees, and `brush` the colour of its
+    picture. Of it `tangent`, a unit vector, is the direction along which the surface is rougher, and `bounds` are the
+    roughnesses between which that of an isotropic surface of its albedo lies; the larger one is that along the tangent.
+    `gain` is the factor of what the base mirrors. `is_body` says whether what is clear belongs to a body, which is
+    rough and has the colour of the base.
+    """
+
+    anisotropy: sh.Attrib1f
+    rotation: sh.Attrib1f
+    brush: sh.Color3f
+    tangent: sh.Vector3f
+    bounds: sh.Attrib2f
+    gain: sh.Color3f
+    is_body: sh.Attrib1b
+
+
 Interaction = Any
 """One of these structs, as the scene needs."""
 

@@ -22,7 +22,8 @@ class MaterialKinds(NamedTuple):
     light in some channel; `dark`: surfaces that need no shadow rays; `reflects`: mirrors; `media`: bodies that refract
     or absorb; `straight`: clear surfaces that let light go straight on. `tinted`: mirrors with a colour. `layered`: a
     `MetallicRoughness`, with `coats`, or as `thin` walls; `mixed`: other materials beside it. `unlit`: an `Unlit`.
-    `sheen`: a `MetallicRoughness` with one.
+    `sheen`: a `MetallicRoughness` with one. `brushed`: one with an anisotropy. `multiscatter`: one whose microfacets
+    lose no light. `bodies`: one that bounds a body.
     """
 
     glows: bool
@@ -40,6 +41,14 @@ class MaterialKinds(NamedTuple):
     mixed: bool
     unlit: bool
     sheen: bool
+    brushed: bool
+    multiscatter: bool
+    bodies: bool
+
+    @property
+    def detailed(self) -> bool:
+        """True if interactions have the fields of `DetailedInteraction`."""
+        return self.brushed or self.multiscatter or self.bodies
 
     @classmethod
     def of(cls, layout: Layout, appearance: Appearance) -> MaterialKinds:
@@ -65,6 +74,9 @@ class MaterialKinds(NamedTuple):
             mixed=bool(layered.any() and not layered.all()),
             unlit=any(isinstance(material, Unlit) for material in layout.materials),
             sheen=bool((layout.sheens[:, :3] > 0).any()) or "sheen_color" in gives,
+            brushed=bool((layout.brushes[:, 0] > 0).any()) or "anisotropy" in gives,
+            multiscatter=bool((layers[1::2, 3] > 1).any()),
+            bodies=bool(layout.glass[::2, 2].any()),
         )
 
 

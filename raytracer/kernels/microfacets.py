@@ -6,7 +6,7 @@ are mirrored at visible normals, drawn on a spherical cap (Dupuy and Benyoub 202
 that its upper layer lets in and out, (1 - E(view)) (1 - E(light)) / (1 - mean E), so that a white one loses nothing
 (Kelemen and Szirmay-Kalos 2001, equations 5 to 8). Light crosses a coat twice, too. What lies below a sheen of the
 colour c has the factor min(1 - max(c) E(view), 1 - max(c) E(light)) of KHR_materials_sheen. All of it is reciprocal,
-but where `lift` has raised the view.
+but where `lift` has raised the view, and where `multiscatter` scales the rough mirror.
 
 Lobes of a roughness below `SMOOTHEST` are mirrors in path tracing, as binary32 does not resolve them. A thin wall as
 smooth as that lets light go straight on, and is no lobe: a tracer takes it with the probability `straight`.
@@ -19,13 +19,13 @@ from math import pi
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.appearance.albedo import ACROSS, albedo_table
+from raytracer.appearance.albedo import ACROSS, SMOOTHEST, albedo_table
 from raytracer.appearance.sheen_albedo import FINEST, sheen_table
+from raytracer.kernels.anisotropy import MARGIN, brushed_lobe, masking_root, widen
 from raytracer.kernels.directions import around, frame, largest
+from raytracer.kernels.kinds import MaterialKinds
 from shpy import SH_ELSE, SH_IF
 
-SMOOTHEST = 1 / (ACROSS - 1)
-"""The roughness below which a surface is a mirror: that of the second row of the table of albedos."""
 COAT = 0.04
 """The share that a coat mirrors at normal incidence, as its refractive index is 1.5."""
 LOWEST = 2.0**-7
@@ -45,14 +45,15 @@ class Scattering(NamedTuple):
 
 
 class Microfacets:
-    """The lobes of the layered surfaces of a scene that has `coats`, `thin` walls, or a `sheen`.
+    """The lobes of the layered surfaces of a scene, of which `kinds` tells the features.
 
     A mirror image has one roughness. So if `hides` is set, it leaves out a base to the extent that this has a coat.
     """
 
-    def __init__(self, coats: bool, thin: bool, sheen: bool = False) -> None:
-        self.coats, self.thin, self.hides = coats, thin, False
-        self.sheen = Sheen() if sheen else None
+    def __init__(self, kinds: MaterialKinds) -> None:
+        self.coats, self.thin, self.hides = kinds.coats, kinds.thin, False
+        self.brushed, self.multiscatter = kinds.brushed, kinds.multiscatter
+        self.sheen = Sheen() if kinds.sheen else None
         self.table = sh.Table(albedo_table(), sh.Attrib2f, "albedos")
 
     def prepare(self, surface: Any) -> None:
@@ -67,14 +68,24 @@ class Microfacets:
         surface.f90[:] = sh.mix(specular, sh.Attrib1f(1), metallic)
         surface.seen[:] = lift(surface.view, surface.normal)
         away = sh.dot(surface.normal, surface.seen)
-        scale, mean = self.albedo(away, roughness), self.mean_albedo(roughness)
+        if self.brushed:
+            roughness = widen(surface, roughness)
+        scale, mean = self.base_albedo(surface, away, roughness), self.base_mean(surface, roughness)
         glossy = sh.min(surface.f0 * scale.x + surface.f90 * scale.y, 1.0)
-        matt = ((1 - metallic) * surface.color) * (1 - self.upper_albedo(surface, scale))
+        gain = None
+        if self.multiscatter:
+            white = scale.x + scale.y
+            lost = surface.gain.r * ((1 - white) / white)
+            surface.gain[:] = 1 + lost * surface.f0
+            glossy = sh.min(surface.gain * glossy, 1.0)
+            gain = 1 + lost * surface.upper
+        matt = ((1 - metallic) * surface.color) * (1 - self.upper_albedo(surface, scale, gain))
         if self.thin:
             surface.thin[:] = sh.clamp(surface.coat.z, 0, 1) * matt
             matt = matt - surface.thin
         surface.matt[:] = matt / sh.max(1 - self.upper_albedo(surface, mean), 2.0**-20)
-        sharp = (1 - roughness) * (1 - roughness)
+        blunt = surface.bounds.y if self.brushed else roughness
+        sharp = (1 - blunt) * (1 - blunt)
         surface.mirror[:] = sharp * glossy
         surface.spread[:] = matt + glossy - surface.mirror
         surface.chances.y = share_of(largest(glossy), largest(matt))
@@ -115,8 +126,12 @@ class Microfacets:
         The coat's share is None where nothing has one. See `hides`.
         """
         roughness, away = surface.coefficients.z, sh.dot(surface.normal, surface.seen)
-        scale, sharp = self.albedo(away, roughness), (1 - roughness) * (1 - roughness)
+        if self.brushed:
+            roughness = surface.bounds.y
+        scale, sharp = self.base_albedo(surface, away, roughness), (1 - roughness) * (1 - roughness)
         glossy = sh.min(surface.f0 * scale.x + surface.f90 * scale.y, 1.0)
+        if self.multiscatter:
+            glossy = sh.min(surface.gain * glossy, 1.0)
         if self.sheen is not None:
             glossy = glossy * surface.fuzz.y
         if not self.coats:
@@ -129,14 +144,29 @@ class Microfacets:
         seen = (shown * roughness + clear * blur) / sh.max(shown + clear, 2.0**-20)
         return (1 - sharp) * glossy, covered - clear, seen
 
-    def upper_albedo(self, surface: Any, scale: Any) -> Any:
-        """Return the albedo of the clear layer over the matt lobe, for the integrals `scale`."""
+    def upper_albedo(self, surface: Any, scale: Any, gain: Any = None) -> Any:
+        """Return the albedo of the clear layer over the matt lobe, for the integrals `scale`, times a gain."""
+        if gain is not None:
+            return sh.min(gain * (surface.upper * scale.x + surface.upper_edge * scale.y), 1.0)
         return sh.min(surface.upper * scale.x + surface.upper_edge * scale.y, 1.0)
 
     def coat_albedo(self, surface: Any, cosine: Any) -> Any:
         """Return the share of the light at an angle that the coat mirrors."""
         scale = self.albedo(cosine, surface.coat.y)
         return surface.coat.x * (COAT * scale.x + scale.y)
+
+    def base_albedo(self, surface: Any, cosine: Any, roughness: Any) -> Any:
+        """Return the integrals a - b and b of the base: at least as large as those of an anisotropic one."""
+        if not self.brushed:
+            return self.albedo(cosine, roughness)
+        scale = sh.max(*(self.albedo(cosine, bound) for bound in surface.bounds))
+        return scale + sh.Attrib2f(0, sh.cond(surface.anisotropy > 0, MARGIN, 0.0))
+
+    def base_mean(self, surface: Any, roughness: Any) -> Any:
+        """Return the means of the integrals of the base: at most as large as those of `base_albedo`."""
+        if not self.brushed:
+            return self.mean_albedo(roughness)
+        return sh.max(*(self.mean_albedo(bound) for bound in surface.bounds))
 
     def albedo(self, cosine: Any, roughness: Any) -> Any:
         """Interpolate the integrals a - b and b (`appearance.albedo`)."""
@@ -169,10 +199,15 @@ class Microfacets:
         half = light + view
         half = half / sh.max(sh.length(half), 2.0**-20)
         grazing = fifth(1 - sh.saturate(sh.dot(view, half)))
-        glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least)
+        if self.brushed:
+            glossy, glossy_density = brushed_lobe(surface, half, light, (cosine, away, roughness), least)
+        else:
+            glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least)
         glossy = glossy * (surface.f0 + (surface.f90 - surface.f0) * grazing)
+        if self.multiscatter:
+            glossy = surface.gain * glossy
         lambert = cosine * (1 / pi)
-        matt = lambert * (1 - self.upper_albedo(surface, self.albedo(cosine, roughness))) * surface.matt
+        matt = lambert * (1 - self.upper_albedo(surface, self.base_albedo(surface, cosine, roughness))) * surface.matt
         density = lambert + surface.chances.y * (glossy_density - lambert)
         if self.sheen is not None:
             below, fuzz = self.sheen.evaluate(surface, half, cosine, away)
@@ -218,7 +253,8 @@ class Microfacets:
             weight[:] = self.mirror_share(surface, is_coat) / sh.max(likely, 2.0**-24)
         with SH_ELSE():
             with SH_IF(is_glossy):
-                half = visible_normal(normal, view, roughness, turn, height)
+                along = sh.cond(is_coat, roughness, surface.bounds.y) if self.brushed else roughness
+                half = visible_normal(surface, roughness, along, (turn, height))
                 ray[:] = (2 * sh.dot(view, half)) * half - view
             with SH_ELSE():
                 ray[:] = around(normal, sh.sqrt(1 - height), turn)
@@ -244,6 +280,43 @@ class Microfacets:
             return share
         coat = surface.coat.x * (COAT + (1 - COAT) * grazing)
         return sh.cond(is_coat, sh.Color3f(coat), surface.through * surface.through * share)
+
+    def facet(self, surface: Any, rough: Any, numbers: tuple[Any, Any]) -> Facet:
+        """Return the facet of a body by two numbers in [0, 1): the surface itself unless it is `rough`."""
+        view, normal = sh.Vector3f(surface.view), sh.Normal3f(surface.normal)
+        with SH_IF(rough):
+            roughness = surface.coefficients.z
+            along = surface.bounds.y if self.brushed else roughness
+            view[:] = surface.seen
+            normal[:] = visible_normal(surface, roughness, along, numbers)
+        return Facet(view, normal, surface.face, surface.outside, surface.ior)
+
+    def unmasked(self, surface: Any, ray: Any) -> Any:
+        """Return the share of what a facet sends along a ray, to either side, that other facets do not stop."""
+        roughness = surface.coefficients.z
+        axes = (*frame(surface.normal), surface.normal)
+        along = across = roughness * roughness
+        if self.brushed:
+            axes = surface.tangent, sh.cross(surface.normal, surface.tangent), surface.normal
+            along = surface.bounds.y * surface.bounds.y
+        away, cosine = sh.dot(surface.normal, surface.seen), abs(sh.dot(surface.normal, ray))
+        out, into = (masking_root(axes, direction, along, across) for direction in (surface.seen, ray))
+        return cosine * (away + out) / sh.max(cosine * out + away * into, 2.0**-40)
+
+
+class Facet(NamedTuple):
+    """A facet of the surface of a body, by the names of an interaction."""
+
+    view: Any
+    normal: Any
+    face: Any
+    outside: Any
+    ior: Any
+
+
+def body_tint(surface: Any) -> Any:
+    """Return the colour that tints what crosses the surface of a body; white for other surfaces."""
+    return sh.cond(surface.is_body, surface.color, sh.Color3f(1, 1, 1))
 
 
 class Sheen:
@@ -321,16 +394,21 @@ def lift(view: Any, normal: Any) -> Any:
     return sh.cond(away < LOWEST, raised, view)
 
 
-def visible_normal(normal: Any, view: Any, roughness: Any, turn: Any, height: Any) -> Any:
-    """Draw a microfacet's normal that the view sees, by two numbers in [0, 1) (Dupuy and Benyoub 2023, listing 1)."""
+def visible_normal(surface: Any, roughness: Any, along: Any, numbers: tuple[Any, Any]) -> Any:
+    """Draw a microfacet's normal that the view sees, by two numbers in [0, 1) (Dupuy and Benyoub 2023, listing 1).
+
+    `along` is the roughness along the tangent; without an anisotropy it is `roughness`.
+    """
+    normal, view, (turn, height) = surface.normal, surface.seen, numbers
     alpha = roughness * roughness
-    across, beside = frame(normal)
+    across, beside = frame(normal) if along is roughness else (surface.tangent, sh.cross(normal, surface.tangent))
+    long = alpha if along is roughness else along * along
     x, y, z = (sh.dot(view, axis) for axis in (across, beside, normal))
-    stretched = sh.normalize(sh.Vector3f(alpha * x, alpha * y, z))
+    stretched = sh.normalize(sh.Vector3f(long * x, alpha * y, z))
     level = (1 - height) * (1 + stretched.z) - stretched.z
     radius = sh.sqrt(sh.saturate(1 - level * level))
     angle = (2 * pi) * turn
-    x, y = alpha * (radius * sh.cos(angle) + stretched.x), alpha * (radius * sh.sin(angle) + stretched.y)
+    x, y = long * (radius * sh.cos(angle) + stretched.x), alpha * (radius * sh.sin(angle) + stretched.y)
     return sh.normalize(x * across + y * beside + sh.max(level + stretched.z, 2.0**-20) * normal)
 
 

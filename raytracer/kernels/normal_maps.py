@@ -15,12 +15,10 @@ FLAT = 1 / 250
 """The largest slope of a normal map that is taken for 0: 8 bits store 0 as 127 or 128 of 255, which is 1/255 off."""
 
 
-def tilted(surfaces: Any, hit: RayHit | SeenHit, normal: Any, side: Any, color: Any) -> Any:
-    """Return a unit normal on the viewer's side, turned by a colour of a normal map.
+def direction_of_u(surfaces: Any, hit: RayHit | SeenHit) -> tuple[Any, Any, Any]:
+    """Return where u grows on a triangle, a vector of any length, and the area of the uv coordinates.
 
-    The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
-    to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
-    bumps become dents.
+    Between them is 1 where v grows to the left of it, seen from the front, and -1 where v grows to the right.
     """
     a, b, c = (corner.xyz for corner in surfaces.triangles[hit.id])
     start, to_b, to_c = rows_of(surfaces.uvs, hit)
@@ -28,6 +26,17 @@ def tilted(surfaces: Any, hit: RayHit | SeenHit, normal: Any, side: Any, color: 
     area = to_b.x * to_c.y - to_c.x * to_b.y
     hand = sh.cond(area > 0, 1.0, -1.0)
     along = sh.Vector3f(hand * ((b - a) * to_c.y - (c - a) * to_b.y))
+    return along, hand, area
+
+
+def tilted(surfaces: Any, hit: RayHit | SeenHit, normal: Any, side: Any, color: Any) -> Any:
+    """Return a unit normal on the viewer's side, turned by a colour of a normal map.
+
+    The tangent is where u grows on the triangle, made perpendicular to the normal. The bitangent is perpendicular
+    to both, on the side where v grows, as MikkTSpace has them, but of each triangle by itself. Seen from behind,
+    bumps become dents.
+    """
+    along, hand, area = direction_of_u(surfaces, hit)
     outward = side * sh.Vector3f(normal)
     tangent = sh.normalize(along - outward * sh.dot(along, outward))
     bitangent = hand * sh.cross(outward, tangent)

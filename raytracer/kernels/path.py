@@ -21,6 +21,7 @@ from typing import Any
 
 import shpy as sh
 from raytracer.accel.bounds import FAR
+from raytracer.appearance.albedo import SMOOTHEST
 from raytracer.errors import SceneError, place_of
 from raytracer.kernels.bsdf import Bsdf
 from raytracer.kernels.directions import largest, mirrored
@@ -29,6 +30,7 @@ from raytracer.kernels.eye_rays import EyeRays, PanoramaRays
 from raytracer.kernels.glass import refracted
 from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import Media, RayBodies
+from raytracer.kernels.microfacets import body_tint
 from raytracer.kernels.pixel import CoveredPixel, Pixel, background_pixel
 from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.triangle import RayHit
@@ -409,12 +411,26 @@ class PathTracer(SceneTables):
 
     def refract(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Make the mirrored ray of a clear surface the refracted one, by the share that Fresnel's equations leave."""
-        share, bent = refracted(surface)
+        facet: Any = surface
+        if lobes := self.surfaces.lobes if self.surfaces.kinds.bodies else None:
+            rough = path.clear & surface.is_body & (surface.coefficients.z >= SMOOTHEST) & (surface.ior != 1)
+            is_rough, crosses = sh.Attrib1b(rough), sh.Attrib1b(False)
+            facet = lobes.facet(surface, is_rough, (path.random(1), path.random(2)))
+            ray[:] = sh.cond(is_rough, mirrored(facet), ray)
+        share, bent = refracted(facet)
         with SH_IF(path.clear & (path.random(6) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
             if path.ray_bodies is not None:
                 path.ray_bodies.cross()
+            if lobes is not None:
+                crosses[:] = True
+                path.throughput *= body_tint(surface)
+        if lobes is not None:
+            with SH_IF(is_rough):
+                leaves = (sh.dot(surface.normal, ray) < 0) == crosses
+                path.throughput *= sh.cond(leaves, lobes.unmasked(surface, ray), 0.0)
+                path.finished |= ~(largest(path.throughput) > 0)
 
     def diffuse(self, path: PathSample, surface: Interaction, ray: Any, eye: Any) -> None:
         """Go on along a lobe, into which the whole of the path's weight goes."""

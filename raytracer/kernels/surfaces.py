@@ -17,13 +17,16 @@ import numpy as np
 import shpy as sh
 from raytracer.accel.space import Rows
 from raytracer.appearance import programs
+from raytracer.appearance.albedo import SMOOTHEST
 from raytracer.appearance.materials import CUTOFF
 from raytracer.errors import SceneError
+from raytracer.kernels.anisotropy import orient
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.bsdf import FAINT, diffuse_lobe, highlight
 from raytracer.kernels.directions import largest
 from raytracer.kernels.interactions import (
     ClearInteraction,
+    DetailedInteraction,
     Interaction,
     LayeredInteraction,
     PlainInteraction,
@@ -32,8 +35,9 @@ from raytracer.kernels.interactions import (
     blank,
 )
 from raytracer.kernels.kinds import MaterialKinds, glow_rows
+from raytracer.kernels.layers import LayerTables
 from raytracer.kernels.media import Media, RayBodies
-from raytracer.kernels.microfacets import SMOOTHEST, Microfacets
+from raytracer.kernels.microfacets import Microfacets, body_tint
 from raytracer.kernels.normal_maps import tilted
 from raytracer.kernels.point import SeenHit, barylerp, curve_depth, curved_normal, place_of, rows_of
 from raytracer.kernels.triangle import Accept, CandidateHit, RayHit, Triangles
@@ -63,13 +67,11 @@ class SurfaceTables:
         self.kinds = MaterialKinds.of(layout, self.appearance)
         self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects, *_ = self.kinds
         self.tinted, self.mixed = self.kinds.tinted, self.kinds.mixed
-        self.lobes = Microfacets(self.kinds.coats, self.kinds.thin, self.kinds.sheen) if self.kinds.layered else None
+        self.lobes = Microfacets(self.kinds) if self.kinds.layered else None
         if self.tinted:
             self.mirrors = sh.Table(layout.mirrors, sh.Attrib4f, "mirrors")
         if self.lobes is not None:
-            self.layers = sh.Table(layout.layers, sh.Attrib4f, "layers")
-        if self.kinds.sheen:
-            self.sheens = sh.Table(layout.sheens, sh.Attrib4f, "sheens")
+            self.layers = LayerTables(layout, self.kinds)
         self.media: Media | None = None
         if self.clear:
             self.glass = sh.Table(layout.glass, sh.Attrib4f, "glass")
@@ -89,6 +91,8 @@ class SurfaceTables:
     @property
     def interaction(self) -> Any:
         """The struct of interactions in this scene."""
+        if self.kinds.detailed:
+            return DetailedInteraction
         if self.lobes is not None:
             return SheenInteraction if self.kinds.sheen else LayeredInteraction
         if self.clear:
@@ -134,9 +138,7 @@ class SurfaceTables:
         if self.tinted:
             self.mirrors.update(layout.mirrors)
         if self.lobes is not None:
-            self.layers.update(layout.layers)
-        if self.kinds.sheen:
-            self.sheens.update(layout.sheens)
+            self.layers.repaint(layout)
         if self.media is not None:
             self.media.renew(self.bodies_of(layout))
         if self.glows:
@@ -179,6 +181,8 @@ class SurfaceTables:
             surface.outside[:] = side > 0
             surface.transmission[:] = row.x
             surface.ior[:] = row.y
+            if self.kinds.bodies:
+                surface.is_body[:] = row.z > 0
         if self.glows:
             emission[:] = self.glow_at(hit).rgb
         if hit.sample is None:
@@ -223,31 +227,21 @@ class SurfaceTables:
             if not self.appearance:
                 return self.paint(hit, surface, self.material_at(hit))
             return self.describe(hit, surface, point, side, emission)
-        self.stack(surface, self.material_at(hit))
+        self.layers.stack(surface, self.material_at(hit))
         if self.appearance:
             reflectivity = self.describe(hit, surface, point, side, emission)
         else:
             reflectivity = self.paint(hit, surface, self.material_at(hit))
-        self.prepare(surface)
+        self.prepare(hit, surface, side)
         return reflectivity
 
-    def prepare(self, surface: Interaction) -> None:
+    def prepare(self, hit: RayHit | SeenHit, surface: Interaction, side: Any) -> None:
         """Compute what follows from the view and the numbers of a `MetallicRoughness`."""
         assert self.lobes is not None
+        if self.kinds.brushed:
+            orient(self, hit, surface, side)
         with SH_IF(surface.is_layered) if self.mixed else nullcontext():
             self.lobes.prepare(surface)
-
-    def stack(self, surface: Interaction, number: Any) -> None:
-        """Set the numbers of a `MetallicRoughness` that other materials have not."""
-        row, upper = self.layers[2 * number], self.layers[2 * number + 1]
-        surface.tint[:] = row.rgb
-        surface.index[:] = row.a
-        surface.coat[:] = upper.xyz
-        surface.is_layered[:] = upper.w > 0
-        if self.kinds.sheen:
-            fibres = self.sheens[number]
-            surface.sheen[:] = fibres.rgb
-            surface.fuzz[:] = sh.Attrib3f(fibres.a, 1, 0)
 
     def recall(self, hit: RayHit, surface: Interaction, side: Any) -> Any:
         """Set the surface's normal and colour to those of its sample, the rest to the numbers of its material.
@@ -262,8 +256,8 @@ class SurfaceTables:
         surface.color[:] = color
         surface.coefficients[:] = self.materials[2 * number + 1].xyz
         if self.lobes is not None:
-            self.stack(surface, number)
-            self.prepare(surface)
+            self.layers.stack(surface, number)
+            self.prepare(hit, surface, side)
         reflectivity = self.mirrors[number].rgb if self.tinted else self.materials[2 * number].a
         return self._noted(surface, reflectivity, number)
 
@@ -292,10 +286,15 @@ class SurfaceTables:
         surface.ior[:] = ratio
         return kept
 
-    def thin_at(self, hit: RayHit, ray: Any, eye: Any, *, smooth: bool) -> Any:
-        """Return the share (r, g, b) of light that goes through the thin wall that was hit; if `smooth`, unblurred."""
+    def reached(self, hit: RayHit, ray: Any, eye: Any) -> Interaction:
+        """Return the interaction with a surface that a shadow ray goes through."""
         surface = blank(self.interaction)
         self.arrive(hit, ray, eye, surface, sh.Color3f(0, 0, 0) if self.glows else None)
+        return surface
+
+    def thin_at(self, hit: RayHit, ray: Any, eye: Any, *, smooth: bool) -> Any:
+        """Return the share (r, g, b) of light that goes through the thin wall that was hit; if `smooth`, unblurred."""
+        surface = self.reached(hit, ray, eye)
         counts = surface.is_layered
         if smooth:
             counts &= surface.coefficients.z < SMOOTHEST
@@ -313,6 +312,8 @@ class SurfaceTables:
             clear = sh.min(self.appearance.number_at("transmission", material, lambda: self.uv_at(hit), clear), 1.0)
         if self.kinds.thin:
             clear = clear + (1 - clear) * self.thin_at(hit, ray, eye, smooth=straight)
+        if self.kinds.bodies:
+            clear = clear * body_tint(self.reached(hit, ray, eye))
         if self.media is None or ray_bodies is None:
             return clear * sh.cond(row.y == 1, sh.Color3f(1, 1, 1), 0.0) if straight else clear * sh.Color3f(1, 1, 1)
         kept, ratio = self.media.reach(ray_bodies, hit, ~self.comes_from_inside(hit, ray), row.y)
@@ -410,18 +411,11 @@ class SurfaceTables:
         if self.clear:
             variables |= {"transmission": surface.transmission, "ior": surface.ior}
         if self.lobes is not None:
-            coat, blur, thin = (sh.Attrib1f(surface.coat[k]) for k in range(3))
-            variables |= {"metallic": diffuse, "roughness": shininess, "index": surface.index, "tint": surface.tint}
-            variables |= {"clearcoat": coat, "clearcoat_roughness": blur, "thin": thin}
-        if self.kinds.sheen:
-            fuzz = sh.Attrib1f(surface.fuzz.x)
-            variables |= {"sheen": surface.sheen, "sheen_roughness": fuzz}
+            variables |= {"metallic": diffuse, "roughness": shininess, **self.layers.variables(surface)}
         self.appearance.describe(number, seen, variables, lambda color: tilted(self, hit, surface.normal, side, color))
         surface.coefficients[:] = sh.Attrib3f(diffuse, specular, shininess)
         if self.lobes is not None:
-            surface.coat[:] = sh.Attrib3f(coat, blur, thin)
-        if self.kinds.sheen:
-            surface.fuzz.x = fuzz
+            self.layers.store(surface, variables)
         return self._noted(surface, reflectivity, number)
 
     def world(self, point: Any) -> Any:

@@ -121,7 +121,9 @@ class Surroundings(EnvironmentSky):
         assert self.surfaces.lobes is not None
         base, coat, roughness = self.surfaces.lobes.blurred_shares(surface)
         matt = sh.max(surface.spread - base, 0.0)
-        light = base * self._lobe(surface, surface.coefficients.z)
+        brushed = self.surfaces.kinds.brushed
+        mean = sh.sqrt(surface.coefficients.z * surface.bounds.y) if brushed else surface.coefficients.z
+        light = base * self._lobe(surface, mean)
         if coat is not None:
             matt = sh.max(matt - coat, 0.0)
             light = light + coat * self._lobe(surface, surface.coat.y)

@@ -24,10 +24,11 @@ from raytracer.appearance.unlit import Unlit
 from raytracer.arrays import real
 from raytracer.meshes.folder import Notices
 from raytracer.meshes.lines import name_of, plain, without_comment
-from raytracer.meshes.pictures import Picture, channel
+from raytracer.meshes.pictures import Picture
 
 CLAY = Material(color=(0.66, 0.40, 0.23), diffuse=0.9, specular=0.2, shininess=25)
 """The material of a mesh whose file has neither material nor colours: friendlier than white."""
+METAL: Final = "pictures of the metal of clear bodies"
 CLOTH: Final = 0.5
 """The roughness of a sheen for which a file has none."""
 WHITE: Triple = (1.0, 1.0, 1.0)
@@ -46,8 +47,8 @@ _MTL_READ = {
 }
 _LAYERED = {"pr", "pm", "pc", "map_pr", "map_pm"}
 """The statements that make a material a `MetallicRoughness`."""
-_MTL_LAYERS = {*_LAYERED, "pcr", "ps"}
-_MTL_ZEROS = {"aniso", "anisor", *_MTL_LAYERS} - {"map_pr", "map_pm"}
+_MTL_LAYERS = {*_LAYERED, "pcr", "ps", "aniso", "anisor"}
+_MTL_ZEROS = _MTL_LAYERS - {"map_pr", "map_pm"}
 """Statements that say nothing where their number is 0; exporters write them for every material."""
 _MTL_PICTURES = {"bump": "normal maps", "map_bump": "normal maps", "norm": "normal maps"}
 _TRANSPARENT = 4
@@ -76,8 +77,9 @@ class GltfMaterial:
 
     `roughness_picture` multiplies `roughness` by its green channel and `metallic` by its blue one; those of numbers
     multiply by the red channel, but that of `clearcoat_roughness` by the green one. `specular_picture` and
-    `sheen_roughness_picture` are alphas.
-    `absorption` is None for thin walls, which have no inside. `emission` may exceed 1; an `unlit` material shows its
+    `sheen_roughness_picture` are alphas. `anisotropy_picture` multiplies the strength by its blue channel, and has the
+    direction in the others, which `anisotropy_rotation` turns by degrees.
+    A `thickness` above 0 makes what is clear a body. `emission` may exceed 1; an `unlit` material shows its
     colour alone. `opacity` is the share of the surface that is there, and `cutout` where it is; `blend`, in place of
     `opacity`, is a picture of it.
     """
@@ -92,7 +94,9 @@ class GltfMaterial:
     transmission: float = 0.0
     transmission_picture: Picture | None = None
     ior: float = 1.5
-    absorption: Triple | None = None
+    thickness: float = 0.0
+    attenuation_color: Triple = WHITE
+    attenuation_distance: float = math.inf
     opacity: float = 1.0
     cutout: Texture | None = None
     blend: Texture | None = None
@@ -109,30 +113,29 @@ class GltfMaterial:
     sheen_color_picture: Picture | None = None
     sheen_roughness: float = 0.0
     sheen_roughness_picture: Picture | None = None
+    anisotropy: float = 0.0
+    anisotropy_rotation: float = 0.0
+    anisotropy_picture: Picture | None = None
     unlit: bool = False
 
     @property
-    def f0(self) -> float:
-        """The share of light that is reflected at normal incidence if it is no metal: 0.04 for an ior of 1.5."""
-        return ((self.ior - 1) / (self.ior + 1)) ** 2
-
-    @property
-    def is_body(self) -> bool:
-        """True if light is refracted at the surface (KHR_materials_volume)."""
-        return self.transmission > 0 and self.absorption is not None
+    def metal(self) -> float | Texture:
+        """The share that is a metal."""
+        return _number_of(self.metallic, self.roughness_picture, 2)
 
 
 def material_of(look: GltfMaterial) -> AnyMaterial:
-    """Return a material of glTF in its own model; bodies that refract, in Phong's model with Fresnel's equations."""
-    if look.is_body:
-        return body_of(look)
+    """Return a material of glTF in its own model; of a body's metal it takes the mean."""
     if look.unlit:
         alpha = look.opacity if look.blend is None else look.blend
         return Unlit(_color(look.color, look.color_picture), alpha, look.cutout)
     red, green, blue = (min(max(x, 0.0), 1.0) for x in look.color)
+    metallic = look.metal
+    if look.thickness and isinstance(metallic, Texture):
+        metallic = mean_number(metallic)
     return MetallicRoughness(
         base_color=_color((red, green, blue), look.color_picture),
-        metallic=_number_of(look.metallic, look.roughness_picture, 2),
+        metallic=metallic,
         roughness=_number_of(look.roughness, look.roughness_picture, 1),
         ior=look.ior,
         specular=_number_of(look.specular, look.specular_picture, 0),
@@ -141,12 +144,36 @@ def material_of(look: GltfMaterial) -> AnyMaterial:
         clearcoat_roughness=_number_of(look.clearcoat_roughness, look.clearcoat_roughness_picture, 1),
         sheen_color=_color(look.sheen_color, look.sheen_color_picture) if any(look.sheen_color) else BLACK,
         sheen_roughness=_number_of(look.sheen_roughness, look.sheen_roughness_picture, 0),
+        anisotropy=_direction(look.anisotropy, look.anisotropy_picture),
+        anisotropy_rotation=look.anisotropy_rotation,
         transmission=_number_of(look.transmission, look.transmission_picture, 0),
+        thickness=look.thickness,
+        attenuation_color=look.attenuation_color,
+        attenuation_distance=look.attenuation_distance,
         emission=_color(look.emission, look.emission_picture) if any(look.emission) else BLACK,
         alpha=look.opacity if look.blend is None else look.blend,
         normal=look.normal_map,
         cutout=look.cutout,
     )
+
+
+def _direction(strength: float, picture: Picture | None) -> float | Texture:
+    """Return an anisotropy: its strength, or a picture of directions, whose strength is multiplied."""
+    strength = min(max(strength, 0.0), 1.0)
+    return strength if picture is None or strength == 0 else picture.directions(strength)
+
+
+def isotropic(material: AnyMaterial, has_uv: bool, notices: Notices) -> AnyMaterial:
+    """Return a material without its anisotropy, and with a notice, for a mesh without uv coordinates."""
+    if has_uv or not isinstance(material, MetallicRoughness) or not material.brush[0]:
+        return material
+    notices.ignore("anisotropy of meshes without uv coordinates")
+    return replace(material, anisotropy=0.0)
+
+
+def mean_number(picture: Texture) -> float:
+    """Return the mean of a picture of a number."""
+    return float(picture.image.mean(dtype=np.float64))
 
 
 def _number_of(factor: float, picture: Picture | None, place: int) -> float | Texture:
@@ -155,79 +182,10 @@ def _number_of(factor: float, picture: Picture | None, place: int) -> float | Te
     return factor if picture is None or factor == 0 else picture.number(factor, place)
 
 
-def body_of(look: GltfMaterial) -> Material:
-    """Return the Phong material that comes near the body of a material that refracts.
-
-    With alpha = roughness**2 (Karis 2013), the exponent s of Blinn-Phong's highlight is 2 / alpha**2 - 2 (Walter et al.
-    2007, section 5.2), and Phong's is a quarter of s (Fisher and Woo 1994). The highlight has the height F0 s / 8, at
-    most 1: the normalization (s + 2) / 8 (Hoffman 2010) without the part that is spread over all directions, which is
-    seen as diffuse light. F0 is ((ior - 1) / (ior + 1))**2, and a metal's own colour.
-
-    A metal mirrors the part of its colour that all channels share, times (1 - roughness)**2. The clear share,
-    transmission * (1 - metallic), has no colour either: the part of the colour that all channels share goes through,
-    and the rest is seen as diffuse light. Blurred refraction is left out.
-    """
-    mean = np.asarray(look.color) * (1 if look.color_picture is None else look.color_picture.mean())
-    numbers = _numbers(look, float(mean.min()))
-    material = Material(_color(look.color, look.color_picture), 1.0, **numbers, cutout=look.cutout)
-    emission = _color(look.emission, look.emission_picture) if any(look.emission) else BLACK
-    return replace(
-        material,
-        normal_map=look.normal_map,
-        emission=emission,
-        ior=look.ior or 1.0,
-        absorption=look.absorption or BLACK,
-    )
-
-
-def _numbers(look: GltfMaterial, shared: float) -> dict[str, Any]:
-    """Return specular, shininess, reflectivity and transmission: numbers, or textures where pictures decide them."""
-    factors = {"roughness": look.roughness, "metallic": look.metallic, "transmission": look.transmission}
-    places = {"roughness": (look.roughness_picture, 1), "metallic": (look.roughness_picture, 2)}
-    places["transmission"] = (look.transmission_picture if look.transmission else None, 0)
-    pictures = list(dict.fromkeys(picture for picture, _ in places.values() if picture is not None))
-    if not pictures:
-        return {name: float(x) for name, x in _lobe(look, shared, **factors).items()}
-
-    def textures() -> dict[str, float | Texture]:
-        pixels = {picture: picture.fitting(len(places) + 1) for picture in pictures}
-        shape = max((image.shape[:2] for image in pixels.values()), key=math.prod)
-        for name, (picture, number) in places.items():
-            if picture is not None:
-                factors[name] = factors[name] * resized(channel(pixels[picture], number), *shape)
-        return {
-            name: float(x.flat[0]) if np.ptp(x) == 0 else pictures[0].texture(x, srgb=False)
-            for name, x in _lobe(look, shared, **factors).items()
-        }
-
-    key = (*factors.values(), shared, look.ior, *pictures)
-    numbers: dict[str, Any] = pictures[0].memoize(key, textures)
-    return numbers
-
-
 def resized(pixels: Any, height: int, width: int, part: slice = slice(None)) -> Any:
     """Repeat or leave out pixels (h, w, ...), so that there are (height, width, ...); return a part of the rows."""
     rows, columns = (np.arange(n) * old // n for n, old in zip((height, width), pixels.shape, strict=False))
     return pixels[rows[part]][:, columns]
-
-
-def _lobe(look: GltfMaterial, shared: float, *, roughness: Any, metallic: Any, transmission: Any) -> dict[str, Any]:
-    """Compute specular, shininess, reflectivity and transmission; the arguments are numbers or pictures (H, W)."""
-    factors = (np.clip(x, 0, 1) for x in (roughness, metallic, transmission))
-    roughness, metallic, clear = np.broadcast_arrays(*factors)
-    alpha = np.maximum(roughness, 1e-3) ** 2
-    exponent = np.minimum(2 / alpha**2 - 2, 4 * SHARPEST)
-    f0 = look.f0 + (shared - look.f0) * metallic
-    clear = clear * (1 - metallic)
-    mirror = metallic * (1 - roughness) ** 2 * shared
-    through = np.clip(shared, 0, 1) * clear
-    opaque = np.maximum(1 - through, 2.0**-20)
-    return {
-        "specular": np.clip(f0 * exponent / 8, 0, 1),
-        "shininess": np.maximum(exponent / 4, 1),
-        "reflectivity": np.clip(mirror / opaque, 0, 1),
-        "transmission": through,
-    }
 
 
 def alpha_of(mode: str, factor: float, cutoff: float, picture: Picture | None, notices: Notices) -> Alpha:
@@ -265,12 +223,12 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     """Return the material that the statements of an MTL file describe, by their names in lower case.
 
     The statements are those of Wavefront's Advanced Visualizer (appendix B1.2), and those that Exocortex added in 2015.
-    With Pr, Pm or Pc a material is a `MetallicRoughness`; without them, and where it refracts, it has Phong's model.
+    With Pr, Pm or Pc a material is a `MetallicRoughness`; without them it has Phong's model.
     Kd times map_Kd is the colour, Ke times map_Ke the emission; numbers are linear. Ka is not read: a scene has one
     ambient light. map_d cuts out what is below 0.5. Raises ValueError for a word that is not a number.
     """
-    clear, model = _clear(words), _model(words)
-    layered = bool(_LAYERED & words.keys()) and not (clear and model in _REFRACTING)
+    clear = _clear(words)
+    layered = bool(_LAYERED & words.keys())
     read = _MTL_READ | _MTL_LAYERS if layered else _MTL_READ
     for name in words:
         if name not in read and not (name in _MTL_ZEROS and _number(words, name, 0) == 0):
@@ -280,7 +238,7 @@ def mtl(words: Mapping[str, list[str]], pictures: MtlPictures, notices: Notices)
     notices.ignore("halos of materials", int("-halo" in words.get("d", [])))
     if pictures.opacity is not None and pictures.opacity.is_partly_clear():
         notices.ignore("partial transparency of pictures")
-    material = _layers(words, pictures, clear) if layered else _phong(words, pictures, clear, notices)
+    material = _layers(words, pictures, clear, notices) if layered else _phong(words, pictures, clear, notices)
     return replace(
         material,
         emission=_color(_rgb(words, "ke", 0.0 if pictures.emission is None else 1.0), pictures.emission),
@@ -312,26 +270,47 @@ def _clear(words: Mapping[str, list[str]]) -> float:
     return min(max(clear, 0.0), 1.0)
 
 
-def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float) -> MetallicRoughness:
+def _layers(words: Mapping[str, list[str]], pictures: MtlPictures, clear: float, notices: Notices) -> MetallicRoughness:
     """Return a material with Pr, Pm, Ps, Pc and Pcr: map_Pr and map_Pm multiply them, and are their numbers alone.
 
     Ps is a sheen without colour, whose roughness the format does not have: it is that of `CLOTH`.
 
+    aniso divides the width of microfacets along the surface, Pr**2, by (1 - 0.9 aniso)**0.5, and multiplies that across
+    it by as much (Burley 2012, Physically Based Shading at Disney, appendix B); anisor is its angle in turns. Beside
+    map_Pr aniso is not read.
+
     Ks, Ns and illum say the same of a surface in Phong's model, and are not read beside them. Ni is the refractive
-    index, 1 - d the share that is not there.
+    index, 1 - d the share that is not there; with illum 6 and 7 it is that of a body, which refracts.
     """
     red, green, blue = (min(x, 1.0) for x in _rgb(words, "kd", 0.8))
     fibres = min(max(_number(words, "ps", 0.0), 0.0), 1.0)
+    stretched = min(max(_number(words, "aniso", 0.0), 0.0), 1.0)
+    roughness = min(max(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), 0.0), 1.0)
+    if stretched and pictures.roughness is not None:
+        notices.ignore("aniso of materials with map_Pr")
+        stretched = 0.0
+    aspect = math.sqrt(1 - 0.9 * stretched)
+    along, across = roughness**2 / aspect, roughness**2 * aspect
+    strength = math.sqrt(min((along - across) / (1 - across), 1.0)) if stretched else 0.0
+    metallic = _number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0)
+    is_body = clear > 0 and _model(words) in _REFRACTING
+    if is_body and isinstance(metallic, Texture):
+        notices.ignore(METAL)
+        metallic = mean_number(metallic)
     return MetallicRoughness(
         base_color=_color((red, green, blue), pictures.color),
-        metallic=_number_of(_number(words, "pm", 0.0 if pictures.metallic is None else 1.0), pictures.metallic, 0),
-        roughness=_number_of(_number(words, "pr", 0.5 if pictures.roughness is None else 1.0), pictures.roughness, 0),
+        metallic=metallic,
+        roughness=_number_of(math.sqrt(across) if stretched else roughness, pictures.roughness, 0),
         ior=_number(words, "ni", 1.5),
         sheen_color=(fibres, fibres, fibres),
         sheen_roughness=CLOTH if fibres else 0.0,
         clearcoat=_number_of(_number(words, "pc", 0.0), None, 0),
         clearcoat_roughness=_number_of(_number(words, "pcr", 0.0), None, 0),
-        alpha=1 - clear,
+        anisotropy=strength,
+        anisotropy_rotation=360 * _number(words, "anisor", 0.0) if stretched else 0.0,
+        transmission=clear if is_body else 0.0,
+        thickness=float(is_body),
+        alpha=1.0 if is_body else 1 - clear,
     )
 
 

@@ -41,7 +41,7 @@ _TRANSLATED = (
     *("KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp", "EXT_mesh_gpu_instancing"),
     *("KHR_texture_transform", "KHR_materials_pbrSpecularGlossiness"),
     *("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"),
-    *("KHR_materials_specular", "KHR_materials_clearcoat", "KHR_materials_sheen"),
+    *("KHR_materials_specular", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_anisotropy"),
     *("KHR_materials_unlit", "KHR_materials_variants"),
 )
 BROKEN: Final = (SceneError, KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)

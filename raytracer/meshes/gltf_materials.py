@@ -1,8 +1,8 @@
 """The materials of a glTF document: factors, pictures, emission, alpha, and what is clear.
 
 Stage: scene description. Section numbers are those of glTF 2.0; the extensions KHR_materials_emissive_strength, _ior,
-_specular, _clearcoat, _sheen, _transmission, _volume, _unlit, _pbrSpecularGlossiness and KHR_texture_transform are read
-as well. `appearance` converts a material; `Notices` counts what has no counterpart.
+_specular, _clearcoat, _sheen, _anisotropy, _transmission, _volume, _unlit, _pbrSpecularGlossiness and
+KHR_texture_transform are read as well. `appearance` converts a material; `Notices` counts what has no counterpart.
 
     materials = GltfMaterials(document, notices)
     material = materials.get(0, has_uv=True)
@@ -18,11 +18,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raytracer.appearance.materials import Triple
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import Filter, Texture, Wrap
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import BLACK, Alpha, GltfMaterial, alpha_of, material_of
+from raytracer.meshes.appearance import METAL, Alpha, GltfMaterial, alpha_of, isotropic, material_of
 from raytracer.meshes.folder import BadEntry, Notices
 from raytracer.meshes.gltf import BROKEN, Document, count_of, is_data, needed, number_of, numbers_of, reason_of, table
 from raytracer.meshes.pictures import Picture, Pictures
@@ -32,10 +31,6 @@ _WRAPS: Final[dict[int, Wrap]] = {10497: "repeat", 33071: "clamp", 33648: "mirro
 _NEAREST: Final = 9728
 _GLOSSY: Final = "pbrSpecularGlossiness"
 _ALPHA_MODES: Final = ("MASK", "BLEND")
-_SHARP: Final = 0.2
-"""The roughness above which a clear material blurs its background visibly."""
-_DARKEST: Final = 2.0**-24
-"""The least share of light that is taken to be left by an attenuation: a finite absorption never reaches 0."""
 
 
 class GltfMaterials:
@@ -93,7 +88,7 @@ class GltfMaterials:
         if key not in self._read:
             used = {name: texture for name, texture in used.items() if has_uv and name not in elsewhere}
             self._read[key] = self._material(entry, used)
-        return self._read[key]
+        return isotropic(self._read[key], has_uv, self.notices)
 
     def _textures(self, entry: dict[str, Any]) -> dict[str, dict[str, Any]]:
         """Return the textures of a material by our names for them."""
@@ -107,6 +102,7 @@ class GltfMaterials:
         textures |= {"specular": specular.get("specularTexture"), "tint": specular.get("specularColorTexture")}
         sheen = _extension(entry, "sheen")
         textures |= {"sheen": sheen.get("sheenColorTexture"), "fuzz": sheen.get("sheenRoughnessTexture")}
+        textures["brush"] = _extension(entry, "anisotropy").get("anisotropyTexture")
         textures |= {"coat": coat.get("clearcoatTexture"), "coat roughness": coat.get("clearcoatRoughnessTexture")}
         return {name: table(textures, name) for name, texture in textures.items() if texture}
 
@@ -143,8 +139,8 @@ class GltfMaterials:
         return material_of(self._clear(material, entry, used.get("transmission")))
 
     def _layers(self, entry: dict[str, Any], used: dict[str, dict[str, Any]]) -> dict[str, Any]:
-        """Return the fields of a material that KHR_materials_specular, _clearcoat and _sheen decide."""
-        sheen = _extension(entry, "sheen")
+        """Return the fields of a material that KHR_materials_specular, _clearcoat, _sheen and _anisotropy decide."""
+        sheen, brush = _extension(entry, "sheen"), _extension(entry, "anisotropy")
         fibres = [min(max(x, 0.0), 1.0) for x in numbers_of(sheen, "sheenColorFactor", (0, 0, 0))]
         specular, coat = _extension(entry, "specular"), _extension(entry, "clearcoat")
         self.notices.ignore("normal maps of coats", int("clearcoatNormalTexture" in coat))
@@ -162,6 +158,9 @@ class GltfMaterials:
             "sheen_color_picture": self._picture(used.get("sheen")),
             "sheen_roughness": number_of(sheen, "sheenRoughnessFactor", 0),
             "sheen_roughness_picture": self._picture(used.get("fuzz"), alpha=True),
+            "anisotropy": number_of(brush, "anisotropyStrength", 0),
+            "anisotropy_rotation": math.degrees(number_of(brush, "anisotropyRotation", 0)),
+            "anisotropy_picture": self._picture(used.get("brush")),
         }
 
     def _normals(self, used: dict[str, Any] | None) -> Texture | None:
@@ -184,18 +183,19 @@ class GltfMaterials:
             return material
         material = replace(material, transmission=factor, transmission_picture=self._picture(used))
         volume = _extension(entry, "volume")
-        if number_of(volume, "thicknessFactor", 0) <= 0:
+        thickness = number_of(volume, "thicknessFactor", 0)
+        if thickness <= 0 or material.ior == 0:  # a surface of the index 0 mirrors all
             return material
+        material = replace(material, thickness=thickness, **_attenuation(volume))
         layered = material.clearcoat > 0 or material.specular != 1 or material.specular_color != (1, 1, 1)
         lost = {
             "alpha of clear bodies": material.opacity < 1 or material.blend is not None,
-            "blur of clear bodies": material.roughness > _SHARP,
-            "tints of clear bodies": material.color != (1, 1, 1) or material.color_picture is not None,
+            METAL: isinstance(material.metal, Texture),
             "coats and specular factors of clear bodies": layered,
         }
         for text, is_lost in lost.items():
             self.notices.ignore(text, int(is_lost))
-        return replace(material, absorption=_absorption(volume), opacity=1.0, blend=None)
+        return replace(material, opacity=1.0, blend=None)
 
     def _picture(self, used: dict[str, Any] | None, *, alpha: bool = False) -> Picture | None:
         """Return the picture of a texture that a material uses; None, with a notice, where it cannot be read."""
@@ -270,16 +270,11 @@ def _ior(entry: dict[str, Any]) -> float:
     return ior
 
 
-def _absorption(volume: dict[str, Any]) -> Triple:
-    """Return the absorption per length: -ln(c) / d for the colour c after the distance d (KHR_materials_volume)."""
-    if "attenuationDistance" not in volume:
-        return BLACK
-    distance = number_of(volume, "attenuationDistance", 0)
-    if not distance > 0:
-        return BLACK
-    left = (min(max(x, _DARKEST), 1.0) for x in numbers_of(volume, "attenuationColor", (1, 1, 1)))
-    r, g, b = (-math.log(x) / distance for x in left)
-    return (abs(r), abs(g), abs(b))  # -0.0 is 0.0
+def _attenuation(volume: dict[str, Any]) -> dict[str, Any]:
+    """Return the colour that white light has after a distance in a body (KHR_materials_volume)."""
+    distance = number_of(volume, "attenuationDistance", 0) if "attenuationDistance" in volume else math.inf
+    r, g, b = (min(max(x, 0.0), 1.0) for x in numbers_of(volume, "attenuationColor", (1, 1, 1)))
+    return {"attenuation_color": (r, g, b), "attenuation_distance": distance if distance > 0 else math.inf}
 
 
 def _extension(entry: dict[str, Any], name: str) -> dict[str, Any]:

@@ -125,6 +125,13 @@ class Picture:
         return self.texture((np.stack(slopes, axis=2).astype(np.float32) + 1) / 2, srgb=False)
 
     @_once
+    def directions(self, strength: float) -> Texture:
+        """Return the Texture of an anisotropy, whose blue channel, the strength, is multiplied by a factor."""
+        pixels = self.fitting(1)
+        channels = [channel(pixels, k) * np.float32(strength if k == 2 else 1) for k in range(3)]
+        return self.texture(np.stack(channels, axis=2), srgb=False)
+
+    @_once
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of the linear colours, (3,); of a large picture, that of about a million pixels."""
         step = max(1, int((self.pixels.size / (3 << 20)) ** 0.5))

@@ -131,7 +131,7 @@ class Layout:
             lights=light_rows(scene.placed_lights, origin, scale, dtype),
             materials=materials,
             without_uv=_without_uv(meshes, index, len(materials)),
-            uvs=uv_rows(meshes) if any(m.textures or m.surface for m in materials) else None,
+            uvs=uv_rows(meshes) if any(m.textures or m.surface or _is_brushed(m) for m in materials) else None,
             forest=forest,
             cones=cone_rows(scene.placed_lights, scale),
         )
@@ -243,16 +243,16 @@ class Layout:
 
     @property
     def glass(self) -> Rows:
-        """(2M, 4): the transmission and refractive index of each material, then its absorption."""
-        rows = [
-            [(material.numbers["transmission"], material.clear_ior, 0, 0), (*material.absorption, 0)]
-            for material in self.materials
-        ]
+        """(2M, 4): the transmission and refractive index of each material, then its absorption.
+
+        The third number is 1 for the body of a `MetallicRoughness`.
+        """
+        rows = [[(m.numbers["transmission"], m.clear_ior, _is_body(m), 0), (*m.absorption, 0)] for m in self.materials]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
     @property
     def layers(self) -> Rows:
-        """(2M, 4): the layers of each `MetallicRoughness`, of which the last number is 1; 0 for other materials."""
+        """(2M, 4): the layers of each `MetallicRoughness`, whose last number is 1 or 2; 0 for other materials."""
         none = (0.0,) * 4
         rows = [m.layers if isinstance(m, MetallicRoughness) else (none, none) for m in self.materials]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
@@ -262,6 +262,12 @@ class Layout:
         """(M, 4): the colour and the roughness of the sheen of each `MetallicRoughness`; 0 for other materials."""
         rows = [m.sheen if isinstance(m, MetallicRoughness) else (0.0,) * 4 for m in self.materials]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+    @property
+    def brushes(self) -> Rows:
+        """(M, 2): the anisotropy of each `MetallicRoughness` and its rotation in degrees; 0 for other materials."""
+        rows = [m.brush if isinstance(m, MetallicRoughness) else (0.0, 0.0) for m in self.materials]
+        return np.array(rows, dtype=np.float64).reshape(-1, 2)
 
     @property
     def mirrors(self) -> Rows:
@@ -400,6 +406,16 @@ def _corner_colors(mesh: Mesh, materials: Sequence[AnyMaterial]) -> NDArray[np.f
 def is_programmed(material: AnyMaterial) -> bool:
     """Return whether the kernel alone knows the colour of a material."""
     return material.surface is not None or "color" in material.textures
+
+
+def _is_body(material: AnyMaterial) -> bool:
+    """Return whether what is clear of a material is rough, and tinted by its colour."""
+    return isinstance(material, MetallicRoughness) and material.is_body
+
+
+def _is_brushed(material: AnyMaterial) -> bool:
+    """Return whether a material's microfacets need the direction in which u grows."""
+    return isinstance(material, MetallicRoughness) and material.brush[0] > 0
 
 
 def uv_rows(meshes: Sequence[Mesh]) -> Rows:

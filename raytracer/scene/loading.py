@@ -23,7 +23,16 @@ from raytracer.appearance.materials import PLAIN, Material
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
-from raytracer.meshes.appearance import CLAY, WHITE, MtlPictures, Words, mtl, picture_words, read_mtl
+from raytracer.meshes.appearance import (
+    CLAY,
+    WHITE,
+    MtlPictures,
+    Words,
+    isotropic,
+    mtl,
+    picture_words,
+    read_mtl,
+)
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
 from raytracer.meshes.mesh import LOADERS, Mesh, joined, placed_all, smoothed
@@ -215,7 +224,8 @@ class Library:
         key = (name, pictured and mesh.uv is not None)
         if key not in self._materials:
             self._materials[key] = self._read(name, words, key[1])
-        return self._materials[key]
+        material = self._materials[key]
+        return None if material is None else isotropic(material, mesh.uv is not None, self.notices)
 
     def _read(self, name: str, words: Words, pictured: bool) -> AnyMaterial | None:
         pictures = (

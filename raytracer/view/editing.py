@@ -45,14 +45,19 @@ _RANGES: Final = {
     "clearcoat_roughness": (0.0, 1.0),
     "sheen_color": (0.0, 1.0),
     "sheen_roughness": (0.0, 1.0),
+    "anisotropy": (0.0, 1.0),
+    "anisotropy_rotation": (0.0, 180.0),
+    "thickness": (0.0, 1.0),
+    "attenuation_color": (0.0, 1.0),
     "alpha": (0.0, 1.0),
 }
 """The span of the slider of each number of a material."""
 _BOUNDED: Final = (
     *("reflectivity", "transmission", "base_color", "metallic", "roughness"),
-    *("clearcoat", "clearcoat_roughness", "sheen_color", "sheen_roughness", "alpha"),
+    *("clearcoat", "clearcoat_roughness", "sheen_color", "sheen_roughness", "anisotropy"),
+    *("attenuation_color", "alpha"),
 )
-_COLORS: Final = ("color", "base_color", "specular_color", "sheen_color")
+_COLORS: Final = ("color", "base_color", "specular_color", "sheen_color", "attenuation_color")
 _SAID: Final = {
     "shininess": "the exponent of the highlight",
     "transmission": "the share that lets light through, as glass does",
@@ -65,7 +70,11 @@ _SAID_OF_LAYERS: Final = {
     "ior": "the refractive index: how much is mirrored where it is no metal",
     "specular": "a factor of what is mirrored where it is no metal",
     "sheen_color": "the light of fibres at grazing angles, as of velvet",
-    "transmission": "the share of what is no metal that is a thin clear wall",
+    "anisotropy": "how much rougher the surface is along a direction than across it, as brushed metal",
+    "anisotropy_rotation": "the angle, in degrees, from where u grows to that direction",
+    "transmission": "the share of what is no metal that is clear",
+    "thickness": "0 for a thin clear wall, above 0 for the surface of a body that refracts",
+    "attenuation_color": "what is left of white light after the attenuation_distance inside a body",
     "alpha": "the share of the surface that is there",
 }
 

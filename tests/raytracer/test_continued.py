@@ -153,9 +153,9 @@ def giver(name):
 
 
 LAYERS = dict.fromkeys(("metallic", "roughness", "ior", "specular", "clearcoat", "clearcoat_roughness"), 0.3)
-LAYERS |= {"transmission": 0.3, "alpha": 0.3, "sheen_roughness": 0.3} | dict.fromkeys(
-    ("base_color", "specular_color", "sheen_color", "emission"), (0.3, 0.2, 1)
-)
+LAYERS |= {"transmission": 0.3, "alpha": 0.3, "sheen_roughness": 0.3, "anisotropy": 0.3, "anisotropy_rotation": 9}
+LAYERS |= {"multiscatter": True, "thickness": 0.3, "attenuation_color": (0.3, 0.2, 1), "attenuation_distance": 0.3}
+LAYERS |= dict.fromkeys(("base_color", "specular_color", "sheen_color", "emission"), (0.3, 0.2, 1))
 MESH = {
     "vertices": [[-1, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2.5, 0]], "faces": [[0, 1, 3], [1, 2, 3]],
     "material": Material(), "normals": [[0, 1, 2]] * 4,

@@ -13,7 +13,6 @@ from test_microfacets import check_gains_nothing, furnace
 
 import shpy as sh
 from raytracer import Camera, Material, Mesh, MetallicRoughness, Scene, SceneError, Texture, render
-from raytracer.meshes.appearance import GltfMaterial, material_of
 from raytracer.meshes.shapes import box
 
 AHEAD = Camera((0, 0, 4), (0, 0, 0), projection="orthographic", span=2)
@@ -104,21 +103,23 @@ def test_a_thin_wall_tints_what_is_behind_it(tmp_path):
     np.testing.assert_allclose(before_green(tinted), np.broadcast_to([0, 0.25 * 0.96, 0], (8, 8, 3)), atol=2e-4)
 
 
-def test_colours_of_bodies_are_ignored_aloud(tmp_path):
-    look = {"baseColorFactor": [1, 0.25, 0.5, 1], "roughnessFactor": 0.5}
-    ignored = "blur of clear bodies (1), tints of clear bodies (1), coats and specular factors of clear bodies (1)"
+def test_what_bodies_leave_out_is_ignored_aloud(tmp_path):
+    file = File()
+    metal = file.picture([[[0, 255, 0], [0, 255, 255]]])
+    look = {"baseColorFactor": [1, 0.25, 0.5, 1], "roughnessFactor": 0.5, "metallicFactor": 0.5}
+    look["metallicRoughnessTexture"] = {"index": metal}
+    ignored = "pictures of the metal of clear bodies (1), coats and specular factors of clear bodies (1)"
     extensions = {"transmission": {"transmissionFactor": 1}, "volume": {"thicknessFactor": 1}}
-    body = gltf(
-        tmp_path, ignored, pbrMetallicRoughness=look, extensions=extensions | {"clearcoat": {"clearcoatFactor": 1}}
-    )
-    assert (body.transmission, body.color) == (0.25, (1, 0.25, 0.5))
+    extensions |= {"clearcoat": {"clearcoatFactor": 1}}
+    body = gltf(tmp_path, ignored, file=file, pbrMetallicRoughness=look, extensions=extensions)
+    assert (body.base_color, body.roughness, body.metallic) == ((1, 0.25, 0.5), 0.5, 0.25)
 
 
 def test_bodies_of_gltf_refract_and_absorb(tmp_path):
     volume = {"thicknessFactor": 1, "attenuationColor": [0.5, 0.25, 1], "attenuationDistance": 2}
     body = gltf(tmp_path, pbrMetallicRoughness={"roughnessFactor": 0}, extensions={
         "transmission": {"transmissionFactor": 1}, "volume": volume, "ior": {"ior": 1.4}})  # fmt: skip
-    assert (body.transmission, body.ior, body.reflectivity) == (1, 1.4, 0)
+    assert (body.transmission, body.ior, body.is_body) == (1, 1.4, True)
     np.testing.assert_allclose(body.absorption, [math.log(2) / 2, math.log(4) / 2, 0])
     slab = dataclasses.replace(body, ior=1.0)
     seen = before_green(slab, box((9, 9, 1)))
@@ -138,27 +139,6 @@ def test_pictures_of_transmission(tmp_path):
     material = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
     np.testing.assert_allclose(material.transmission.image[0, :, 0], [0.5, 0.1], rtol=1e-6)
     assert (material.metallic, material.roughness) == (0, 1)
-
-
-def test_pictures_of_other_shapes_do_not_multiply(tmp_path):
-    """A wide picture and a tall one make textures as large as one of them."""
-    file = File()
-    clear = file.picture(np.arange(64 * 3).reshape(1, 64, 3))
-    metal = file.picture(np.arange(48 * 3).reshape(48, 1, 3))
-    look = {"metallicRoughnessTexture": {"index": metal}, "roughnessFactor": 0.1, "metallicFactor": 1}
-    extensions = {"transmission": {"transmissionFactor": 1, "transmissionTexture": {"index": clear}}}
-    extensions["volume"] = {"thicknessFactor": 1}
-    material = gltf(tmp_path, file=file, pbrMetallicRoughness=look, extensions=extensions)
-    assert material.transmission.image.shape == (1, 64, 3)
-
-
-def test_the_ior_of_gltf_decides_how_high_highlights_are():
-    """F0 is ((ior - 1) / (ior + 1))**2, and an ior of 0 stands for 1 (KHR_materials_ior)."""
-    for ior, f0 in ((1.5, 0.04), (2.0, 1 / 9), (1.0, 0.0), (0.0, 1.0)):
-        assert material_of(GltfMaterial(roughness=0.7, ior=ior)).ior == ior
-        body = material_of(GltfMaterial(roughness=0.7, ior=ior, transmission=0.5, absorption=(0, 0, 0)))
-        assert body.specular == pytest.approx(f0 * (2 / 0.49**2 - 2) / 8)
-        assert body.ior > 0
 
 
 def test_specular_and_coats_of_gltf(tmp_path):
@@ -326,15 +306,15 @@ def test_mtl_sends_out_no_more_light_than_it_receives(tmp_path, text, diffuse, s
         ("Pr 0.5\nTr 1", ["Tr 1 of materials without d, which are opaque (1)"], MetallicRoughness()),
         ("Pr 0.5\nPs 0\naniso 0\nanisor 0.0", [], MetallicRoughness()),
         (
-            "Pr 0.5\nPs 0.5\naniso 0.1",
-            ["aniso of materials (1)"],
+            "Pr 0.5\nPs 0.5\nanisor 0.1",
+            [],
             MetallicRoughness(sheen_color=(0.5,) * 3, sheen_roughness=0.5),
         ),
         ("Ps 0.0\nPcr 0\nKs 0.125", [], Material(diffuse=1, specular=0.125)),
         (
             "illum 7\nPr 0.5\nPm 0\nNi 1.4",
-            ["pr of materials (1)"],
-            Material(diffuse=1, specular=0, transmission=1, ior=1.4),
+            [],
+            MetallicRoughness(transmission=1, thickness=1, ior=1.4),
         ),
     ],
 )
@@ -349,8 +329,11 @@ def test_physical_pictures_of_mtl(tmp_path):
     np.testing.assert_allclose(material.roughness.image[0, :, 0], [0.1, 0.5], rtol=1e-6)
     np.testing.assert_allclose(material.metallic.image[0, :, 0], [0.2, 1], rtol=1e-6)
     np.testing.assert_allclose(material.base_color.image[0, :, 0], [((0.2 + 0.055) / 1.055) ** 2.4, 1], rtol=1e-5)
-    with pytest.warns(sh.ShpyWarning, match=r"map_pr of materials \(1\)"):
-        assert Scene.load(written(tmp_path, "illum 7\nmap_Pr grey.png")).meshes[0].material.ior == 1.5
+    brushed = obj(tmp_path, "Pr 0.5\nmap_Pr grey.png\naniso 1", "aniso of materials with map_Pr (1)", grey=picture)
+    assert brushed.anisotropy == 0
+    ignored = "pictures of the metal of clear bodies (1)"
+    body = obj(tmp_path, "illum 7\nd 0.25\nmap_Pr grey.png\nmap_Pm grey.png", ignored, grey=picture)
+    assert (body.is_body, body.ior, body.transmission, body.metallic) == (True, 1.5, 0.75, pytest.approx(0.6))
 
 
 def test_the_brightest_pixel_of_a_picture_bounds_what_mtl_sends_out(tmp_path):

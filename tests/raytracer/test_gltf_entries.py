@@ -118,7 +118,7 @@ def test_the_scenes_that_are_not_shown_are_told(tmp_path):
     assert loaded(file.save(tmp_path / "two.glb"), said, "ignored: scenes but the default one (1)").triangles
 
 
-@pytest.mark.parametrize("name", ["KHR_materials_anisotropy", "KHR_materials_iridescence"])
+@pytest.mark.parametrize("name", ["KHR_materials_dispersion", "KHR_materials_iridescence"])
 def test_extensions_of_the_look_of_materials_refuse_no_file(tmp_path, name):
     file = File()
     material = file.material(extensions={name: {}}, pbrMetallicRoughness={"baseColorFactor": [1, 0.5, 0, 1]})

@@ -168,7 +168,7 @@ def test_what_is_ignored_is_said_in_one_line(tmp_path):
     expected = (
         "animations (1), scenes but the default one (1), KHR_materials_x (1), morph targets of colours or uv (1), "
         "second uv coordinates of materials (1), pictures of meshes without uv coordinates (1), occlusion maps (1), "
-        "alpha of clear bodies (1), blur of clear bodies (1), tints of clear bodies (1), "
+        "alpha of clear bodies (1), "
         "points and lines (1), lights of the type area (1)"
     )
     scene = loaded(file.save(tmp_path / "much.glb"), f"ignored: {expected}")

@@ -335,7 +335,8 @@ def test_the_page_has_a_control_for_each_number():
     names = [control["title"] for control in material["controls"]]
     assert names == [
         *("specular", "transmission", "ior", "emission", "base_color", "metallic"),
-        *("specular_color", "clearcoat", "clearcoat_roughness", "sheen_color", "sheen_roughness", "alpha"),
+        *("specular_color", "clearcoat", "clearcoat_roughness", "sheen_color", "sheen_roughness"),
+        *("anisotropy", "anisotropy_rotation", "thickness", "attenuation_color", "alpha"),
     ]
     assert edits.set({f"material.{material['label']}.metallic": [0.5]}) == []
     assert edits.applied(scene).meshes[0].material.metallic == 0.5
