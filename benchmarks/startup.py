@@ -7,6 +7,7 @@ Cold is a process that finds nothing kept from an earlier one, warm is one after
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import resource
 import subprocess
@@ -117,6 +118,26 @@ def session(largest: int) -> None:
     print(time.process_time() - started + children.ru_utime + children.ru_stime)
 
 
+def worker(x: np.ndarray) -> None:
+    """Run a program of 20 sines on a block: for a worker process."""
+
+    @sh.program
+    def waves(x: sh.Attrib1f) -> sh.Attrib1f:
+        return sum((sh.sin(x * k) / k for k in range(1, 20)), sh.Attrib1f(0))
+
+    waves(x)
+
+
+def workers(blocks: int) -> None:
+    """Run blocks of 100,000 elements in two worker processes, and print the CPU seconds of all three processes."""
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        pool.map(worker, [np.linspace(0, 1, 100_000, dtype=np.float32)] * blocks, chunksize=1)
+        pool.close()
+        pool.join()
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(time.process_time() + children.ru_utime + children.ru_stime)
+
+
 def sessions(mesh: Mesh, quick: bool) -> Table:
     """Measure processes of plain calls, cold and then warm, beside those with each backend pinned.
 
@@ -127,6 +148,8 @@ def sessions(mesh: Mesh, quick: bool) -> Table:
     """
     sizes = (1_000,) if quick else (10_000, 200_000, 2_000_000)
     texts = {f"five programs, {n:,}": f"from benchmarks.startup import session; session({n})" for n in sizes}
+    blocks = 4 if quick else 400
+    texts[f"{blocks} blocks in two workers, 100,000"] = f"from benchmarks.startup import workers; workers({blocks})"
     texts["5,000 calls, 64"] = SMALL.format(count=10 if quick else 5000)
     rows, rounds = [], {}
     for name, text in texts.items():

@@ -14,6 +14,7 @@ from patience import HANGING
 from test_auto import EAGER, X
 
 import shpy as sh
+from shpy.backend.opencl.device.driver import machine_of
 from shpy.run import tiers
 
 
@@ -26,17 +27,21 @@ def work_of_a_child(connection):
         return x * 3
 
     kernel = child.compile("auto")
-    for _ in range(3):
-        kernel(X)
-    connection.send(kernel.runs_on)
+    same = [kernel(X).tobytes() == (X * 3).tobytes() for _ in range(3)]
+    connection.send((kernel.runs_on, same, kernel.notes[-1]))
+    connection.send(machine_of(0).device.max_compute_units)
 
 
-def test_worker_processes_stay_on_numpy():
+def test_worker_processes_go_on_with_opencl_on_one_core(monkeypatch):
+    for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):
+        monkeypatch.delenv(name, raising=False)
     here, there = multiprocessing.Pipe()
     process = multiprocessing.get_context("spawn").Process(target=work_of_a_child, args=(there,))
     process.start()
     assert here.poll(HANGING)
-    assert here.recv() == "numpy"
+    runs_on, same, note = here.recv()
+    assert (runs_on, same) == ("opencl", [True] * 3), note
+    assert here.recv() == 1
     process.join()
 
 

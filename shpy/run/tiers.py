@@ -12,9 +12,9 @@ compiles sooner, and the bound is that of all of them together.
     kernel(x)                  # kernel.runs_on == "numpy"
     kernel(large)              # "opencl" from now on; kernel.notes say why
 
-numpy stays in relaxed and fast mode, whose bits differ between backends; for streams, which lie on numpy; in worker
-processes of `multiprocessing`, which share the cores; and where OpenCL refuses the program, gives an error, or is
-slower, as where a graphics card spends its time on copies.
+numpy stays in relaxed and fast mode, whose bits differ between backends; for streams, which lie on numpy; and where
+OpenCL refuses the program, gives an error, or is slower, as where a graphics card spends its time on copies. In worker
+processes of `multiprocessing`, which share the cores, OpenCL keeps to one core, as numpy does.
 """
 
 from __future__ import annotations
@@ -78,8 +78,7 @@ class AutoBackend:
     def compile(self, module: Module, options: Options) -> Executable:
         """Compile for numpy; where the bits are the same, OpenCL may follow."""
         quick = backend_named(QUICK).compile(module, replace(options, lanes="auto"))
-        may_follow = options.math in REPRODUCIBLE and not _is_worker()
-        return TieredExecutable(quick, module, options) if may_follow else quick
+        return TieredExecutable(quick, module, options) if options.math in REPRODUCIBLE else quick
 
     def space(self, device: int | None) -> Space:
         """Return numpy's memory."""
@@ -218,6 +217,7 @@ class TieredExecutable:
 
     def _compile(self, total: float) -> None:
         from shpy.backend.device import store  # here, since most processes compile nothing for OpenCL
+        from shpy.backend.opencl.device.loading import keep_to_one_core
 
         if importlib.util.find_spec("pyopencl") is None:
             self._refuse(f"there is no {BETTER} here")
@@ -227,6 +227,8 @@ class TieredExecutable:
             return
         before = sys.exception()
         try:
+            if _is_worker():
+                keep_to_one_core()
             opencl: Any = backend_named(BETTER)
             if faults := opencl.faults(self._options.device):
                 self._refuse(f"{BETTER}'s device gets {' and '.join(sorted(faults))} wrong")
