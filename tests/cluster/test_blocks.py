@@ -131,6 +131,38 @@ def one_thread():
         yield
 
 
+WEIGHT = sh.Param(sh.Attrib1f, 0.75, name="weight")
+
+
+@sh.subroutine
+def root(c: sh.Attrib1f) -> sh.Attrib1f:
+    x = sh.Attrib1f(1)
+    with sh.SH_FOR(0, 12):
+        x -= (x * x * x + x - c) / (3 * x * x + 1)
+    return x
+
+
+@root.tangent
+def root_tangent(x, c, d_c):
+    return d_c / (3 * x * x + 1)
+
+
+@sh.program
+def bent(x: sh.Attrib3f, k: sh.Attrib1f) -> sh.Attrib1f:
+    return root(sh.dot(x, x) * WEIGHT) * sh.sin(k)
+
+
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_derivatives_are_computed_in_other_processes(mode):
+    """A gradient by an input and a Param, through a rule of its own, goes to another process as a program."""
+    slopes = bent.gradient("x", WEIGHT, mode=mode, value=True)
+    expected = slopes.compile("numpy")(X, K)
+    blocks = sh.map_blocks(slopes.compile("numpy"), cut(X, 5, 17, 3), K)
+    with dask.config.set(scheduler="processes", num_workers=1):
+        for a, b in zip(dask.compute(*blocks), expected, strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
 @every
 @pytest.mark.parametrize("chunks", [(5, 4, 3), (13, 17, 3), (1, 17, 3)])
 def test_blocks_have_the_bits_of_one_run(name, chunks):

@@ -307,6 +307,34 @@ def wave(p: sh.Attrib3f) -> sh.Attrib1f:
     return sh.sin(p.x * p.y + p.z) * sh.expm1(p.z) * p.x + sh.length(p)
 
 
+@sh.program
+def curved(p: sh.Attrib3f) -> sh.Attrib1f:
+    """Compute functions of one argument, some of them in branches of a loop."""
+    total = sh.log1p(p.x) * sh.erf(p.y) + sh.exp10(p.z * 0.3) * sh.cbrt(p.x + p.y)
+    with SH_FOR(0, 2) as k:
+        with SH_IF(p.x > p.y):
+            total += sh.erfc(p.z + k) * sh.sinpi(p.x)
+        with SH_ELIF(p.z > 0.5):
+            total *= sh.expm1(p.y) + sh.cospi(p.z)
+    return total
+
+
+@pytest.mark.parametrize(("program", "mode"), [(curved, "forward"), (curved, "reverse"), (wave, "reverse")])
+def test_derivatives_in_other_modes_of_arithmetic(program: sh.Program, mode: Any) -> None:
+    """Portable and fused derivatives have the same bits everywhere; relaxed and fast ones are near to those at f64."""
+    p = np.random.default_rng(4).uniform(0.1, 1, (70, 3)).astype(np.float32)
+    derived = program.gradient("p", mode=mode)
+    exact = derived.compile("numpy", precision="f64")(p)[0]
+    for options in ({"math": "portable"}, {"fuse": True}):
+        expected = derived.compile("numpy", **options)(p)[0]
+        assert not differs(run(derived, "opencl-8", p, **options).outputs[0], expected).any(), options
+    size = np.abs(exact).max(axis=-1, keepdims=True)
+    for math in ("relaxed", "fast"):
+        for target in TARGETS:
+            slopes = run(derived, target, p, math=math).outputs[0]
+            assert (np.abs(slopes - exact) < 2e-5 * size).all(), (math, target)
+
+
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_fused_derivatives_have_the_same_bits_everywhere(mode: Any) -> None:
     """Also in wide packets, of a program that was pickled."""

@@ -308,6 +308,27 @@ def test_what_a_file_reads_is_watched(tmp_path):
             (tmp_path / "wave.py").touch()
 
 
+def test_an_edit_of_a_function_changes_its_gradient(tmp_path):
+    """The function stands in a file beside that of the program, which shows its slope, then its distance by a rule."""
+    shape = "import shpy as sh\n\ndef height(p):\n    return {}\n"
+    rule = "@sh.subroutine\ndef height(p: sh.Attrib2f) -> sh.Attrib1f:\n    return p.x\n\n@height.tangent\n"
+    rule += "def height_tangent(y, p, d_p):\n    return 0.6 * d_p.x + d_p.y\n"
+    (tmp_path / "shape.py").write_text(shape.format("0.2 * p.x + p.y * p.y"))
+    program = "from shape import height\n" + MOVING.replace(
+        "sh.Color3f(uv, gain * sh.fract(time))", "sh.Color3f(sh.gradient(height)(sh.Attrib2f(uv)), 0)"
+    )
+    (tmp_path / "wave.py").write_text(program)
+    with viewed(tmp_path / "wave.py", "--backend", "numpy", "--size", "4x2") as found, page(found) as socket:
+        header, pixels = told(socket, "frame")
+        assert tuple(pixels[:2]) == (51, 128)  # d by x, and by y at 0.25
+        for text, slopes in ((shape.format("p.x * p.y"), (64, 32)), ("import shpy as sh\n\n" + rule, (153, 255))):
+            acknowledge(socket, header)
+            (tmp_path / "shape.py").write_text(text)
+            told(socket, "recorded")
+            header, pixels = told(socket, "frame")
+            assert tuple(pixels[:2]) == slopes
+
+
 def test_files_outside_the_folder_and_missing_ones_are_watched(tmp_path):
     folder = tmp_path / "real"
     folder.mkdir()
