@@ -51,7 +51,7 @@ def tangent_and_quotient(name: str, size: int) -> tuple[sh.Program, sh.Program]:
     b.store(b.output(value.type, "y"), value)
     function = b.finish()
     moving = tuple(t.is_float for t in types)
-    world = ForwardFunctions([""], {}.__getitem__, str)
+    world = ForwardFunctions([""], {}.__getitem__, str, {})
     forward = world.seeded(function, moving, {})
     b = Builder(name)
     xs = [b.input(t, f"x{k}") for k, t in enumerate(types)]
