@@ -137,18 +137,21 @@ def test_another_bound_takes_the_same_programs(cls, backend, monkeypatch):
     assert built == []
 
 
-def test_below_takes_fewer_passes(monkeypatch):
+@pytest.mark.parametrize(("n", "dispatches"), [(3000, 1), (32_767, 1), (32_768, 3)])
+def test_below_takes_fewer_passes(monkeypatch, n, dispatches):
+    """A digit takes one dispatch for one chunk of elements, and three for several."""
     passes = []
     run = opencl._OpenCLCollectives._run
     count = lambda self, text, name, *a: (passes.append(name), run(self, text, name, *a))  # noqa: E731
     monkeypatch.setattr(opencl._OpenCLCollectives, "_run", count)
-    x = stream(np.arange(3000, dtype=np.int32) % 64, sh.Attrib1i, "opencl")
+    keys = np.arange(n, dtype=np.int32) % 64
+    x = stream(keys, sh.Attrib1i, "opencl")
     counts = []
     for options in ({}, {"below": 1 << 13}, {"below": (1 << 13) + 1}, {"below": 64}):
         passes.clear()
-        sh.argsort(x, **options)
-        counts.append(passes.count("count_digits"))
-    assert counts == [3, 1, 2, 1]
+        assert np.array_equal(sh.argsort(x, **options).numpy(), np.argsort(keys, kind="stable"))
+        counts.append(len(passes))
+    assert counts == [dispatches * digits for digits in (3, 1, 2, 1)]
 
 
 @pytest.mark.parametrize("below", [0, -1, 2**31 + 1, True, 2.0, "64"])

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from importlib import resources
 from typing import Any, Final
 
@@ -162,32 +162,33 @@ class _OpenCLCollectives:
         chunks, chunk = self._chunks(n, max(1, _MOST_COUNTERS // bins))
         counts = self._allocate(chunks * bins, Base.I)
         self._run(_TALLY, "tally", chunks, numbers, n, chunk, bins, counts)
+        if chunks == 1:
+            return counts
         self._run(_TALLY, "add_tallies", bins, counts, bins, chunks, group=LOCAL_SIZE)
-        return counts if chunks == 1 else self._space.view(counts, counts.type, bins)
+        return self._space.view(counts, counts.type, bins)
 
     def _sorted(self, keys: Any, descending: bool, below: int | None, *, indexed: bool) -> Any:
         """Sort scalars digit by digit; return them or, if `indexed`, the indices that they had.
 
-        By the last digit the indices move alone.
+        By the last digit the indices move alone. One chunk takes a dispatch for a digit, not three.
         """
         text, bits = self._ordering(keys, descending, below)
         last = 0 if below is None else below - 1  # an argument, so that each bound takes the same kernel
         chunks, chunk = self._chunks(keys.count)
         digit = -(-bits // -(-bits // self._digit))
-        counts = self._allocate(chunks << digit, Base.U)
+        counts = self._allocate(chunks << digit, Base.U) if chunks > 1 else None
         source, indices = keys, None
         for shift in range(0, bits, digit):
             alone = indexed and shift + digit >= bits
             moved = None if alone else self._like(keys)
             moved_indices = self._allocate(keys.count, Base.I) if indexed else None
-            sizes = (keys.count, chunk, shift, 1 << digit, last, counts)
-            self._run(text, "count_digits", chunks, source, *sizes)
-            self._run(text, "sum_before", 1, counts, counts.count)
-            args = (source, *sizes, moved)
-            if indexed:
-                self._run(text, "move_pairs", chunks, *args, indices, moved_indices)
+            sizes, to = (shift, 1 << digit, last), (moved, indices, moved_indices)
+            if counts is None:
+                self._run(text, "sort_digit", 1, source, keys.count, *sizes, *to)
             else:
-                self._run(text, "move_words", chunks, *args)
+                self._run(text, "count_digits", chunks, source, keys.count, chunk, *sizes, counts)
+                self._run(text, "sum_before", 1, counts, counts.count)
+                self._run(text, "move_digits", chunks, source, keys.count, chunk, *sizes, counts, *to)
             source, indices = moved, moved_indices
         return indices if indexed else source
 
@@ -200,12 +201,12 @@ class _OpenCLCollectives:
             key = "(uint)clamp((int)x, 0, (int)last)" if keys.type.base is Base.I else "min(x, last)"
         if descending:
             key = f"({word})~({key})"
-        text = _ORDER.replace("KEY", key).replace("MOST", str(1 << self._digit)).replace("WORD", word)
+        text = _filled(_ORDER, KEY=key, MOST=str(1 << self._digit), WORD=word)
         return text, 8 * kept.itemsize if below is None else max(1, (below - 1).bit_length())
 
     def _moving(self, moved: Any, index: Any) -> str:
-        text = _MOVE.replace("WORD", WORDS[buffer_dtype(moved.type, moved.dtype).itemsize])
-        return text.replace("SIZE", str(moved.type.size)).replace("INDEX", "int" if index.dtype.kind == "i" else "uint")
+        word = WORDS[buffer_dtype(moved.type, moved.dtype).itemsize]
+        return _filled(_MOVE, WORD=word, SIZE=str(moved.type.size), INDEX="int" if index.dtype.kind == "i" else "uint")
 
     def _chunks(self, n: int, most: int = 1 << 31) -> tuple[int, int]:
         """Return the number of chunks, and the elements of each chunk."""
@@ -223,6 +224,14 @@ class _OpenCLCollectives:
         """Start a kernel over this number of work items, rounded up to whole groups by idle items."""
         arguments = [getattr(a, "buffer", np.uint32(a) if isinstance(a, int) else a) for a in args]
         self._space.enqueue(text, name, items, arguments, group=group)
+
+
+@lru_cache(maxsize=64)
+def _filled(text: str, **words: str) -> str:
+    """Return a text in which words are replaced, in this order. It is kept, since it is looked up for each dispatch."""
+    for word, meant in words.items():
+        text = text.replace(word, meant)
+    return text
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,32 +32,43 @@ __kernel void sum_before(__global uint *counts, uint n) {
     }
 }
 
-__kernel void move_words(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
-                         __global const uint *counts, __global WORD *moved) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[MOST];
-    for (uint d = 0; d < radix; ++d)
-        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
-    for (uint i = first; i < end; ++i) {
-        WORD x = given[i];
-        moved[at[(key(x, last) >> shift) & (radix - 1)]++] = x;
-    }
-}
-
-// The same with the index that each word had at first: without `indices`, that is where it stands. The words themselves
-// move if another digit follows, that is with `moved`.
-__kernel void move_pairs(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
-                         __global const uint *counts, __global WORD *moved, __global const uint *indices,
-                         __global uint *moved_indices) {
-    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
-    uint at[MOST];
-    for (uint d = 0; d < radix; ++d)
-        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
+// Move the elements from `first` to before `end` to the places that `at` has for their digits: the words unless only
+// their indices are wanted, and the indices that they had at first where these are wanted. Without `indices`, an index is
+// where a word stands.
+inline void move_chunk(__global const WORD *given, uint first, uint end, uint shift, uint radix, uint last, uint *at,
+                       __global WORD *moved, __global const uint *indices, __global uint *moved_indices) {
     for (uint i = first; i < end; ++i) {
         WORD x = given[i];
         uint to = at[(key(x, last) >> shift) & (radix - 1)]++;
         if (moved)
             moved[to] = x;
-        moved_indices[to] = indices ? indices[i] : i;
+        if (moved_indices)
+            moved_indices[to] = indices ? indices[i] : i;
     }
+}
+
+__kernel void move_digits(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
+                          __global const uint *counts, __global WORD *moved, __global const uint *indices,
+                          __global uint *moved_indices) {
+    uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
+    uint at[MOST];
+    for (uint d = 0; d < radix; ++d)
+        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
+    move_chunk(given, first, end, shift, radix, last, at, moved, indices, moved_indices);
+}
+
+// All of a digit where there is one chunk.
+__kernel void sort_digit(__global const WORD *given, uint n, uint shift, uint radix, uint last, __global WORD *moved,
+                         __global const uint *indices, __global uint *moved_indices) {
+    uint at[MOST], sum = 0;
+    for (uint d = 0; d < radix; ++d)
+        at[d] = 0;
+    for (uint i = 0; i < n; ++i)
+        ++at[(key(given[i], last) >> shift) & (radix - 1)];
+    for (uint d = 0; d < radix; ++d) {
+        uint count = at[d];
+        at[d] = sum;
+        sum += count;
+    }
+    move_chunk(given, 0, n, shift, radix, last, at, moved, indices, moved_indices);
 }
