@@ -1,7 +1,7 @@
 """Gradients of generated programs: forward mode agrees with reverse mode at f64, and each has the same bits everywhere.
 
-`pytest -m slow` and the name of this file runs 2,000 programs. At kinks the two modes may meet an infinity in different
-places, so numbers count where both are finite.
+`pytest -m slow` and the name of this file runs 2,000 programs at f64, and 2,000 on the backends. At kinks the two modes
+may meet an infinity in different places, so numbers count where both are finite.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ INPUTS = dict(zip("avnh", moderate(), strict=True))
 
 
 def derivative(tree: Tree, mode: str) -> sh.Program | None:
-    """Return the gradient of the sum of a program's floats; None where there is none, or reverse mode refuses."""
+    """Return the gradient of the sum of a program's floats; None where there is none."""
     program = record(tree)
     names = list(program.inputs)
     wrt = tuple(n for n in names if n in ("a", "v"))
@@ -69,9 +69,9 @@ def derivative(tree: Tree, mode: str) -> sh.Program | None:
     try:
         exec(f"@sh.program\ndef slopes({annotated}):\n    return {call}\n", space)
     except sh.RecordError as error:
-        if "does not depend on" in error.message or error.message.startswith("reverse mode"):
-            return None
-        raise
+        if "does not depend on" not in error.message:
+            raise
+        return None
     slopes: sh.Program = space["slopes"]
     return slopes
 
@@ -85,35 +85,52 @@ def outputs_of(program: sh.Program, target: str, **options: Any) -> tuple[list[A
     return list(result.outputs), result.written
 
 
-def check(tree: Tree, target: str) -> None:
-    wide: dict[str, Any] = {}
+def check_modes(tree: Tree) -> None:
+    """Compare the gradients of both modes at f64."""
+    modes = [derivative(tree, mode) for mode in ("forward", "reverse")]
+    forward, reverse = (p and outputs_of(p, "numpy", precision="f64") for p in modes)
+    if forward is None or reverse is None:
+        assert forward is reverse, source(tree)
+        return
+    for a, b in zip(forward[0], reverse[0], strict=True):
+        with np.errstate(all="ignore"):
+            counts = np.isfinite(a) & np.isfinite(b) & np.reshape(forward[1], (-1,) + (1,) * (a.ndim - 1))
+            error = np.abs(a - b) / (1 + np.abs(a) + np.abs(b))
+        assert (error[counts] < 1e-13).all(), f"forward {a[counts]}, reverse {b[counts]}\n{source(tree)}"
+
+
+def check_bits(tree: Tree, target: str) -> None:
+    """Compare the gradients of each mode on a target and on numpy."""
     for mode in ("forward", "reverse"):
         program = derivative(tree, mode)
         if program is None:
             continue
-        wide[mode], written = outputs_of(program, "numpy", precision="f64")
         expected, _ = outputs_of(program, "numpy")
         for a, b in zip(outputs_of(program, target)[0], expected, strict=True):
             with np.errstate(all="ignore"):
                 flushed = np.abs(a.astype(np.float64) - b) < 1e-30
             assert not (differs(a, b) & ~flushed).any(), f"{mode} on {target}\n{source(tree)}"
-    if len(wide) == 2:
-        for a, b in zip(wide["forward"], wide["reverse"], strict=True):
-            with np.errstate(all="ignore"):
-                counts = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < 1e12)
-                counts &= np.reshape(written, (-1,) + (1,) * (a.ndim - 1))
-                error = np.abs(a - b) / (1 + np.abs(a) + np.abs(b))
-            assert (error[counts] < 1e-9).all(), f"forward {a[counts]}, reverse {b[counts]}\n{source(tree)}"
+
+
+@pytest.mark.sampled(200)
+@pytest.mark.parametrize("shard", range(400))
+def test_both_modes_agree(shard: int) -> None:
+    @quietly
+    @given(trees())
+    def run_one(tree: Tree) -> None:
+        check_modes(tree)
+
+    seed(f"gradients {shard}")(run_one)()
 
 
 @pytest.mark.sampled(400)
 @pytest.mark.parametrize("shard", range(400))
-def test_gradients_of_generated_programs(shard: int) -> None:
+def test_gradients_have_the_same_bits(shard: int) -> None:
     target = ("opencl-1", "glsl", "opencl-8", "glsl", "opencl-16")[shard % 5]
 
     @quietly
     @given(trees())
     def run_one(tree: Tree) -> None:
-        check(tree, target)
+        check_bits(tree, target)
 
     seed(f"gradients {shard}")(run_one)()

@@ -237,3 +237,28 @@ def test_gradients_of_programs(name: str) -> None:
             other, others = run(program, target, *single).outputs
             for a, b in zip((other, *others), (value, *gradients), strict=True):
                 assert not differs(a, b).any(), target
+
+
+def test_arrays_that_loops_overwrite_too_often() -> None:
+    """Loops with bounds are refused, at their line; an element whose loops without bounds store too often gives NaN."""
+
+    def filled(x: Any, count: Any, bound: int | None) -> Any:
+        a = sh.Array(sh.Attrib1f, [1, 1])
+        with SH_FOR(0, count if bound is None else bound), SH_FOR(0, count if bound is None else bound) as k:
+            a[k % 2] = a[(k + 1) % 2] * (1 + x * 1e-3)
+        return a[0] * x
+
+    @sh.program
+    def slopes(x: sh.Attrib1f, count: sh.Attrib1i):
+        reverse = sh.gradient(lambda q: filled(q, count, None), mode="reverse", most=70)(x)
+        return sh.gradient(lambda q: filled(q, count, None))(x), reverse
+
+    forward, reverse = slopes.compile("numpy", precision="f64")([0.5, 0.5, 0.5, 0.7], [3, 64, 65, 0])
+    assert np.allclose(forward[[0, 1, 3]], reverse[[0, 1, 3]], rtol=1e-13)
+    assert np.isnan(reverse[2])
+    assert np.isfinite(forward).all()
+    with pytest.raises(sh.RecordError, match=r"the elements of a that this loop overwrites, up to 4,900, and an") as e:
+        sh.gradient(lambda q: filled(q, 0, 70), mode="reverse")(0.5)
+    assert e.value.cure == 'fewer iterations; or mode="forward"'
+    assert e.value.loc is not None
+    assert e.value.loc.line == filled.__code__.co_firstlineno + 2

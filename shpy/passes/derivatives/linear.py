@@ -5,11 +5,15 @@ the tangent of a value that does not depend on the direction is no constant but 
 
     p.x * p.x along (1, 0, 0)      ->   2 products, 1 sum
     p.y * p.y along (1, 0, 0)      ->   nothing
+
+A vector may have components that are zero, as the tangents of a point along its axes do. Operations on it work on the
+other components alone. So a box with its gradient takes 4.4 ms of CPU for 1,000,000 points, 4.9 without this
+(`python -m benchmarks --only gradients`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 from shpy.ir.formula import Formula
@@ -82,6 +86,9 @@ class Zero(Formula):
     def __getitem__(self, key: int | list[int]) -> Zero:
         return Zero(self.builder, self.type.sized(1 if isinstance(key, int) else len(key)))
 
+    def __iter__(self) -> Iterator[Zero]:
+        return iter([self[k] for k in range(self.size)])
+
     def wide(self, size: int) -> Zero:
         """Return the zero vector."""
         return Zero(self.builder, self.type.sized(size))
@@ -100,7 +107,20 @@ class Live(Term):
         """Return the operation; a dot or cross product with zero is zero."""
         if any(isinstance(other, Zero) for other in others):
             return Zero(self.builder, self.type.scalar if name == "dot" else self.type)
+        if name == "dot" and any(x.is_sparse for x in (self, *others)):
+            first, *rest = (a.binary("mul", b) for a, b in zip(self, *others, strict=True))
+            return sum(rest, first)
+        if name == "neg" and self.is_sparse:
+            return joined([-part for part in self])
         return super().op(name, *others, type=type)
+
+    @property
+    def is_sparse(self) -> bool:
+        """True for a vector with components that are known to be zero."""
+        return any(isinstance(part, Zero) for part in self.builder.parts.get(self.value.id, ()))
+
+    def __iter__(self) -> Iterator[Tangent]:
+        return iter([self[k] for k in range(self.size)])
 
     def binary(self, name: str, other: Any) -> Any:
         """Return the operation on two operands, the second of which may be zero."""
@@ -111,12 +131,23 @@ class Live(Term):
             for one, factor in ((self, other), (other, self)):
                 if one.value.id in self.builder.ones:
                     return factor.wide(max(self.size, other.size))
+        if isinstance(other, Live) and self._stays_sparse(name, other):
+            size = max(self.size, other.size)
+            return joined([a.binary(name, b) for a, b in zip(self.wide(size), other.wide(size), strict=True)])
         return super().binary(name, other)
+
+    def _stays_sparse(self, name: str, other: Live) -> bool:
+        """Return whether the result of an operation has components that are zero."""
+        if name in ("add", "sub"):
+            return self.is_sparse and other.is_sparse
+        return self.is_sparse if name == "div" else name == "mul" and (self.is_sparse or other.is_sparse)
 
     def choose(self, a: Any, b: Any) -> Any:
         """Return a where this bool holds, else b; either may be zero."""
         if isinstance(a, Zero) and isinstance(b, Zero):
             return a
+        if all(isinstance(x, Zero) or (isinstance(x, Live) and x.is_sparse) for x in (a, b)):
+            return joined([c.choose(x, y) for c, x, y in zip(self.wide(a.size), a, b, strict=True)])
         a, b = (dense(x) if isinstance(x, Zero) else x for x in (a, b))
         return super().choose(a, b)
 

@@ -17,20 +17,21 @@ from shpy.ir.nodes import MAX_ARRAY, Break, Function, If, Let, Loop, Region, Sto
 from shpy.ir.traverse import results, uses, walk
 from shpy.ir.types import Base, vec
 
-_INT = vec(Base.I)
+_INT, _BOOL = vec(Base.I), vec(Base.B)
 
 
 @dataclass(frozen=True)
 class ArrayLog:
     """The elements of an array that a loop overwrites, their indices, and how many there are.
 
-    `starts` holds this number at the start of each iteration.
+    `starts` holds this number at the start of each iteration, `over` whether there were more than there is room for.
     """
 
     elements: Variable
     indices: Variable
     height: Variable
     starts: Variable
+    over: Variable | None
 
     def keep(self, b: Builder, array: int, index: int) -> None:
         """Append statements that keep the element at an index, before it is overwritten."""
@@ -38,6 +39,9 @@ class ArrayLog:
         b.store(self.elements, b.load(array, index), index=at)
         b.store(self.indices, index, index=at)
         most = b.const(_INT, [self.elements.length or 0])  # `restore` takes no more iterations
+        if self.over is not None:
+            with b.when(b.let("ge", at, most)):
+                b.store(self.over, b.const(_BOOL, [True]))
         b.store(self.height, b.let("min", b.let("add", at, b.const(_INT, [1])), most))
 
     def restore(self, b: Builder, array: int, iteration: Value) -> None:
@@ -56,7 +60,7 @@ class ArrayLog:
 class LoopState:
     """The slots of a loop: the count of iterations, the variables that change, and those that only stay, before it.
 
-    `logs` are those of arrays that it changes; `over` holds where the loop took more than `most` iterations.
+    `logs` are those of arrays that it changes; `over` holds where an element needs more room than there is.
     """
 
     count: Variable
@@ -84,7 +88,7 @@ class LoopState:
         b.store(self.count, b.let("add", at, b.const(_INT, [1])))
         if self.over is not None:
             with b.when(b.let("ge", at, b.const(_INT, [self.most]))):
-                b.store(self.over, b.const(vec(Base.B), [True]))
+                b.store(self.over, b.const(_BOOL, [True]))
 
     def restore(self, b: Builder) -> None:
         """Append statements that restore the state of the last iteration that is left; without one, leave."""
@@ -150,6 +154,7 @@ class LoopLimits:
 def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int], limits: LoopLimits) -> LoopState:
     """Return new slots for a loop of a function; `arrays` are those that have to be restored.
 
+    Where loops without a bound may store too often into an array, there is room for as many elements as an array takes.
     Raises RecordError for a loop without a bound, with too large a one, and with too many stores into an array.
     """
     most = limits.iterations(loop)
@@ -161,10 +166,12 @@ def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int]
 
     kept = {v: new(v, "kept", most) for v in sorted(changing) if slots[v].length is None}
     before = {v: new(v, "before") for v in sorted(steady) if slots[v].length is None}
+    known = all(s.turns is not None for s in walk((loop,)) if isinstance(s, Loop))
+    over = None if known else b.variable(_BOOL, None, "over")
     logs: dict[int, ArrayLog] = {}
     for v in sorted(arrays):
         count = limits.stores((loop,), v)
-        if count > MAX_ARRAY:
+        if count > MAX_ARRAY and known:
             raise RecordError(
                 f"reverse mode keeps the elements of {slots[v].name or 'an array'} that this loop overwrites, up to "
                 f"{count:,}, and an array has at most {MAX_ARRAY:,}",
@@ -173,8 +180,8 @@ def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int]
             )
         if count:
             height = b.variable(_INT, None, f"{slots[v].name or 'array'}_height")
-            logs[v] = ArrayLog(new(v, "kept", count), b.variable(_INT, count), height, b.variable(_INT, most))
-    over = b.variable(vec(Base.B), None, "over") if loop.turns is None else None
+            room = min(count, MAX_ARRAY)
+            logs[v] = ArrayLog(new(v, "kept", room), b.variable(_INT, room), height, b.variable(_INT, most), over)
     return LoopState(b.variable(_INT, None, "turns"), kept, before, logs, most, over)
 
 
