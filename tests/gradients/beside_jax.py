@@ -1,8 +1,8 @@
 """Gradients beside JAX's at f64, in both modes: equal to 1e-13 of the gradient's length, at 200 places each.
 
-`pip install jax`, then `pytest tests/gradients/beside_jax.py`: no other run collects this file. Each function is written
-once, for a namespace: that of shpy or of JAX. The places lie inside of the domains and off the kinks, whose derivatives
-docs/gradients.md lists.
+`pip install jax`, then `pytest tests/gradients/beside_jax.py`: no other run collects this file. Each function is
+written once, for a namespace: that of shpy or of JAX. The places lie inside of the domains and off the kinks, whose
+derivatives docs/gradients.md lists.
 """
 
 from __future__ import annotations
