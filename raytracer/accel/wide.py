@@ -72,12 +72,14 @@ class WideBvh:
 
     @property
     def last(self) -> int:
-        """The number to which kernels clamp those of records, a power of 2 less 1 that is in their texts."""
+        """The number to which kernels clamp those of records: it is in their texts, so few counts have their own."""
         return _last(self.count)
 
 
 def _last(count: int) -> int:
-    return max(RECORDS, 1 << (count - 1).bit_length()) - 1
+    """Return the next multiple, less 1, of an eighth of the largest power of 2 that is not above the count."""
+    step = max(RECORDS, 1 << (count - 1).bit_length()) // 16
+    return -(-max(count, RECORDS) // step) * step - 1
 
 
 def widen(bvh: Bvh, rows: NDArray[np.floating], levels: NDArray[np.floating], backend: str = "numpy") -> WideBvh:

@@ -69,7 +69,7 @@ class MediaStack:
 class GlassTracer(Tracer):
     """The tracer of a scene in which something is clear."""
 
-    scattered = True
+    scattered = "secondary"
 
     @property
     def places(self) -> int:

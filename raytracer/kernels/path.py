@@ -108,7 +108,7 @@ class PathTracer(SceneTables):
     Raises SceneError for a material whose `shade` says how it is lit: path tracing needs a function of two directions.
     """
 
-    scattered = True
+    scattered = "all"
     aimed_share = staticmethod(power)
     met_share = staticmethod(power)
 

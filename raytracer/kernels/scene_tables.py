@@ -18,7 +18,7 @@ from raytracer.kernels.deferred import SampledSurfaces
 from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.sky import Sky
 from raytracer.kernels.surfaces import SurfaceTables
-from raytracer.kernels.walk import renew_walk, scene_walk
+from raytracer.kernels.walk import Scattered, renew_walk, scene_walk
 from raytracer.scene.layout import Change, Layout, kinds_of
 from raytracer.scene.scene import Background, Scene
 
@@ -73,8 +73,8 @@ class LightList:
 class SceneTables:
     """The walk of a scene's rays, its surfaces and its background; `features` lists the features of their kernels."""
 
-    scattered = False
-    """True for tracers whose rays soon have little in common with their neighbours: see `scene_walk`."""
+    scattered: Scattered = None
+    """The rays of the tracer that have little in common with their neighbours: see `scene_walk`."""
     features: dict[str, bool | int]
     lights: LightList
     background: Any
@@ -84,7 +84,7 @@ class SceneTables:
     """The param of the ambient light, for tracers that add it."""
 
     def __init__(self, layout: Layout, background: Background, backend: str) -> None:
-        self.intersector = scene_walk(layout, backend, scattered=self.scattered)
+        self.intersector = scene_walk(layout, backend, self.scattered)
         self.surfaces = SurfaceTables(layout, self.intersector.triangles)
         cube = layout.secondary
         if cube is not None and cube.options["shading"] == "deferred":

@@ -1,4 +1,4 @@
-"""Pictures are held once as a Texture and once as a table; nothing of their size is made in between."""
+"""Pictures are held once as a Texture and once as a table; nothing of their size is made in between. Triangles, too."""
 
 import tracemalloc
 
@@ -10,9 +10,13 @@ from raytracer import Camera, Material, Mesh, Scene, Texture
 from raytracer.integrators.integrator import Path
 from raytracer.integrators.origin import origin_of
 from raytracer.kernels.appearance import Atlas
+from raytracer.kernels.eye_rays import EyeRays
 from raytracer.kernels.path import PathTracer
+from raytracer.kernels.walk import MANY
+from raytracer.meshes.shapes import sphere
 from raytracer.scene.layout import Layout
 
+GREY = Material((0.5, 0.5, 0.5))
 SIDE = 1024
 TEXELS = SIDE * SIDE * 4
 """Bytes of a number of each texel."""
@@ -81,3 +85,18 @@ def test_the_origin_of_a_picture_is_a_digest_without_a_copy(floats):
     tracer = PathTracer(layout, scene, 1, "numpy")
     _, most = allocated(lambda: origin_of(scene, layout, tracer, scene.camera, Path(), "numpy"))
     assert most < TEXELS
+
+
+@pytest.mark.parametrize("backend", ["numpy", "opencl"])
+def test_a_triangle_of_a_path_traced_scene_takes_at_most_250_bytes(backend):
+    """With normals, uv coordinates, several materials and objects; sizes of the wide form are rounded up the most."""
+    picture = Material(Texture(np.eye(4)))
+    balls = [
+        sphere(0.5, material, rings=50, segments=83).moved((x, 0, 0)) for x, material in enumerate((picture, GREY))
+    ]
+    scene = Scene(balls, camera=Camera((0, 0, 3), (0, 0, 0)))
+    tracer = PathTracer(Layout.of(scene, backend=backend), scene, 4, backend)
+    tables = tracer.program(EyeRays()).recorded.tables.values()
+    bytes_ = sum(table.data(np.float32).array.nbytes for table in tables)
+    assert scene.triangles > MANY
+    assert 150 < bytes_ / scene.triangles <= 250
