@@ -22,6 +22,7 @@ from typing import Any
 import shpy as sh
 from raytracer import viewing
 from raytracer.animation import ANIMATIONS, Make, animate, made_by, mistakes_in, spread
+from raytracer.denoising import check_denoising, denoised
 from raytracer.errors import ClusterError, SceneError
 from raytracer.gallery import SIZE, gallery
 from raytracer.image import READING, SAVING, Image, writer
@@ -192,7 +193,16 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--seed", type=_whole, default=0, help="path: another seed, other noise (0)")
     command.add_argument(
+        "--clamp",
+        type=_error,
+        metavar="LIGHT",
+        help="path: bound indirect light in each sample; fewer bright dots, but too dark",
+    )
+    command.add_argument(
         "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
+    )
+    command.add_argument(
+        "--denoise", action="store_true", help="path: estimate the picture without its noise, by Open Image Denoise"
     )
     viewing.add_tracing(command)
     command.add_argument(
@@ -269,6 +279,10 @@ def _render_picture(options: argparse.Namespace, first_rows: Callable[[], None])
     arguments = {k: v for k, v in vars(options).items() if k in integrator.Options.__annotations__}
     chosen_integrator = integrator.chosen(options.integrator, arguments)
     viewing.check(options, output, framed=options.scene not in SCENES)
+    if options.denoise:
+        check_denoising(chosen_integrator)
+        if options.resume:
+            raise SceneError("--resume adds samples to the output, and --denoise changes its pixels: leave one out")
     scene = _still(options) if options.time is None else scene_at(options, options.time)
     title, resume_path = f"{scene.name}, {scene.triangles:,} triangles", None
     if isinstance(chosen_integrator, integrator.Path):
@@ -292,6 +306,7 @@ def _render_picture(options: argparse.Namespace, first_rows: Callable[[], None])
             cluster=options.cluster,
             partitions=options.partitions,
             transparent=options.transparent,
+            denoise=options.denoise,
         )
     if image.stats.picked:
         print(f"within {options.error:g}/255: {image.stats.picked}")
@@ -340,6 +355,8 @@ def _render_passes(
                 raise
             stop = error
     assert image is not None  # there is at least one pass
+    if options.denoise:
+        image = denoised(image, renderer.scene, renderer.backend)
     try:
         print(f"{_saved(image, options, output)}: {_summary(image)}")
     except KeyboardInterrupt as error:

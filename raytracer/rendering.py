@@ -13,6 +13,7 @@ from typing import Any, Unpack
 
 from raytracer.arrays import is_whole
 from raytracer.backends import chosen_backend
+from raytracer.denoising import check_denoising, denoised
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Choice, Integrator, Options, Whitted, chosen
@@ -37,6 +38,7 @@ def render(
     partitions: int | None = None,
     primary: GBuffer | None = None,
     transparent: bool = False,
+    denoise: bool = False,
     **options: Unpack[Options],
 ) -> Image:
     """Render a scene from its camera, `size` = (width, height) pixels; an empty scene shows its background.
@@ -54,6 +56,9 @@ def render(
     a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is rendered:
     `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
 
+    With `denoise`, Intel's Open Image Denoise estimates the pixels of a `Path` without their noise, from these and from
+    the colours and normals of the surfaces; no samples can be added to the result.
+
     `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
     address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
     `tile_rows` rows each, into temporary files. With `partitions`, for `Whitted` without glass, the scene is cut into
@@ -65,14 +70,18 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     _check_together(cluster, max_error, tile_rows, partitions, transparent)
+    if denoise:
+        check_denoising(chosen_integrator)
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
-        return _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
+        image = _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
+        return denoised(image, scene, backend) if denoise else image
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
-    return renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
+    image = renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
+    return denoised(image, scene, backend) if denoise else image
 
 
 def _check_together(

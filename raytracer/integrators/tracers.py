@@ -20,7 +20,7 @@ def tracer_of(integrator: Integrator, scene: Scene, layout: Layout, backend: str
     """Return the tracer of an integrator. Raises SceneError for a scene that the integrator cannot show."""
     bounces = integrator.bounces
     if isinstance(integrator, Path):
-        return PathTracer(layout, scene, bounces, backend)
+        return PathTracer(layout, scene, bounces, backend, integrator.clamp)
     arguments = layout, scene.background, scene.ambient, bounces, backend
     options: dict[str, Any] = {"environment": scene.environment}
     if isinstance(integrator, Whitted):

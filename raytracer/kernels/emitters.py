@@ -6,6 +6,7 @@ triangle is chosen evenly, a direction to the environment by the brightness of i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import pi
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from raytracer.kernels.directions import around
 from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.kinds import glow_rows
 from raytracer.kernels.point import barylerp
+from raytracer.kernels.points import part_of
 from raytracer.kernels.scene_tables import LightList
 from raytracer.kernels.sky import EnvironmentSky, turn_of
 from raytracer.kernels.surfaces import SurfaceTables
@@ -120,11 +122,11 @@ class Emitters:
             self.per_glow.value = choices.per_glow
         return True
 
-    def aim(self, surface: Interaction, random: Any) -> Aim:
-        """Choose a light for a surface, and a direction to it; `random(k)` are hashed words, of which six are used."""
+    def aim(self, surface: Interaction, words: Callable[[int], tuple[Any, Any]]) -> Aim:
+        """Choose a light for a surface, and a direction to it; `words(k)` are two random ones, for k of 0, 2 and 4."""
         aim = Aim()
-        place, number, density = self.chances.choose(random(0), random(1))
-        u, v = sh.unit_float(random(2)), sh.unit_float(random(3))
+        place, number, density = self.chances.choose(*words(0))
+        u, v = map(sh.unit_float, words(2))
         if self.placed.count:
             with SH_IF(place < self.first):
                 self._aim_placed(aim, surface, number, density)
@@ -133,7 +135,7 @@ class Emitters:
                 self._aim_triangle(aim, surface, number, density, u, v)
         if self.around is not None:
             with SH_IF(place >= self.last):
-                self._aim_around(aim, self.around, surface, random, u, v)
+                self._aim_around(aim, self.around, surface, words, u, v)
         return aim
 
     def _aim_placed(self, aim: Aim, surface: Interaction, number: Any, chance: Any) -> None:
@@ -165,8 +167,8 @@ class Emitters:
                 aim.density[:] = self.per_glow * glow.w * square / cosine
                 aim.limit[:] = NEARER * hit.l
 
-    def _aim_around(self, aim: Aim, around: Environment, surface: Interaction, random: Any, u: Any, v: Any) -> None:
-        ray, density = around.sample(surface, random, u, v)
+    def _aim_around(self, aim: Aim, around: Environment, surface: Interaction, words: Any, u: Any, v: Any) -> None:
+        ray, density = around.sample(surface, words, u, v)
         aim.ray[:] = ray
         aim.density[:] = self.share_around * density
         with SH_IF(density > 0):
@@ -199,12 +201,12 @@ class Environment(EnvironmentSky):
         weights = weights + EVERYWHERE * (self.mean or 1.0)
         self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
 
-    def sample(self, surface: Interaction, random: Any, u: Any, v: Any) -> tuple[Any, Any]:
-        """Sample a direction, and its density, by two hashed words and two numbers in [0, 1)."""
+    def sample(self, surface: Interaction, words: Any, u: Any, v: Any) -> tuple[Any, Any]:
+        """Sample a direction, and its density, by the two words that `words(4)` gives, and two numbers in [0, 1)."""
         if self.cells is None:
             cosine = sh.sqrt(1 - u)
             return around(surface.normal, cosine, v), cosine * (1 / pi)
-        place, _, density = self.cells.choose(random(4), random(5))
+        place, _, density = self.cells.choose(*words(4))
         height = 1 - (place // self.columns + v) * (2 / self.rows)
         angle = (place % self.columns + u) * (2 * pi / self.columns)
         radius = sh.sqrt(sh.max(1 - height * height, 0.0))
@@ -281,11 +283,11 @@ class Chances:
         return rows.astype(np.uint32)
 
     def choose(self, which: Any, instead: Any) -> tuple[Any, Any, Any]:
-        """Return the place, number and density of the choice that two hashed words make."""
+        """Return the place, number and density of the choice that two random words make."""
         if self.count == 1:
             only = self.table[0]
             return sh.Attrib1i(0), sh.Attrib1i(only.w), sh.float_from_bits(only.z)
-        first = which % self.number
+        first = part_of(which, self.number)
         row = self.table[sh.Attrib1i(first)]
         place = sh.Attrib1i(sh.min(sh.cond((instead >> 8) < row.x, first, row.y), self.number - 1))
         chosen = self.table[place]
@@ -319,6 +321,6 @@ def alias_table(weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def probabilities_of(thresholds: NDArray[np.int64], aliases: NDArray[np.int64]) -> Floats:
     """Return the probability of each choice, (n,)."""
     count = len(thresholds)
-    words = 2**32 // count + (np.arange(count) < 2**32 % count)
+    words = np.diff(-(-(np.arange(count + 1) << 32) // count))  # those for which `part_of` gives each place
     kept = words * (thresholds / ONE)
     return (kept + np.bincount(aliases, words - kept, count)) / 2.0**32

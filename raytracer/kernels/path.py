@@ -10,8 +10,9 @@ A surface between equal media, or a thin wall of `ior` 1, lets light go straight
 there, nor does the path count it as a bounce, so that both ways find the same light. What is refracted ends a ray to a
 light. The medium travels with each ray (`kernels.media`).
 
-Random numbers are hashes of the seed, the pixel, the sample and the dimension. Samples are averaged in their order, by
-a running mean, so that a picture may be continued: it is the same whoever computes which samples.
+Random numbers are points of Sobol', which hashes of the seed, the pixel and the dimension scramble (`kernels.points`).
+Samples are averaged in their order, by a running mean, so that a picture may be continued: it is the same whoever
+computes which samples.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from raytracer.kernels.interactions import Interaction, blank
 from raytracer.kernels.media import Media, RayBodies
 from raytracer.kernels.microfacets import body_tint
 from raytracer.kernels.pixel import CoveredPixel, Pixel, background_pixel
+from raytracer.kernels.points import reversed_bits, sobol_pair
 from raytracer.kernels.scene_tables import SceneTables
 from raytracer.kernels.triangle import RayHit
 from raytracer.kernels.walk import TOGETHER
@@ -41,8 +43,8 @@ from shpy import SH_DO, SH_ELSE, SH_IF, SH_UNTIL
 
 ROULETTE = 4
 """The depth at which Russian roulette starts."""
-EYE, LIGHTS, DIMENSIONS = 4, 7, 13
-"""The dimensions of a sample: four for its eye ray, then 13 for each surface, the last six of them for its light."""
+EYE, LIGHTS, DIMENSIONS = 4, 8, 14
+"""The dimensions of a sample: four for its eye ray, then 14 for each surface, the last six of them for its light."""
 STRAIGHT = 2**32 - 1
 """Hashed with the key of a path that went straight through a surface: the next one gets other random numbers."""
 
@@ -69,11 +71,11 @@ class PathSample:
         density = sh.Attrib1f(0)
         depth = sh.Attrib1i(0)
         number = sh.Attrib1i(0)
-        key = sh.Attrib1u(0)
+        key, order = sh.Attrib1u(0), sh.Attrib1u(0)
         lighting, mirror, clear = sh.Attrib1b(False), sh.Attrib1b(False), sh.Attrib1b(False)
         finished = sh.Attrib1b(True)
         self.color, self.throughput, self.density, self.depth = color, throughput, density, depth
-        self.number, self.key = number, key
+        self.number, self.key, self.order = number, key, order
         self.lighting, self.mirror, self.clear, self.finished = lighting, mirror, clear, finished
         self.ray_bodies: RayBodies | None = None if media is None else media.make_ray_bodies()
         self.shadow: RayBodies | None = None if media is None else media.make_ray_bodies()
@@ -83,13 +85,14 @@ class PathSample:
             self.through, self.goes_on, self.rest, self.way, self.aimed = through, goes_on, rest, way, aimed
         self.covered: Any = sh.Attrib1b(False) if transparent else None
 
-    def word(self, dimension: int) -> Any:
-        """Return a hashed word of the surface that the path has reached."""
-        return sh.hash(self.key, sh.Attrib1u(self.depth * DIMENSIONS + (EYE + dimension)))
+    def words(self, dimension: int) -> tuple[Any, Any]:
+        """Return two random words of the surface that the path has reached, for an even dimension and the next one."""
+        place = sh.Attrib1u(self.depth * DIMENSIONS + (EYE + dimension))
+        return sobol_pair(self.order, sh.hash(self.key, place))
 
     def random(self, dimension: int) -> Any:
         """Return a number in [0, 1) of the surface that the path has reached."""
-        return sh.unit_float(self.word(dimension))
+        return sh.unit_float(self.words(dimension & ~1)[dimension & 1])
 
 
 def power(density: Any, other: Any) -> Any:
@@ -105,6 +108,7 @@ class PathTracer(SceneTables):
     """The tables of a scene, and the loop that follows the samples of a pixel.
 
     `seed`, `first_sample` and `past_sample` are uniforms: a run adds the samples from the first to the last to a mean.
+    `clamp` is that of `Path`.
     Raises SceneError for a material whose `shade` says how it is lit: path tracing needs a function of two directions.
     """
 
@@ -112,7 +116,7 @@ class PathTracer(SceneTables):
     aimed_share = staticmethod(power)
     met_share = staticmethod(power)
 
-    def __init__(self, layout: Layout, scene: Scene, bounces: int, backend: str) -> None:
+    def __init__(self, layout: Layout, scene: Scene, bounces: int, backend: str, clamp: float | None = None) -> None:
         for material in layout.materials:
             if material.shade is not None:
                 raise SceneError(
@@ -125,6 +129,7 @@ class PathTracer(SceneTables):
         self.lights = self.emitters.placed
         self.bsdf = Bsdf(self.surfaces.highlights, self.surfaces.lobes, self.surfaces.mixed)
         self.bounces = sh.Param(sh.Attrib1i, bounces, name="bounces")
+        self.clamp = None if clamp is None else sh.Param(sh.Attrib1f, clamp, name="clamp")
         appearance = self.surfaces.appearance
         self.mirrors = self.surfaces.reflects
         self.straight = self.surfaces.clear and self.surfaces.straight
@@ -247,8 +252,10 @@ class PathTracer(SceneTables):
     def begin(self, eyes: EyeRays | PanoramaRays, path: PathSample, ray: Any, eye: Any, row: Any, column: Any) -> None:
         """Make the eye ray of the next sample, anywhere in the pixel."""
         place = (sh.Attrib1u(sh.Attrib1i(row)) << 16) | sh.Attrib1u(column)
-        path.key[:] = sh.hash(place, sh.Attrib1u(path.number), self.seed)
-        across, down, *lens = (sh.unit_float(sh.hash(path.key, k)) for k in range(EYE))
+        path.key[:] = sh.hash(place, self.seed)
+        path.order[:] = reversed_bits(sh.Attrib1u(path.number))
+        words = [word for pair in range(0, EYE, 2) for word in sobol_pair(path.order, sh.hash(path.key, pair))]
+        across, down, *lens = map(sh.unit_float, words)
         ray[:], eye[:] = eyes(row + (down - 0.5), column + (across - 0.5), lens)
         path.color[:] = sh.Color3f(0, 0, 0)
         path.throughput[:] = sh.Color3f(1, 1, 1)
@@ -277,7 +284,7 @@ class PathTracer(SceneTables):
         self, path: PathSample, surface: Interaction, ray: Any, eye: Any, limit: Any, pending: Any, around: Any
     ) -> None:
         """Make the ray to a light, with `limit` 0 where the light could not be seen."""
-        aim = self.emitters.aim(surface, lambda k: path.word(LIGHTS + k))
+        aim = self.emitters.aim(surface, lambda k: path.words(LIGHTS + k))
         value, density = self.bsdf.evaluate(surface, aim.ray)
         share = sh.cond(aim.density > 0, self.aimed_share(aim.density, density), 1.0)
         pending[:] = path.throughput * value * aim.incoming * share
@@ -300,12 +307,12 @@ class PathTracer(SceneTables):
             # A background is seen by the eye, directly or in mirrors, and lights nothing.
             if self.background.plain:
                 brought *= sh.cond(path.density > 0, sh.Color3f(0, 0, 0), self.background.color)
-                path.color += sh.cond(of_light, pending, brought)
+                path.color += self.clamped(path, sh.cond(of_light, pending, brought))
                 return
             with SH_IF(of_light):
-                path.color += pending
+                path.color += self.clamped(path, pending)
             with SH_ELSE(), SH_IF(~(path.density > 0)):
-                path.color += brought * self.background.radiance(ray)
+                path.color += self.clamped(path, brought * self.background.radiance(ray))
             return
         with SH_IF(path.density > 0):
             other = path.aimed if self.straight else self.density_around(ray, surface)
@@ -313,7 +320,15 @@ class PathTracer(SceneTables):
         brought[:] = sh.cond(of_light, pending, brought)
         with SH_IF(~of_light | around):
             brought *= self.emitters.around.radiance(ray)
-        path.color += brought
+        path.color += self.clamped(path, brought)
+
+    def clamped(self, path: PathSample, light: Any) -> Any:
+        """Return the light that a sample brings, at most as bright as `clamp` if it was scattered more than once."""
+        if self.clamp is None:
+            return light
+        scattered = path.depth + sh.cond(path.lighting, 1, 0)
+        share = sh.min(self.clamp / sh.max(largest(abs(light)), 2.0**-60), 1.0)
+        return sh.cond(scattered > 1, share, 1.0) * light
 
     def density_around(self, ray: Any, surface: Interaction) -> Any:
         """Return the density with which a surface chooses a direction to the environment."""
@@ -337,7 +352,7 @@ class PathTracer(SceneTables):
                 share = sh.cond(path.density > 0, self.met_share(path.density, other), 1.0)
                 if self.surfaces.kinds.unlit:  # it is no light
                     share = sh.cond((path.density > 0) & (self.surfaces.glow_at(hit).w < 0), 0.0, share)
-                path.color += path.throughput * emission * share
+                path.color += self.clamped(path, path.throughput * emission * share)
         path.finished[:] = path.depth >= self.bounces
         if self.mirrors:
             chance = largest(reflectivity) if self.surfaces.tinted else reflectivity
@@ -345,7 +360,7 @@ class PathTracer(SceneTables):
             if self.surfaces.tinted:
                 self.tint(path, reflectivity, chance)
         if self.surfaces.clear:
-            path.clear[:] = path.random(5) < self.clear_chance(surface)
+            path.clear[:] = path.random(4) < self.clear_chance(surface)
             if self.surfaces.kinds.thin:
                 self.tint_clear(path, surface)
         if self.straight:
@@ -399,7 +414,7 @@ class PathTracer(SceneTables):
         with SH_IF(path.depth >= ROULETTE):
             staying = sh.min(largest(path.throughput), 1.0)
             path.throughput /= sh.max(staying, 2.0**-60)
-            path.finished |= path.random(4) >= staying
+            path.finished |= path.random(6) >= staying
         if not self.straight:
             path.depth += 1
             return
@@ -415,10 +430,10 @@ class PathTracer(SceneTables):
         if lobes := self.surfaces.lobes if self.surfaces.kinds.bodies else None:
             rough = path.clear & surface.is_body & (surface.coefficients.z >= SMOOTHEST) & (surface.ior != 1)
             is_rough, crosses = sh.Attrib1b(rough), sh.Attrib1b(False)
-            facet = lobes.facet(surface, is_rough, (path.random(1), path.random(2)))
+            facet = lobes.facet(surface, is_rough, (path.random(2), path.random(3)))
             ray[:] = sh.cond(is_rough, mirrored(facet), ray)
         share, bent = refracted(facet)
-        with SH_IF(path.clear & (path.random(6) >= share)):
+        with SH_IF(path.clear & (path.random(5) >= share)):
             ray[:] = bent
             eye[:] = surface.beyond
             if path.ray_bodies is not None:

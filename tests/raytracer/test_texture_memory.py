@@ -89,7 +89,7 @@ def test_the_origin_of_a_picture_is_a_digest_without_a_copy(floats):
 
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_a_triangle_of_a_path_traced_scene_takes_at_most_250_bytes(backend):
-    """With normals, uv coordinates, several materials and objects; sizes of the wide form are rounded up the most."""
+    """With normals, uv coordinates, several materials and objects."""
     picture = Material(Texture(np.eye(4)))
     balls = [
         sphere(0.5, material, rings=50, segments=83).moved((x, 0, 0)) for x, material in enumerate((picture, GREY))
