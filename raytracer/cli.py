@@ -355,7 +355,7 @@ def _render_passes(
                 raise
             stop = error
     assert image is not None  # there is at least one pass
-    if options.denoise:
+    if options.denoise and stop is None:
         image = denoised(image, renderer.scene, renderer.backend)
     try:
         print(f"{_saved(image, options, output)}: {_summary(image)}")

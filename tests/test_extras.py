@@ -104,6 +104,7 @@ sh.animate(shade, "waves.gif", frames=2, size=(8, 4))
 assert shade._repr_png_()
 """,
     "completion": "",
+    "denoise": "",
     "view": "",
     "bench": "",
     "all": "",
@@ -118,6 +119,10 @@ COMMANDS = {
         ["raytracer", "animate", "animated", "--size", "16x12", "--frames", "2", "-o", "animated.gif"],
     ],
     "accuracy": [["shpy", "accuracy", "program.py:root", "--domain", "a=1:8", "--samples", "20", "-o", "accuracy.png"]],
+    "denoise": [
+        ["raytracer", "render", "cornell", "--integrator", "path", "--samples", "1", "--size", "16x12", "--denoise"]
+        + ["-o", "smooth.npy"]
+    ],
     "completion": [["shpy", "--completion", "bash"], ["raytracer", "--completion", "zsh"]],
     "bench": [
         ["benchmarks", "--quick", "--only", "mandelbrot", "--targets", "numpy", "--peers", "masks", "--size", "16"]
@@ -206,6 +211,10 @@ LACKING = {
     "picture": (["-c", "from program import shade, sh; sh.animate(shade, 'a.gif', frames=2)"], "pillow"),
     "render": (["-m", "raytracer", "render", "boxes", "-o", "boxes.png"], "pillow"),
     "exr": (["-m", "raytracer", "render", "boxes", "-o", "boxes.exr"], "openexr"),
+    "denoise": (
+        ["-m", "raytracer", "render", "cornell", "--integrator", "path", "--denoise", "-o", "smooth.npy"],
+        "pyoidn",
+    ),
     "load": (["-m", "raytracer", "render", "frame.obj", "-o", "frame.npy"], "mapbox-earcut"),
     "raytracer view": (["-m", "raytracer", "view", "boxes"], "starlette"),
     "study": (["-m", "raytracer", "study", "christen", "-o", "christen.png"], "matplotlib"),

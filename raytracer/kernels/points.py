@@ -18,7 +18,7 @@ _SWAPS = ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF))
 
 
 def part_of(word: Any, count: Any) -> Any:
-    """Return floor(word * count / 2**32), one of `count` places, of words that are products of 16 bits."""
+    """Return floor(word * count / 2**32), the place of a word among `count`, by products of 16 bits."""
     low, high = word & 0xFFFF, word >> 16
     few, many = count & 0xFFFF, count >> 16
     middle = high * few + ((low * few) >> 16)
