@@ -126,7 +126,7 @@ class EnvironmentLight:
     with 90 the middle of a picture lies in the direction (-1, 0, 0). `strength` multiplies the light.
 
     In path tracing a picture is sampled by its brightness, a colour and a program are sampled evenly. The other
-    integrators trace no rays to it: they light surfaces by means over parts of it, which nothing shades
+    integrators trace no rays to it: they light surfaces by averages of its light, which nothing shades
     (docs/raytracer.md, "Light from around").
     Raises SceneError for negative colours, other sources, a rotation that is not finite and a negative strength; see
     `Texture` for the errors of pictures.
