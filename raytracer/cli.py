@@ -167,6 +167,23 @@ def _add_animate_arguments(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_animate)
 
 
+def _add_sampling(command: argparse.ArgumentParser) -> None:
+    """Add the options of path tracing's samples."""
+    command.add_argument("--seed", type=_whole, default=0, help="path: another seed, other noise (0)")
+    command.add_argument(
+        "--clamp",
+        type=_error,
+        metavar="LIGHT",
+        help="path: bound indirect light in each sample; fewer bright dots, but too dark",
+    )
+    command.add_argument(
+        "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
+    )
+    command.add_argument(
+        "--denoise", action="store_true", help="path: estimate the picture without its noise, by Open Image Denoise"
+    )
+
+
 def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help="a built-in scene, or an OBJ, GLB, glTF, PLY, STL or OFF file")
     command.add_argument(
@@ -191,19 +208,7 @@ def _add_render_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--samples", type=_positive, help="rays for each pixel: 1, 4, 9, 16, ... (1), or any number (path: 64)"
     )
-    command.add_argument("--seed", type=_whole, default=0, help="path: another seed, other noise (0)")
-    command.add_argument(
-        "--clamp",
-        type=_error,
-        metavar="LIGHT",
-        help="path: bound indirect light in each sample; fewer bright dots, but too dark",
-    )
-    command.add_argument(
-        "--resume", action="store_true", help="path: add samples to the .exr or .npy file of the output, if it is there"
-    )
-    command.add_argument(
-        "--denoise", action="store_true", help="path: estimate the picture without its noise, by Open Image Denoise"
-    )
+    _add_sampling(command)
     viewing.add_tracing(command)
     command.add_argument(
         "--threshold",

@@ -7,6 +7,7 @@ as `Whitted` shows them in even light. What it gives is smooth, and may be wrong
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,14 @@ def check_denoising(integrator: Integrator) -> None:
     if not isinstance(integrator, Path):
         raise SceneError('denoise is for integrator="path": other pictures have no noise')
     _network()
+
+
+def finishing(denoise: bool, integrator: Integrator, scene: Scene, backend: str | None) -> Callable[[Image], Image]:
+    """Return the function of a finished picture: `denoised`, or no change. Raises as `check_denoising`."""
+    if not denoise:
+        return lambda image: image
+    check_denoising(integrator)
+    return lambda image: denoised(image, scene, backend)
 
 
 def _network() -> Any:

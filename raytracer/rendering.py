@@ -13,7 +13,7 @@ from typing import Any, Unpack
 
 from raytracer.arrays import is_whole
 from raytracer.backends import chosen_backend
-from raytracer.denoising import check_denoising, denoised
+from raytracer.denoising import finishing
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Choice, Integrator, Options, Whitted, chosen
@@ -45,24 +45,19 @@ def render(
 
     `integrator` says how light is followed: `Whitted()`, the default, direct light, by mirrors and through glass, too;
     `Staged()`, the same pictures by kernels over streams of rays; `Path()`, an unbiased estimate of all light. Their
-    options may also be keywords, `Options`, of "whitted", with `tracer="staged"` of `Staged`, or "path".
-    `primary` is a `GBuffer`, the surfaces that a rasteriser sees: `Whitted` takes them for the hits of its eye rays.
-    `size` None is the buffer's, and (512, 512) without one.
+    options may also be keywords, `Options`, of "whitted", with `tracer="staged"` of `Staged`, or "path". `primary` is a
+    `GBuffer`, the surfaces that a rasteriser sees, which `Whitted` takes for the hits of its eye rays. `size` None is
+    the buffer's, and (512, 512) without one.
     A `transparent` picture has `image.alpha`, the share of a pixel's eye rays that meet a surface; its pixels hold the
-    light of these surfaces alone. The background is still seen in mirrors and through glass. Through what is partly
-    clear, eye rays of a `Path` count for what they meet behind it.
+    light of these alone, which may mirror the background. Of a `Path` eye rays count for what is behind clear surfaces.
+    With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file, and `denoise`
+    estimates the pixels without noise, by Open Image Denoise. With `max_error`, a root mean square error in 255ths of
+    sRGB, the fastest variant that `tradeoff` finds is rendered: `image.stats.picked`, of all options and fewer bounces.
 
-    With a `Path`, `resume` continues a picture of fewer samples, an `Image` or its .exr or .npy file. With `max_error`,
-    a root mean square error in 255ths of sRGB, the fastest variant that `tradeoff` finds within it is rendered:
-    `precision`, `math`, `accel` and fewer bounces are its choice, which `image.stats.picked` names.
-
-    With `denoise`, Intel's Open Image Denoise estimates the pixels of a `Path` without their noise, from these and from
-    the colours and normals of the surfaces; no samples can be added to the result.
-
-    `cluster` renders the picture, to the same bits, by the workers of a Dask cluster: a dask.distributed.Client, the
-    address of a scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. Tasks render
-    `tile_rows` rows each, into temporary files. With `partitions`, for `Whitted` without glass, the scene is cut into
-    so many parts, each held by one worker, between which rays travel; `image.stats.moved` counts them.
+    `cluster` renders the same bits by the workers of a Dask cluster: a dask.distributed.Client, the address of a
+    scheduler such as "tcp://host:8786", or "local:4" for four processes of this machine. A task renders `tile_rows`
+    rows into a temporary file. With `partitions`, for `Whitted` without glass, the scene is cut into so many parts,
+    each held by one worker, between which rays travel; `image.stats.moved` counts them.
 
     Raises SceneError for arguments that make no picture, do not fit into memory or exclude each other, and for an error
     that no variant keeps; sh.BackendUnavailable for a missing backend; ClusterError for a cluster that cannot be used.
@@ -70,18 +65,15 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     _check_together(cluster, max_error, tile_rows, partitions, transparent)
-    if denoise:
-        check_denoising(chosen_integrator)
+    finish = finishing(denoise, chosen_integrator, scene, backend)
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
-        image = _by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress)
-        return denoised(image, scene, backend) if denoise else image
+        return finish(_by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress))
     checked_size(size)  # before a scene is laid out and compiled
     if max_error is not None and scene.triangles:
         return _within(max_error, scene, size, chosen_integrator, backend, progress, resume)
     renderer = Renderer(scene, integrator=chosen_integrator, backend=backend)
-    image = renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent)
-    return denoised(image, scene, backend) if denoise else image
+    return finish(renderer.render(size, progress=progress, resume=resume, primary=primary, transparent=transparent))
 
 
 def _check_together(

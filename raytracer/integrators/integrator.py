@@ -186,9 +186,8 @@ class Path(Integrator):
         super().__post_init__()
         _check_seed(self.seed)
         _check_cube(self)
-        clamp = None if self.clamp is None else one_float(self.clamp)
-        if self.clamp is not None and not (clamp is not None and 0 < clamp < inf):
-            raise SceneError(f"clamp is a brightness above 0, or None for no bound, not {self.clamp!r}")
+        if self.clamp is not None:
+            _check_clamp(self.clamp)
 
     def _check_samples(self) -> None:
         if not is_whole(self.samples, 1, MOST_SAMPLES):
@@ -283,6 +282,12 @@ def _check_share(what: str, share: Any) -> None:
 def _check_seed(seed: Any) -> None:
     if not is_whole(seed, 0, 2**32 - 1):
         raise SceneError(f"a seed is a whole number from 0 to 2**32 - 1, not {seed!r}")
+
+
+def _check_clamp(clamp: Any) -> None:
+    brightness = None if isinstance(clamp, bool) else one_float(clamp)
+    if brightness is None or not 0 < brightness < inf:
+        raise SceneError(f"clamp is a brightness above 0, or None for no bound, not {clamp!r}")
 
 
 def _check_cube(integrator: Whitted | Path) -> None:

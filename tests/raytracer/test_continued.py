@@ -265,15 +265,7 @@ OUT_OF_PLACE = {
     "render.options": "Path.seed",
     **{
         f"Renderer.render.{name}": "render"
-        for name in (
-            "size",
-            "camera",
-            "samples",
-            "progress",
-            "resume",
-            "primary",
-            "transparent",
-        )
+        for name in ("size", "camera", "samples", "progress", "resume", "primary", "transparent")
     },
 }
 """Arguments whose cases are others or stand elsewhere."""

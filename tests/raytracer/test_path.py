@@ -15,7 +15,6 @@ from raytracer import (
     Image,
     Material,
     Mesh,
-    Path,
     PointLight,
     Renderer,
     Scene,
@@ -492,41 +491,3 @@ def test_the_command_writes_what_there_is_after_an_interruption(tmp_path, capsys
     assert cli.main([*line, "--samples", "40", "-o", str(path)]) == 130
     assert "stopped after 16 of 40 samples, which were written" in capsys.readouterr().err
     assert Image.load(path).samples == 16
-
-
-def test_clamp_bounds_what_more_than_one_surface_has_scattered():
-    """Direct light is as without it; other light is at most so bright at each surface, and a large bound changes none.
-
-    A path of 8 scatterings finds light in 2 ways at each surface but the first.
-    """
-    meshes = [floor(4, WHITE), lamp(1, 2), floor(4, WHITE).moved((0, 0.7, -1), tilt=90)]
-    scene = Scene(meshes, [], Camera((0, 1, 4), (0, 0.4, 0), fov=40))
-    renderer = Renderer(scene, integrator=Path(samples=1, clamp=1e9), backend="numpy")
-
-    def picture(clamp):
-        renderer.params["clamp"].value = clamp
-        return renderer.render((16, 12)).pixels
-
-    free, bounded = picture(1e9), picture(0.125)
-    np.testing.assert_array_equal(free, render(scene, (16, 12), integrator=Path(samples=1), backend="numpy").pixels)
-    direct = render(scene, (16, 12), integrator=Path(samples=1, bounces=1), backend="numpy").pixels
-    indirect = bounded - direct
-    assert (free - direct).max() > 1
-    assert 0 < indirect.max() <= 14 * 0.125 + 1e-6
-    assert (bounded <= free * (1 + 1e-6)).all()
-    np.testing.assert_array_equal(
-        render(scene, (16, 12), integrator=Path(samples=1, clamp=0.125), backend="opencl").pixels, bounded
-    )
-
-
-@pytest.mark.parametrize("clamp", [0, -1.0, float("inf"), float("nan"), "1", True])
-def test_what_is_no_clamp_is_refused(clamp):
-    with pytest.raises(SceneError, match="clamp is a brightness above 0, or None for no bound, not"):
-        Path(clamp=clamp)
-
-
-def test_clamp_is_for_path_tracing():
-    with pytest.raises(
-        SceneError, match='clamp bounds the samples of integrator="path": choose it, or leave clamp out'
-    ):
-        render(Scene([floor(1, WHITE)]), (2, 2), backend="numpy", clamp=1.0)

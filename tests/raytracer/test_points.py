@@ -1,4 +1,4 @@
-"""Points of Sobol' with Owen's scrambling: their strata, and the noise that they leave in pictures."""
+"""Noise: points of Sobol' with Owen's scrambling, their strata, what they leave in pictures, and what `clamp` cuts."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 import shpy as sh
-from raytracer import Path, Renderer, Scene
+from raytracer import Camera, Material, Path, Renderer, Scene, SceneError, render
 from raytracer.kernels.points import part_of, reversed_bits, sobol_pair
+from raytracer.meshes.shapes import box, floor
+
+GREY = Material((0.8, 0.8, 0.8), diffuse=1, specular=0)
+LAMP = box((1, 0.1, 1), Material((0, 0, 0), emission=(9, 9, 9))).moved((0, 2, 0))
 
 
 class Point(NamedTuple):
@@ -67,3 +71,41 @@ def test_pictures_have_less_noise_than_of_independent_numbers(capsys):
     with capsys.disabled():
         print(f" error of 64 samples: {errors[0]:.4f} of points, {errors[1]:.4f} of independent numbers ", end="")
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_clamp_bounds_what_more_than_one_surface_has_scattered():
+    """Direct light is as without it; other light is at most so bright at each surface, and a large bound changes none.
+
+    A path of 8 scatterings finds light in 2 ways at each surface but the first.
+    """
+    meshes = [floor(4, GREY), LAMP, floor(4, GREY).moved((0, 0.7, -1), tilt=90)]
+    scene = Scene(meshes, [], Camera((0, 1, 4), (0, 0.4, 0), fov=40))
+    renderer = Renderer(scene, integrator=Path(samples=1, clamp=1e9), backend="numpy")
+
+    def picture(clamp):
+        renderer.params["clamp"].value = clamp
+        return renderer.render((16, 12)).pixels
+
+    free, bounded = picture(1e9), picture(0.125)
+    np.testing.assert_array_equal(free, render(scene, (16, 12), integrator=Path(samples=1), backend="numpy").pixels)
+    direct = render(scene, (16, 12), integrator=Path(samples=1, bounces=1), backend="numpy").pixels
+    indirect = bounded - direct
+    assert (free - direct).max() > 1
+    assert 0 < indirect.max() <= 14 * 0.125 + 1e-6
+    assert (bounded <= free * (1 + 1e-6)).all()
+    np.testing.assert_array_equal(
+        render(scene, (16, 12), integrator=Path(samples=1, clamp=0.125), backend="opencl").pixels, bounded
+    )
+
+
+@pytest.mark.parametrize("clamp", [0, -1.0, float("inf"), float("nan"), "1", True])
+def test_what_is_no_clamp_is_refused(clamp):
+    with pytest.raises(SceneError, match="clamp is a brightness above 0, or None for no bound, not"):
+        Path(clamp=clamp)
+
+
+def test_clamp_is_for_path_tracing():
+    with pytest.raises(
+        SceneError, match='clamp bounds the samples of integrator="path": choose it, or leave clamp out'
+    ):
+        render(Scene([floor(1, GREY)]), (2, 2), backend="numpy", clamp=1.0)
