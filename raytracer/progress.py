@@ -1,8 +1,10 @@
 """Reports of commands while they compute a picture: a line before its first rows, then a bar or lines.
 
-first_rows = announced("mixed")
-with progress_bar("mixed, 61,562 triangles", first_rows) as progress:
-    renderer.render((512, 512), progress=progress)
+Stage: run. All go to standard error.
+
+    first_rows = announced("mixed")
+    with progress_bar("mixed, 61,562 triangles", first_rows) as progress:
+        renderer.render((512, 512), progress=progress)
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from shpy.errors import BackendUnavailable
 from shpy.packages import install
 
 POCL = "Portable Computing Language"
-_THREADS = {"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"}
+_THREADS = frozenset({"POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"})
 """The variables in which versions of PoCL read the number of their threads."""
 _FILE = 1 << 18
 """Bytes of a file that a folder must have room for: those of a compiled kernel."""
