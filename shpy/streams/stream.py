@@ -26,6 +26,7 @@ from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import dtypes_at, is_int
 from shpy.ir.tabledata import TableData
+from shpy.ir.types import Type
 from shpy.lang.data.sources import Source
 from shpy.lang.data.tables import Table, fits_type
 from shpy.lang.data.textures import Texture2D
@@ -117,10 +118,8 @@ class Stream(StreamReductions, StreamFields):
     @located
     def fresh(cls, shape: Shape, element: Any, place: Place) -> Stream:
         """Return a stream of a shape at a place whose elements are not set, for a kernel that writes all of them."""
-        dtypes, space, count = dtypes_at(place.precision), place.space, math.prod(shape)
-        memories = [
-            space.allocate(count, leaf.type, np.dtype(dtypes[leaf.base])) for _, _, leaf in leaves(_layout(element), "")
-        ]
+        space, count = place.space, math.prod(shape)
+        memories = [space.allocate(count, *kind) for kind in _kinds(element, place.precision)]
         return cls.over(element, shape, place, memories)
 
     @classmethod
@@ -436,6 +435,13 @@ def _place(backend: Any, device: Any, precision: Any) -> Place:
 @lru_cache(maxsize=256)
 def _layout(type: Any) -> Layout:
     return outside(layout_of(type, "a stream"), "a stream")
+
+
+@lru_cache(maxsize=256)
+def _kinds(type: Any, precision: Precision) -> tuple[tuple[Type, np.dtype[Any]], ...]:
+    """Return the type and the dtype of each leaf."""
+    dtypes = dtypes_at(precision)
+    return tuple((leaf.type, np.dtype(dtypes[leaf.base])) for _, _, leaf in leaves(_layout(type), ""))
 
 
 def _checked(array: Any, layout: Layout, place: Place) -> list[InputLeaf]:
