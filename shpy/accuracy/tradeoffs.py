@@ -147,7 +147,7 @@ class Tradeoff:
         """
         figure = new_figure(10, 6)
         draw_comparison(self._comparison, figure)
-        figure.supxlabel("".join(self._pointers()), fontsize=8, x=0, ha="left")
+        figure.supxlabel("".join(self._pointers()), fontsize=8, x=0.01, ha="left")
         save_figure(figure, Path(path), self.json())
 
     @cached_property

@@ -93,8 +93,8 @@ def first_odd_run(
 class _ReadRun(Run):
     """A run of a chain that reads the streams of each kernel before and after it.
 
-    `carried` has for each kind the first run after which an element is of this kind; `first` the first run after which
-    one is that was finite before in every stream that the kernel reads by element or replaces.
+    `carried` has for each kind the first run after which an element is of this kind. `first` has the first run before
+    which that element was not: no NaN (finite) in every stream that the kernel reads by element or replaces.
     """
 
     def __init__(self, element: int | None, *arguments: Any) -> None:

@@ -96,9 +96,9 @@ def first_nan(
     counts as one operation. `backend` is a name as in `testing.targets`, by default "numpy"; `inputs` and other names
     are as in `assert_equivalent`.
 
-    Of a chain the names are those of `chain.run`, and the outputs are its streams. The operation is that of the first
-    run of a kernel that writes NaN (infinity) into an element which was finite in all streams that the kernel reads by
-    element.
+    Of a chain the names are those of `chain.run`, and the outputs are its streams. The operation belongs to the first
+    run of a kernel that writes NaN into an element without one (infinity into a finite element): streams that the
+    kernel reads by element, and those that it replaces, decide about before.
     Raises ShpyIndexError for an `element` that no run has, ShpyTypeError for a chain's streams by position.
     """
     if isinstance(program, Chain):

@@ -137,6 +137,42 @@ def test_at_other_precisions(backend: str, lanes: int | None, precision: str) ->
     assert results[0].dtype == kind
 
 
+NEWER = ("expm1", "log1p", "exp10", "cbrt", "erf", "erfc", "sinpi", "cospi", "hypot")
+
+
+def summed(v: Any) -> Any:
+    """Return a sum of elementary functions of a vector, each after half of those before."""
+    total = v * 0
+    for name in NEWER:
+        total = total * 0.5 + getattr(sh, name)(v, *[1 - v] * (name == "hypot"))
+    return total
+
+
+@sh.program
+def of_eight(a: sh.Attrib4f, b: sh.Attrib4f) -> tuple[sh.Attrib4f, sh.Attrib4f]:
+    total = summed(sh.Attrib8f(a, b))
+    return total[0:4], total[4:8]
+
+
+@sh.program
+def of_four(a: sh.Attrib4f) -> sh.Attrib4f:
+    return summed(a)
+
+
+@pytest.mark.sampled(5)  # each width and each option once
+@everywhere
+@pytest.mark.parametrize(
+    "options", [{}, {"fuse": True}, {"precision": "f16"}, {"precision": "f64"}, {"math": "portable"}], ids=str
+)
+def test_functions_of_eight_are_those_of_four(backend: str, lanes: int | None, options: dict[str, Any]) -> None:
+    if options.get("precision") == "f64" and backend == "glsl":
+        return
+    low, high = run(of_eight, backend, lanes, A * 0.5, B * 0.5, **options)
+    assert np.isfinite(low).mean() > 0.8
+    np.testing.assert_array_equal(low, run(of_four, "numpy", None, A * 0.5, **options))
+    np.testing.assert_array_equal(high, run(of_four, "numpy", None, B * 0.5, **options))
+
+
 def test_vectors_of_eight_stay_inside() -> None:
     eight = sh.Attrib8f
 

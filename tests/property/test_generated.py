@@ -18,7 +18,7 @@ from property.evaluate import DISCARDED, STOPPED, WRITTEN, Evaluator
 
 from shpy.ir.ops import OPS
 from shpy.testing.generated.inputs import elements
-from shpy.testing.generated.operations import drawn
+from shpy.testing.generated.operations import FUNCTIONS, drawn
 from shpy.testing.generated.source import source
 from shpy.testing.generated.strategy import trees
 from shpy.testing.generated.syntax import Block, Do, Exit, For, If, Tree, While
@@ -253,5 +253,6 @@ def test_the_strategy_makes_what_matters() -> None:
         "pb",
     ):
         assert wanted in everything
+    assert sum(f"sh.{function}(" in everything for function in FUNCTIONS) > len(FUNCTIONS) - 4
     assert ends == {DISCARDED, WRITTEN, STOPPED}
     assert parted > 90

@@ -39,6 +39,13 @@ def settle(n: sh.Attrib1i, v: sh.Attrib1f):
     return {"n": n + k, "v": v}
 
 
+@sh.program
+def curve(x: sh.Attrib1f, v: sh.Attrib1f):
+    """Compute with elementary functions; v stays within 1."""
+    y = sh.hypot(sh.cbrt(x), sh.log1p(abs(v))) - sh.expm1(-abs(v)) * sh.exp10(v)
+    return {"x": y, "v": 0.5 * sh.erf(x) * sh.cospi(v) + 0.25 * sh.sinpi(x) * sh.erfc(v)}
+
+
 def looking():
     """Return a kernel that reads a table of its own, large enough to be lent to a device that works in our memory."""
     heights = sh.Table(np.arange(20_000) % 17 / 4 - 2, sh.Attrib1f)
@@ -52,9 +59,9 @@ def looking():
 
 look = looking()
 MEMBERS = {
-    1: (*ALL, settle, look),
-    2: (roll, place, move, swing, wear, tick, settle, look),
-    3: (move, swing, wear, tick, settle, look),
+    1: (*ALL, settle, look, curve),
+    2: (roll, place, move, swing, wear, tick, settle, look, curve),
+    3: (move, swing, wear, tick, settle, look, curve),
 }
 """Kernels of chains over shapes of each rank."""
 LOOPED = {1: (wear, count_up, tick, settle), 2: (wear, tick, settle), 3: (wear, tick, settle)}

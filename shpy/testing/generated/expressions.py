@@ -93,6 +93,8 @@ class Expressions:
     budget: int = 30
     endless: bool = False
     derives: bool = False
+    functions_chance: int = 4
+    """Percent of the expressions of floats that are elementary functions."""
 
     def pick(self, options: Any) -> Any:
         """Draw one of these."""
@@ -181,7 +183,7 @@ class Expressions:
 
     def arithmetic(self, type: Type, depth: int) -> Expr:
         """Return an expression of floats."""
-        if self.chance(4):
+        if self.chance(self.functions_chance):
             op = self.pick(FUNCTIONS)
             return Apply(type, op, tuple(self.assembled(type, depth) for _ in OPS[op].takes))
         if self.derives and self.chance(25):

@@ -112,8 +112,10 @@ def _last(array: Variable, types: list[Type]) -> Stmt:
 def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     """Return the syntax of a program over INPUTS; with `endless` its loops may go beyond its `loop_limit`.
 
-    With `derives` it computes with numbers that a driver's compiler can derive, and with denormals.
+    With `derives` it computes with numbers that a driver's compiler can derive, and with denormals. One program of five
+    computes with many elementary functions, whose formulas are long.
     """
+    functions_chance = 70 if draw(st.integers(0, 4)) == 4 else 2
     shallow = draw(st.integers(0, 9)) > 6
     functions: list[Function] = []
     for k in range(0 if shallow else draw(st.integers(0, 2))):
@@ -122,6 +124,7 @@ def trees(draw: Any, endless: bool = False, derives: bool = False) -> Tree:
     # An input that is never stored into is passed on unchanged.
     stored = [i.name for i in INPUTS if draw(st.booleans())]
     w = Statements(draw, types_by_name, stored, functions=functions, endless=endless, derives=derives)
+    w.functions_chance = functions_chance
     w.uniforms = tuple(v.name for v in UNIFORMS)
     types = list(CORE)
     while len(types) < OUTPUTS:
