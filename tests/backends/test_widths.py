@@ -81,9 +81,9 @@ def test_values_take_as_many_registers_as_there_are_for_what_a_loop_carries(nati
     assert widths(straight, native, "f64") == (2 * native, native)
 
 
-def test_values_of_programs_that_gather_take_one_register() -> None:
+def test_values_of_programs_that_gather_take_two_registers() -> None:
     assert widths(gathering(15), 16) == (64, 32)
-    assert widths(gathering(16), 16) == (16, 32)
+    assert widths(gathering(16), 16) == (32, 32)
     assert widths(gathering(16), 4, "f64") == (4, 4)
 
 

@@ -55,7 +55,8 @@ loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornel
 _MOST_EACH: Final = 4
 """The most registers of a value."""
 _MOST_OF_LARGE: Final = 2
-"""The most registers of a value in a program of more than `_LARGE` statements, and where neighbours in a grid are read.
+"""The most registers of a value in a program of more than `_LARGE` statements, in one that gathers, and where neighbours
+in a grid are read.
 
 Wider packets take 1.6 times as long to compile. As above: primary rays 22.4, 21.5, 23.9; blur 6.3, 5.0, 5.2; Gray-Scott
 of 256 columns, of whose packets of 64 half stand at a border, 44.9, 41.2, 44.2. The game of life and Jacobi's iteration
@@ -63,11 +64,11 @@ take as long at 64 as at 32 (1.00 and 0.98).
 """
 _LARGE: Final = 400
 _GATHERED: Final = 16
-"""The numbers that a program without a loop reads from Tables at places of its own from which on a value has one
-register. Each lane reads by itself, so wider packets save little, and take three times as long to compile.
+"""The numbers that a program without a loop reads from Tables at places of its own from which on it gathers.
 
-As above, at 64 and 16 lanes, along an axis of 1,024 x 1,024: `any` takes 3.0 s and 0.9 s to compile, and then 3.4 ms
-and 4.2 a call; sums 2.9 ms and 3.7. On another such processor the calls at 64 took twice those at 16.
+Each lane reads by itself, so wider packets save little: at 16, 32 and 64 lanes, along an axis of 1,024 x 1,024 on a busy
+machine, `any` takes 0.6, 1.1 and 2.5 s of CPU to compile, and then 5.9, 5.5 and 5.3 ms a call; sums 3.7, 2.9 and 2.8 ms.
+On another such processor the calls at 64 took twice those at 16.
 """
 
 
@@ -183,13 +184,9 @@ def widths_of(machine: Machine, module: Module, precision: Precision) -> tuple[i
     loops = [_carried(f, s) for f, s in statements if isinstance(s, Loop)]
     most = min(_MOST_EACH, _REGISTERS // max(loops, default=1) or 1) * register
     most_of_large = min(most, _MOST_OF_LARGE * register)
-    if len(statements) > _LARGE:
+    read = sum(s.value.type.size for _, s in statements if isinstance(s, Let) and s.op == "table")
+    if len(statements) > _LARGE or (read >= _GATHERED and not loops):
         most = most_of_large
-    if (
-        not loops
-        and sum(s.value.type.size for _, s in statements if isinstance(s, Let) and s.op == "table") >= _GATHERED
-    ):
-        most = register
     return _widest(fitting, most), _widest(fitting, most_of_large)
 
 
