@@ -55,8 +55,8 @@ loops carry 56 numbers and more: `mixed` 68 and 91, `glass` 169 and 180, `cornel
 _MOST_EACH: Final = 4
 """The most registers of a value."""
 _MOST_OF_LARGE: Final = 2
-"""The most registers of a value in a program of more than `_LARGE` statements, in one that gathers, and where neighbours
-in a grid are read.
+"""The most registers of a value where neighbours in a grid are read, and in a program that gathers or has more than
+`_LARGE` statements.
 
 Wider packets take 1.6 times as long to compile. As above: primary rays 22.4, 21.5, 23.9; blur 6.3, 5.0, 5.2; Gray-Scott
 of 256 columns, of whose packets of 64 half stand at a border, 44.9, 41.2, 44.2. The game of life and Jacobi's iteration
@@ -64,11 +64,11 @@ take as long at 64 as at 32 (1.00 and 0.98).
 """
 _LARGE: Final = 400
 _GATHERED: Final = 16
-"""The numbers that a program without a loop reads from Tables at places of its own from which on it gathers.
+"""A program without a loop that reads at least so many numbers from Tables at places of its own gathers.
 
-Each lane reads by itself, so wider packets save little: at 16, 32 and 64 lanes, along an axis of 1,024 x 1,024 on a busy
-machine, `any` takes 0.6, 1.1 and 2.5 s of CPU to compile, and then 5.9, 5.5 and 5.3 ms a call; sums 3.7, 2.9 and 2.8 ms.
-On another such processor the calls at 64 took twice those at 16.
+Each lane reads by itself, so wider packets save little. At 16, 32 and 64 lanes, along an axis of 1,024 x 1,024 on a
+busy machine, `any` takes 0.6, 1.1 and 2.5 s of CPU to compile, and then 5.9, 5.5 and 5.3 ms a call; sums take 3.7, 2.9
+and 2.8 ms. On another such processor the calls at 64 took twice those at 16.
 """
 
 
