@@ -164,13 +164,34 @@ def misfit(uv: sh.TexCoord2f, target: sh.Attrib1f) -> sh.Attrib1f:
     return d * d
 
 
+FIELD = sh.Table(np.random.default_rng(1).random((16, 16, 16)), sh.Attrib1f, name="field")
+
+
+def filtered(p: Any) -> Any:
+    """Return the linear interpolation of the eight elements of FIELD around a place."""
+    corner, part = sh.Attrib3i(sh.floor(p * 15)), sh.fract(p * 15)
+    shares = sh.vec3(1, 1, 1) - part, part
+    total = sh.Attrib1f(0)
+    for k, j, i in np.ndindex(2, 2, 2):
+        total += shares[i].x * shares[j].y * shares[k].z * FIELD[corner.z + k, corner.y + j, corner.x + i]
+    return total
+
+
+@sh.program
+def through(uv: sh.TexCoord2f, target: sh.Attrib1f) -> sh.Attrib1f:
+    total = sh.Attrib1f(0)
+    with SH_FOR(0, 32) as k:
+        total += filtered(sh.vec3(uv, (k + 0.5) / 32)) * 0.03
+    return (total - target) * (total - target)
+
+
 def fitting(quick: bool) -> Table:
-    """Measure a step of fitting a texture of 64 x 64 to a picture of 256 x 256 places, and its parts."""
+    """Measure a step of fitting a texture of 64 x 64 to 256 x 256 places, its parts, and one with reads in a loop."""
     size, target = (16 if quick else 256), backend()
     random = np.random.default_rng(9)
     arrays = random.random((size, size, 2), np.float32), random.random((size, size), np.float32)
     streams = [sh.Stream(x, cls, target) for x, cls in zip(arrays, misfit.inputs.values(), strict=True)]
-    step = sh.value_and_gradient(misfit, SHEET)
+    step, step_through = sh.value_and_gradient(misfit, SHEET), sh.value_and_gradient(through, FIELD)
     index = sh.Stream(random.integers(0, 64 * 64, (size, size)), sh.Attrib1i, target)
     kernel = misfit.compile(target)
     runs: dict[str, Callable[[], Any]] = {
@@ -178,6 +199,7 @@ def fitting(quick: bool) -> Table:
         "four scatters, streams": lambda: [sh.scatter(streams[1], index, 4096, combine=add).numpy() for _ in range(4)],
         "step, streams": lambda: step(*streams),
         "step, arrays": lambda: step(*arrays, backend=target),
+        "step of 256 reads in a loop, streams": lambda: step_through(*streams),
     }
     for run in runs.values():
         run()
