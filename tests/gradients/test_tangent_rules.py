@@ -97,6 +97,33 @@ def test_rules_of_solvers(mode: Any) -> None:
             assert not differs(a, b).any(), target
 
 
+def test_rules_in_loops_and_branches_over_streams() -> None:
+    """The results of the calls go into an array, and back into the next call; and a Param is fitted through the rule."""
+    gain = sh.Param(sh.Attrib1f, 1.25, name="gain")
+
+    @sh.program
+    def chained(x: sh.Attrib1f) -> sh.Attrib1f:
+        kept, y = sh.Array(sh.Attrib1f, 3), sh.Attrib1f(x)
+        with SH_FOR(0, 5) as k:
+            with SH_IF(y > 0.5):
+                y[:] = root(y * gain) + kept[k % 3]
+            kept[(k + 1) % 3] = y * x
+        return y * kept[1]
+
+    x = np.linspace(0.2, 2, 40)
+    whole = chained.compile("numpy", precision="f64")
+    slopes = {m: chained.gradient("x", mode=m).compile("numpy", precision="f64")(x)[0] for m in ("forward", "reverse")}
+    assert np.allclose(slopes["forward"], slopes["reverse"], rtol=1e-13)
+    assert np.allclose(slopes["forward"], (whole(x + 1e-6) - whole(x - 1e-6)) / 2e-6, rtol=1e-5)
+    by_gain = sh.value_and_gradient(chained, gain)
+    expected = by_gain(x, backend="numpy")
+    for target in TARGETS[1:]:
+        assert by_gain(sh.Stream(x, sh.Attrib1f, target)) == expected
+    assert np.isclose(
+        by_gain(x, precision="f64")[1], sh.value_and_gradient(chained, gain, mode="forward")(x)[1], rtol=1e-5
+    )
+
+
 def test_second_derivatives_directions_and_immediate_mode() -> None:
     slope = sh.gradient(sh.gradient(root))(3.0)
     x = float(sh.gradient(root, value=True)(3.0)[0])
