@@ -98,7 +98,7 @@ def test_rules_of_solvers(mode: Any) -> None:
 
 
 def test_rules_in_loops_and_branches_over_streams() -> None:
-    """The results of the calls go into an array, and back into the next call; and a Param is fitted through the rule."""
+    """The results of the calls go into an array, and back into the next call; a Param is fitted through the rule."""
     gain = sh.Param(sh.Attrib1f, 1.25, name="gain")
 
     @sh.program
