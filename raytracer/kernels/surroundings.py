@@ -121,13 +121,17 @@ class Surroundings(EnvironmentSky):
         assert self.surfaces.lobes is not None
         base, coat, roughness = self.surfaces.lobes.blurred_shares(surface)
         matt = sh.max(surface.spread - base, 0.0)
-        brushed = self.surfaces.kinds.brushed
-        mean = sh.sqrt(surface.coefficients.z * surface.bounds.y) if brushed else surface.coefficients.z
-        light = base * self._lobe(surface, mean)
+        light = base * self._lobe(surface, self._base_roughness(surface))
         if coat is not None:
             matt = sh.max(matt - coat, 0.0)
             light = light + coat * self._lobe(surface, surface.coat.y)
         return light + matt * self.onto(surface.normal), roughness
+
+    def _base_roughness(self, surface: Interaction) -> Any:
+        """Return the roughness of the base; of an anisotropic one, that of the mean of its widths."""
+        if not self.surfaces.kinds.brushed:
+            return surface.coefficients.z
+        return sh.sqrt(surface.coefficients.z * surface.bounds.y)
 
     def _lobe(self, surface: Interaction, roughness: Any) -> Any:
         """Return the light of a rough mirror; the middle of its lobe moves from the mirrored ray to the normal.
