@@ -33,6 +33,7 @@ from benchmarks import (
     frames,
     fused,
     gradients,
+    looks,
     machine,
     peers,
     rays,
@@ -69,6 +70,7 @@ STUDIES = studies.STUDIES | {
     "components": lambda mesh, quick: gradients.components(quick),
     "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
+    "looks": lambda mesh, quick: looks.looks(quick),
 }
 """Studies of shpy, most of them without a peer."""
 WHAT = "page: write docs/benchmarks.md from benchmarks/results, and measure nothing"

@@ -221,6 +221,13 @@ def test_each_study_keeps_the_seconds_of_its_rounds(name, mesh):
     assert all(len(seconds) > 1 and min(seconds) > 0 for seconds in table.rounds.values())
 
 
+@SLOW
+def test_looks_are_compared_with_mitsuba_where_it_is_installed(mesh):
+    table = command.STUDIES["looks"](mesh, True)
+    assert [row[0] for row in table.rows] == ["chalk", "brushed metal"]
+    assert all(float(row[1]) > 0 for row in table.rows)
+
+
 def test_the_page_of_answers_is_what_its_command_writes():
     """The results in the tree give docs/benchmarks.md, which stays one page."""
     page = answers.page(answers.Results.read())
