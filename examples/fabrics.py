@@ -1,7 +1,7 @@
 """Velvet, felt and satin on torus knots, path traced under a soft sky, for the eye by the curve AgX.
 
-A sheen is the light of a cloth's fibres: it shines where the surface turns away from the eye. The backdrop is left out
-of the picture, so that it can be put before another one.
+A sheen is the light of a cloth's fibres: it shines where the surface turns away from the eye. `transparent=True` would
+leave out what is behind the scene; here a wall closes it.
 
     python examples/fabrics.py [numpy|opencl|glsl] [samples]
 """
@@ -29,10 +29,12 @@ def sky():
 
 def fabrics():
     """Return the scene."""
-    meshes = [floor(14, MetallicRoughness((0.32, 0.3, 0.28), roughness=0.7)).moved((0, -0.62, 0))]
+    ground = floor(14, MetallicRoughness((0.32, 0.3, 0.28), roughness=0.7)).moved((0, -0.62, 0))
+    meshes = [ground]
     for k, cloth in enumerate(CLOTHS):
         meshes.append(knot(2, 3, 0.42, 0.17, cloth, segments=192, sides=24).moved((1.5 * k - 1.5, 0, 0)))
         meshes.append(floor(0.9, Unlit(cloth.base_color)).moved((1.5 * k - 1.5, -0.61, 1.1)))
+    meshes.append(ground.moved((0, 0, -3.2), tilt=90))
     spot = SpotLight((3, 4, -3), (-3, -4, 3), 10, 30, (40, 38, 34))
     return Scene(meshes, [EnvironmentLight(sky(), rotation=90), spot], Camera((0, 2.1, 4.6), (0, -0.1, 0.1), fov=34))
 
@@ -40,5 +42,5 @@ def fabrics():
 if __name__ == "__main__":
     backend = sys.argv[1] if len(sys.argv) > 1 else None
     samples = int(sys.argv[2]) if len(sys.argv) > 2 else 64
-    image = render(fabrics(), (432, 240), integrator=Path(samples=samples), backend=backend, transparent=True)
+    image = render(fabrics(), (432, 240), integrator=Path(samples=samples), backend=backend)
     print(image.save("fabrics.png", exposure=0.5, tonemap="agx"))

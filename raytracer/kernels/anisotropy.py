@@ -80,7 +80,7 @@ def brushed_lobe(
     axes = surface.tangent, sh.cross(surface.normal, surface.tangent), surface.normal
     x, y, z = (sh.dot(axis, half) for axis in axes)
     spread = x * x * (across / along) + y * y * (along / across) + along * across * z * z
-    facets = sh.cond(z > 0, along * across / (pi * spread * spread), 0.0)
+    facets = sh.cond(z > 0, (along / spread) * (across / (pi * spread)), 0.0)  # as binary16 has no square of it
     if not least:
         facets = sh.cond(roughness < SMOOTHEST, 0.0, facets)
     out, into = (masking_root(axes, direction, along, across) for direction in (surface.seen, light))

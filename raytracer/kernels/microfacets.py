@@ -45,12 +45,13 @@ class Scattering(NamedTuple):
 
 
 class Microfacets:
-    """The lobes of the layered surfaces of a scene, of which `kinds` tells the features.
+    """The lobes of the layered surfaces of a scene, of which `kinds` tells the features, at `half` precision or more.
 
     A mirror image has one roughness. So if `hides` is set, it leaves out a base to the extent that this has a coat.
     """
 
-    def __init__(self, kinds: MaterialKinds) -> None:
+    def __init__(self, kinds: MaterialKinds, half: bool = False) -> None:
+        self.half = half
         self.coats, self.thin, self.hides = kinds.coats, kinds.thin, False
         self.brushed, self.multiscatter = kinds.brushed, kinds.multiscatter
         self.sheen = Sheen() if kinds.sheen else None
@@ -202,7 +203,7 @@ class Microfacets:
         if self.brushed:
             glossy, glossy_density = brushed_lobe(surface, half, light, (cosine, away, roughness), least)
         else:
-            glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least)
+            glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least, self.half)
         glossy = glossy * (surface.f0 + (surface.f90 - surface.f0) * grazing)
         if self.multiscatter:
             glossy = surface.gain * glossy
@@ -215,7 +216,7 @@ class Microfacets:
             density = density + surface.fuzz.z * (lambert - density)
         value = glossy + matt
         if self.coats:
-            coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least)
+            coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least, self.half)
             through = 1 - self.coat_albedo(surface, cosine)
             value = through * (surface.through * glossy + matt)
             value = value + surface.coat.x * (COAT + (1 - COAT) * grazing) * coat
@@ -369,17 +370,24 @@ def cell_of(part: Any) -> tuple[Any, Any]:
     return cell, place - sh.Attrib1f(cell)
 
 
-def lobe(normal: Any, half: Any, cosine: Any, away: Any, roughness: Any, least: float) -> tuple[Any, Any]:
+def lobe(
+    normal: Any, half: Any, cosine: Any, away: Any, roughness: Any, least: float, binary16: bool
+) -> tuple[Any, Any]:
     """Return the light of white microfacets, and the density of directions that are mirrored at visible normals.
 
-    `cosine` is that of the light and `away` that of the view to the normal.
+    `cosine` is that of the light and `away` that of the view to the normal. In `binary16` the square of `spread` would
+    be 0.
     """
     alpha = sh.max(roughness, sh.Attrib1f(least or SMOOTHEST))
     square = alpha * alpha
     square = square * square
     across, along = sh.cross(normal, half), sh.dot(normal, half)
     spread = sh.dot(across, across) + square * along * along  # as 1 - along * along cancels in binary32
-    facets = sh.cond(along > 0, square / (pi * spread * spread), 0.0)
+    if binary16:
+        ratio = alpha * alpha / spread
+        facets = sh.cond(along > 0, ratio * (ratio / pi), 0.0)
+    else:
+        facets = sh.cond(along > 0, square / (pi * spread * spread), 0.0)
     if not least:
         facets = sh.cond(roughness < SMOOTHEST, 0.0, facets)
     out, into = (sh.sqrt(square + (1 - square) * c * c) for c in (away, cosine))

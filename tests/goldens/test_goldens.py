@@ -26,6 +26,7 @@ DRAWN = {
     "cubemap": "`render` makes its programs",
     "metals": "`render` makes its programs",
     "fabrics": "`render` makes its programs",
+    "studio": "`render` makes its programs",
 }
 """Files of examples/ without a program of their own, and why."""
 

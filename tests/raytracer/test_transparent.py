@@ -25,6 +25,7 @@ from raytracer import (
 )
 from raytracer.cli import main
 from raytracer.meshes.shapes import floor, sphere
+from shpy import Program
 
 SIZE = 24, 16
 BALL = sphere(0.5, Material((0.8, 0.3, 0.2))).moved((0, 0.5, 0))
@@ -138,3 +139,16 @@ def test_the_command_writes_alpha(tmp_path, monkeypatch, capsys):
     assert pillow.open("p.png").mode == "RGBA"
     assert main([*command, "-o", "p.jpg"]) == 1
     assert "jpg holds no alpha" in capsys.readouterr().err
+
+
+def test_the_first_picture_needs_one_kernel(monkeypatch):
+    compiled = []
+    compile_program = Program.compile
+
+    def counted(program, *args, **named):
+        compiled.append(program)
+        return compile_program(program, *args, **named)
+
+    monkeypatch.setattr(Program, "compile", counted)
+    render(SCENE, (4, 4), integrator=Path(samples=1), backend="numpy", transparent=True)
+    assert len(compiled) == 1
