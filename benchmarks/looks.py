@@ -38,7 +38,7 @@ class Look(NamedTuple):
     theirs: dict[str, Any]
     models: str = ""
     around: bool = False
-    """Whether light comes from everywhere in place of the lamp, which rays through glass meet by chance alone."""
+    """True if light comes from everywhere in place of the lamp, which rays through glass meet by chance alone."""
 
 
 def rgb(color: Any) -> dict[str, Any]:
