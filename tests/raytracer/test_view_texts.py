@@ -37,6 +37,7 @@ CASES = {
     "mixed --samples 1 --bounces 1 --camera 1,2,8 --background 0.1,0.2,0.4 --exposure -1": {},
     "boxes --samples 4 --fov 33 --integrator path --bounces 3 --environment sky.png": {"scene": {"camera": TURNED}},
     "boxes --samples 1 --environment sky.png --integrator path": {"params": {"light.0.color": [0.25, 0.5, 1.0]}},
+    "boxes --samples 1 --environment sky.png --rotation 30": {"scene": {"camera": TURNED}},
     "boxes --samples 1": {"scene": {"integrator": "path"}, "edit": "color", "stop": 2},
     "wedge.obj --samples 1 --no-floor --strict": {"scene": {"camera": TURNED}, "edit": "color"},
     "wedge.obj --samples 4 --up z --target 0.3,0.1,0.2": {"params": {"exposure": [0.3]}},
