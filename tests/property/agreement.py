@@ -2,7 +2,8 @@
 
 check(program, INPUTS, ("numpy", "opencl"))   # AssertionError with the program's text, the element and both answers
 
-Each backend runs twice: undisturbed, and in the stress mode over many copies of the same elements.
+Each backend runs twice: undisturbed, and in the stress mode over many copies of the same elements, for half of the
+programs over streams.
 """
 
 from __future__ import annotations
@@ -262,19 +263,24 @@ def check_stressed(expected: Expected, backend: str) -> None:
     seed = zlib.crc32(source(expected.program).encode())
     repeated = Repeated(expected, SHAPES[seed % len(SHAPES)])
     with stressed(seed):
-        repeated.compare(*ran(repeated, backend), backend)
+        repeated.compare(*ran(repeated, backend, over_streams=seed % 2 == 0), backend)
 
 
-def ran(expected: Expected, backend: str) -> Answers:
+def ran(expected: Expected, backend: str, *, over_streams: bool = False) -> Answers:
     """Run the program on a backend; return its outputs and the status of each element."""
     stopped: Any = 0
     count = len(expected.inputs[0])
     shape = expected.shape
+    kernel, inputs = expected.compiled(backend), expected.given
+    if over_streams:
+        types = expected.recorded.inputs
+        inputs = [sh.Stream(a, types[n], *kernel.place) for n, a in zip(expected.names, inputs, strict=True)]
     try:
-        result = expected.compiled(backend).run(*expected.given)
+        result = kernel.run(*inputs)
     except sh.LoopLimitExceeded as error:
         result, stopped = error.result, error.count
-    outputs = [o.reshape(count, *o.shape[len(shape) :]) for o in flat_leaves(result.outputs)]
+    leaves = [s.numpy() for s in result.outputs] if over_streams else flat_leaves(result.outputs)
+    outputs = [o.reshape(count, *o.shape[len(shape) :]) for o in leaves]
     written = np.asarray(result.written).reshape(count)
     ends = np.where(written, WRITTEN, DISCARDED)
     if stopped:
