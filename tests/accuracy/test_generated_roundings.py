@@ -1,7 +1,6 @@
 """Roundings of generated programs: the bound holds in every element.
 
-`pytest -m slow` and the name of this file records 3,200 programs; reverse mode refuses about three of eight, most of
-them for arrays that change in a loop, so about 2,000 are bounded. Of an element beyond its bound, the interpreter's
+`pytest -m slow` and the name of this file bounds 2,000 programs. Of an element beyond its bound, the interpreter's
 steps at f32 and f64 are compared. It counts unless there
 
 - a bool or an int differs, or the two take other steps: a branch or an index flips, so the result jumps, which no
@@ -90,14 +89,8 @@ def check(tree: Tree) -> None:
     if program is None:
         return
     inputs = [INPUTS[n] for n in program.inputs]
-    try:
-        report = sh.accuracy.roundings(
-            program, dict(zip(program.inputs, inputs, strict=True)), samples=COUNT, most=COUNT
-        )
-    except sh.RecordError as error:
-        if not error.message.startswith("reverse mode"):
-            raise
-        return
+    domain = dict(zip(program.inputs, inputs, strict=True))
+    report = sh.accuracy.roundings(program, domain, samples=COUNT, most=COUNT)
     result = program.compile("numpy", loop_limit=LIMIT).run(*inputs)
     with np.errstate(all="ignore"):
         beyond = np.abs(result.outputs - report.values) > report.bounds * (1 + LOST)
@@ -107,8 +100,8 @@ def check(tree: Tree) -> None:
         assert excluded(program, inputs, int(n)) is not None, f"{numbers}\n{source(tree)}"
 
 
-@pytest.mark.sampled(640)
-@pytest.mark.parametrize("shard", range(640))
+@pytest.mark.sampled(400)
+@pytest.mark.parametrize("shard", range(400))
 def test_the_bound_holds(shard: int) -> None:
     @quietly
     @given(trees())
