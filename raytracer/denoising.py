@@ -30,7 +30,7 @@ def check_denoising(integrator: Integrator) -> None:
     _network()
 
 
-def finishing(denoise: bool, integrator: Integrator, scene: Scene, backend: str | None) -> Callable[[Image], Image]:
+def finisher_of(denoise: bool, integrator: Integrator, scene: Scene, backend: str | None) -> Callable[[Image], Image]:
     """Return the function of a finished picture: `denoised`, or no change. Raises as `check_denoising`."""
     if not denoise:
         return lambda image: image

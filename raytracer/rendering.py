@@ -13,7 +13,7 @@ from typing import Any, Unpack
 
 from raytracer.arrays import is_whole
 from raytracer.backends import chosen_backend
-from raytracer.denoising import finishing
+from raytracer.denoising import finisher_of
 from raytracer.errors import SceneError
 from raytracer.image import Image
 from raytracer.integrators.integrator import Choice, Integrator, Options, Whitted, chosen
@@ -65,7 +65,7 @@ def render(
     chosen_integrator = chosen(integrator, options)
     size = size_of(size, primary, scene, chosen_integrator, chooses=not (cluster is max_error is None))
     _check_together(cluster, max_error, tile_rows, partitions, transparent)
-    finish = finishing(denoise, chosen_integrator, scene, backend)
+    finish = finisher_of(denoise, chosen_integrator, scene, backend)
     if cluster is not None:
         work = scene, chosen_integrator, chosen_backend(backend, shares_cores=True)
         return finish(_by_workers(cluster, work, size, max_error, tile_rows, partitions, resume, progress))
