@@ -21,13 +21,13 @@ from raytracer.kernels.triangle import RayHit
 
 SHORTEST = 2.0**-60
 """The length of a triangle's direction of u, in scaled units, below which the surface is taken for isotropic."""
-
 SHARPER = 0.3
 """The share of an anisotropic roughness by which one is lower whose albedo at grazing light is as large.
 
-The albedo is at most the larger one of those at both bounds, and `MARGIN` (`tests/raytracer/test_anisotropy.py`).
+`tests/raytracer/test_anisotropy.py` compares both bounds with the integrals.
 """
 MARGIN = 0.003
+"""The albedo of an anisotropic surface is at most the larger one of those at both bounds, and this."""
 
 
 def orient(surfaces: Any, hit: RayHit | SeenHit, surface: Interaction, side: Any) -> None:

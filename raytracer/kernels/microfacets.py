@@ -45,13 +45,13 @@ class Scattering(NamedTuple):
 
 
 class Microfacets:
-    """The lobes of the layered surfaces of a scene, of which `kinds` tells the features, at `half` precision or more.
+    """The lobes of the layered surfaces of a scene, of which `kinds` tells the features; see `lobe` for `binary16`.
 
     A mirror image has one roughness. So if `hides` is set, it leaves out a base to the extent that this has a coat.
     """
 
-    def __init__(self, kinds: MaterialKinds, half: bool = False) -> None:
-        self.half = half
+    def __init__(self, kinds: MaterialKinds, binary16: bool = False) -> None:
+        self.binary16 = binary16
         self.coats, self.thin, self.hides = kinds.coats, kinds.thin, False
         self.brushed, self.multiscatter = kinds.brushed, kinds.multiscatter
         self.sheen = Sheen() if kinds.sheen else None
@@ -203,7 +203,7 @@ class Microfacets:
         if self.brushed:
             glossy, glossy_density = brushed_lobe(surface, half, light, (cosine, away, roughness), least)
         else:
-            glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least, self.half)
+            glossy, glossy_density = lobe(normal, half, cosine, away, roughness, least, self.binary16)
         glossy = glossy * (surface.f0 + (surface.f90 - surface.f0) * grazing)
         if self.multiscatter:
             glossy = surface.gain * glossy
@@ -216,7 +216,7 @@ class Microfacets:
             density = density + surface.fuzz.z * (lambert - density)
         value = glossy + matt
         if self.coats:
-            coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least, self.half)
+            coat, coat_density = lobe(normal, half, cosine, away, surface.coat.y, least, self.binary16)
             through = 1 - self.coat_albedo(surface, cosine)
             value = through * (surface.through * glossy + matt)
             value = value + surface.coat.x * (COAT + (1 - COAT) * grazing) * coat

@@ -67,7 +67,7 @@ class SurfaceTables:
         self.kinds = MaterialKinds.of(layout, self.appearance)
         self.glows, self.highlights, self.clear, self.black, self.dark, self.reflects, *_ = self.kinds
         self.tinted, self.mixed = self.kinds.tinted, self.kinds.mixed
-        self.lobes = Microfacets(self.kinds, half=layout.dtype == np.float16) if self.kinds.layered else None
+        self.lobes = Microfacets(self.kinds, binary16=layout.dtype == np.float16) if self.kinds.layered else None
         if self.tinted:
             self.mirrors = sh.Table(layout.mirrors, sh.Attrib4f, "mirrors")
         if self.lobes is not None:

@@ -228,7 +228,7 @@ def random_material(rng):
     def one_of(*values):
         return values[rng.integers(len(values))]
 
-    return MetallicRoughness(
+    look = MetallicRoughness(
         base_color=one_of((1, 1, 1), tuple(rng.random(3))),
         metallic=one_of(0, 1, rng.random()),
         roughness=one_of(0, 1e-4, 0.03, 0.05, 1, rng.random(), rng.random()),
@@ -245,6 +245,7 @@ def random_material(rng):
         anisotropy_rotation=one_of(0, 90, 360 * rng.random()),
         multiscatter=bool(rng.integers(2)),
     )
+    return dataclasses.replace(look, thickness=one_of(0, 1)) if look.alpha == 1 and look.ior > 0 else look
 
 
 @pytest.mark.parametrize("seed", [pytest.param(k, marks=[] if k < 2 else pytest.mark.slow) for k in range(500)])
