@@ -9,6 +9,7 @@ distribution declares, so that `pyproject.toml` alone states them.
 
 from __future__ import annotations
 
+import platform
 import re
 import shlex
 import shutil
@@ -50,7 +51,8 @@ def installed(package: str) -> str | None:
 def extras() -> dict[str, list[str]]:
     """Return the packages of each optional part, as the installed distribution declares them; empty without one.
 
-    A package that is declared for other versions of Python is left out: pip would not install it either.
+    A package that is declared for other versions of Python or for other platforms is left out: pip would not install it
+    either.
 
     >>> extras()["opencl"]
     ['pyopencl']
@@ -76,9 +78,10 @@ def _requirements() -> Iterator[tuple[str, str | None]]:
 
 
 def _holds(condition: str) -> bool:
-    """Tell whether this Python is older than a condition such as `python_version < '3.14'` asks; True without one."""
+    """Return whether a condition holds here: `python_version < '3.14'`, or one that leaves out Linux on ARM."""
     older = re.search(r"python_version < ['\"](\d+)\.(\d+)['\"]", condition)
-    return older is None or sys.version_info[:2] < (int(older[1]), int(older[2]))
+    fits = "platform_machine" not in condition or sys.platform != "linux" or platform.machine() == "x86_64"
+    return fits and (older is None or sys.version_info[:2] < (int(older[1]), int(older[2])))
 
 
 def _name(requirement: str) -> str:

@@ -108,11 +108,23 @@ def test_a_package_for_earlier_pythons_is_left_out_of_later_ones(monkeypatch, ow
 
 
 def test_requirements_have_no_condition_of_another_kind():
-    """`packages` reads an upper bound of Python's version, and no other marker."""
+    """`packages` reads an upper bound of Python's version and the platforms of one package, and no other marker."""
     lines = [*PROJECT["dependencies"], *(line for extra in PROJECT["optional-dependencies"].values() for line in extra)]
     conditions = [line.partition(";")[2].strip() for line in lines if ";" in line]
     assert conditions
-    assert [c for c in conditions if not re.fullmatch(r"python_version < '\d+\.\d+'", c)] == []
+    platforms = "sys_platform != 'linux' or platform_machine == 'x86_64'"
+    assert [c for c in conditions if not re.fullmatch(rf"python_version < '\d+\.\d+'|{platforms}", c)] == []
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "fits"), [("linux", "aarch64", False), ("linux", "x86_64", True), ("darwin", "arm64", True)]
+)
+def test_a_package_for_some_platforms_is_left_out_of_others(monkeypatch, own_pip, system, machine, fits):
+    marker = "(sys_platform != 'linux' or platform_machine == 'x86_64') and extra == 'denoise'"
+    installation(monkeypatch, f"network>=2.5; {marker}")
+    monkeypatch.setattr(packages.sys, "platform", system)
+    monkeypatch.setattr(packages.platform, "machine", lambda: machine)
+    assert packages.extras() == ({"denoise": ["network"]} if fits else {})
 
 
 def test_without_an_installation_packages_go_by_name(monkeypatch, own_pip):
