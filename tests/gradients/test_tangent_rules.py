@@ -170,7 +170,11 @@ def added(x: Any, c: Any, d_c: Any) -> Any:
     return d_c + x
 
 
-@pytest.mark.parametrize("rule", [nearly, squared, branched, added])
+def constant(x: Any, c: Any, d_c: Any) -> Any:
+    return 2 * x
+
+
+@pytest.mark.parametrize("rule", [nearly, squared, branched, added, constant])
 def test_reverse_mode_refuses_rules_that_it_cannot_transpose(rule: Any) -> None:
     @sh.subroutine
     def half(c: sh.Attrib1f) -> sh.Attrib1f:
@@ -184,8 +188,18 @@ def test_reverse_mode_refuses_rules_that_it_cannot_transpose(rule: Any) -> None:
     cure = "+ and - of tangents, * and / with other values, and sh.cond in place of SH_IF; or"
     assert e.value.cure == f'{cure} mode="forward"'
     assert e.value.loc is not None
-    lines = ["sh.cond(d_c > 0, d_c, 2 * d_c)", "d_c * d_c", "slope = sh.Attrib1f(d_c)", "d_c + x"]
+    lines = ["sh.cond(d_c > 0, d_c, 2 * d_c)", "d_c * d_c", "slope = sh.Attrib1f(d_c)", "d_c + x", "2 * x"]
     assert Path(__file__).read_text().splitlines()[e.value.loc.line - 1].strip().removeprefix("return ") in lines
+
+
+def test_a_rule_of_zero() -> None:
+    @sh.subroutine
+    def level(c: sh.Attrib1f) -> sh.Attrib1f:
+        return sh.floor(c) * 0.5
+
+    level.tangent(lambda y, c, d_c: sh.Attrib1f(0))
+    for mode in ("forward", "reverse"):
+        assert float(sh.gradient(lambda c: level(c) + c, mode=mode)(1.5)) == 1
 
 
 def test_linear_rules_of_every_shape_are_transposed() -> None:

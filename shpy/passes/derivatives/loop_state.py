@@ -166,12 +166,12 @@ def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int]
 
     kept = {v: new(v, "kept", most) for v in sorted(changing) if slots[v].length is None}
     before = {v: new(v, "before") for v in sorted(steady) if slots[v].length is None}
-    known = all(s.turns is not None for s in walk((loop,)) if isinstance(s, Loop))
-    over = None if known else b.variable(_BOOL, None, "over")
+    bounded = all(s.turns is not None for s in walk((loop,)) if isinstance(s, Loop))
+    over = None if bounded else b.variable(_BOOL, None, "over")
     logs: dict[int, ArrayLog] = {}
     for v in sorted(arrays):
         count = limits.stores((loop,), v)
-        if count > MAX_ARRAY and known:
+        if count > MAX_ARRAY and bounded:
             raise RecordError(
                 f"reverse mode keeps the elements of {slots[v].name or 'an array'} that this loop overwrites, up to "
                 f"{count:,}, and an array has at most {MAX_ARRAY:,}",

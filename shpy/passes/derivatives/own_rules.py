@@ -70,8 +70,8 @@ def reverse_by_rule(
     bars = [b.input(v.type, f"bar_{v.name}") for v in function.outputs]
     marks = [b.value(v.type) if v.type.is_float else None for v in arguments]
     copy = Copy(b.value, {name: functions(name) for name in calls_of(rule)})
-    taken = (*values, *arguments, *(mark for mark in marks if mark is not None))
-    copy.values.update({port.id: v.id for port, v in zip(rule.inputs, taken, strict=True)})
+    inputs = (*values, *arguments, *(mark for mark in marks if mark is not None))
+    copy.values.update({port.id: v.id for port, v in zip(rule.inputs, inputs, strict=True)})
     copy.slots.update({v.id: b.variable(v.type, v.length, v.name).id for v in (*rule.outputs, *rule.variables)})
     body = copy.region(rule.body)
     placeholders = {mark.id for mark in marks if mark is not None}
@@ -79,6 +79,8 @@ def reverse_by_rule(
     changes = _linear_results(body, outputs, placeholders, limits)
     results: dict[int, Tangent] = {}
     for value, bar in zip(changes, bars, strict=True):
+        if value is None:
+            continue
         results[value] = results[value] + Live(b, bar) if value in results else Live(b, bar)
     statements = [s for s in body if not (isinstance(s, Store) and s.variable in outputs)]
     transposition = Transposition(b, placeholders)
@@ -91,8 +93,13 @@ def reverse_by_rule(
     return b.finish()
 
 
-def _linear_results(body: Region, outputs: Sequence[int], tangents: Collection[int], limits: LoopLimits) -> list[int]:
-    """Return the values that a rule stores into its outputs; RecordError unless they are linear in the tangents."""
+def _linear_results(
+    body: Region, outputs: Sequence[int], tangents: Collection[int], limits: LoopLimits
+) -> list[int | None]:
+    """Return the values that a rule stores into its outputs, None for zero.
+
+    Raises RecordError unless they are linear in the tangents.
+    """
     linear, zeros = set(tangents), set[int]()
     stored: dict[int, int] = {}
 
@@ -114,7 +121,7 @@ def _linear_results(body: Region, outputs: Sequence[int], tangents: Collection[i
                     ):
                         fail(value.loc)
                     linear.add(value.id)
-            case Store(variable, value, None, None) if variable in outputs:
+            case Store(variable, value, None, None) if variable in outputs and value in linear | zeros:
                 stored[variable] = value
             case _:
                 inside = tuple(walk((s,)))
@@ -122,7 +129,7 @@ def _linear_results(body: Region, outputs: Sequence[int], tangents: Collection[i
                     fail(s.loc)
                 if any(isinstance(x, Store) and x.variable in outputs for x in inside):
                     fail(s.loc)
-    return [stored[v] for v in outputs]
+    return [stored.get(v) for v in outputs]
 
 
 def _is_linear(op: str, linear: Sequence[bool], zeros: Sequence[bool]) -> bool:
