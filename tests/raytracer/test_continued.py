@@ -239,6 +239,7 @@ NO_BITS = {
     "Path.accel, brute": change("Path", "accel", "brute"),
     "Path.grid": lambda pieces: pieces["Path"].update(accel="grid", grid=3),
     "Renderer.backend": change("Renderer", "backend", "opencl"),
+    "Renderer.transparent": change("Renderer", "transparent", True),
     "another function of the same text": surface(lambda hit: Surface(color=sh.Color3f(hit.uv, 0))),
 }
 """The changes that keep every bit."""
@@ -309,14 +310,14 @@ def uncompiled_origin(*changes):
         changed(pieces)
     scene, integrator, options = made(pieces)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Renderer, "_choose", lambda *_: None)
+        patch.setattr(Renderer, "_choose", lambda *_, **__: None)
         return Renderer(scene, integrator=integrator, **options).origin()
 
 
 @pytest.fixture
 def uncompiled(monkeypatch):
     """Let Renderers compile nothing."""
-    monkeypatch.setattr(Renderer, "_choose", lambda *_: None)
+    monkeypatch.setattr(Renderer, "_choose", lambda *_, **__: None)
 
 
 @pytest.fixture(scope="module")

@@ -286,7 +286,7 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
         renderer = Renderer(sphere_under_a_lamp, **({"backend": "opencl", "integrator": "path"} | options))
         return type(renderer._tracer.intersector).__name__
 
-    monkeypatch.setattr(Renderer, "_choose", lambda *_: None)  # nothing is compiled
+    monkeypatch.setattr(Renderer, "_choose", lambda *_, **__: None)  # nothing is compiled
     sphere_under_a_lamp = Scene([sphere(0.5, WHITE, rings=6, segments=8), lamp(1, 2)])
     count = sphere_under_a_lamp.triangles
     assert walk_of(count) == "AloneWalk"
