@@ -395,7 +395,7 @@ def test_hypothesis_is_optional():
 
 @sh.program
 def of_a_matrix(x: sh.Attrib1f) -> sh.Matrix2f:
-    return sh.Matrix2f((x, sh.exp(x)), (1, x))
+    return sh.Matrix2f((x, sh.exp(x)), (sh.exp(x), 1))
 
 
 def test_a_matrix_is_shown_by_its_rows():
