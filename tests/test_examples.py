@@ -88,9 +88,9 @@ SHOWN = {
     "cubemap": lambda m, backend: m.by_cube_map((16, 12), 8, 4, backend=backend).pixels,
     "occlusion": lambda m, backend: m.occlusion(Scene.framed(box()), (16, 12), 4, backend),
     "fabrics": lambda m, backend: render(m.fabrics(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
+    "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
     "metals": lambda m, backend: render(m.metals(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
     "studio": lambda m, backend: render(m.studio(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
-    "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
 }
 
 

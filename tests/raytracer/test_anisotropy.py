@@ -45,7 +45,8 @@ def metals(**changes):
     )
 
 
-@pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("integrator", [Path(samples=2, bounces=3), Whitted(bounces=2)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
     images = [render(metals(**lights), (12, 8), integrator=integrator, backend=b) for b in ("numpy", "opencl", "glsl")]

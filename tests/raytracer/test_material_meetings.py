@@ -55,6 +55,7 @@ def ball_over(alpha, **changes):
     return Scene([sphere(0.5, look, rings=8, segments=12).moved((0, 0.5, 0))], **{"camera": CAMERA, **changes})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Path(samples=64), Whitted(samples=16)], ids=["Path", "Whitted"])
 def test_alpha_through_a_lens_is_softer(integrator):
     """Out of focus more pixels are neither there nor not; light over a background is the opaque picture."""

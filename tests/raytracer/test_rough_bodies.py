@@ -44,7 +44,8 @@ def bodies(**changes):
     return Scene(meshes, **{"lights": lights, "camera": CAMERA, **changes})
 
 
-@pytest.mark.parametrize("integrator", [Whitted(bounces=3), Path(samples=2, bounces=4)], ids=["Whitted", "Path"])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("integrator", [Path(samples=2, bounces=4), Whitted(bounces=3)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
     images = [render(bodies(**lights), (12, 8), integrator=integrator, backend=b) for b in ("numpy", "opencl", "glsl")]
