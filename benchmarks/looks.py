@@ -124,7 +124,6 @@ def catalogue() -> dict[str, Look]:
         "cut-out": Look(
             MetallicRoughness(RED, specular=0, roughness=1, cutout=STENCIL),
             {"type": "mask", "bsdf": matt, "opacity": holes},
-            "a hole counts as a bounce",
         ),
     }
 

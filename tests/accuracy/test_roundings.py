@@ -279,9 +279,9 @@ def test_the_command_names_the_lines_of_an_output(tmp_path, capsys) -> None:
         "numpy",
     ]
     assert cli.main([*command, "--math", "strict", "--lines", "y"]) == 0
-    said = capsys.readouterr().out
-    assert "f: roundings at f32 may change the result by " in said
-    assert "write 1 / (upper + sh.sqrt(x)) for upper - sh.sqrt(x)" in said
+    printed = capsys.readouterr().out
+    assert "f: roundings at f32 may change the result by " in printed
+    assert "write 1 / (upper + sh.sqrt(x)) for upper - sh.sqrt(x)" in printed
     assert cli.main([*command, "--math", "fast", "--lines"]) == 2
     assert "write instead: output='y' or output='z'" in capsys.readouterr().err
 

@@ -144,6 +144,24 @@ def test_backends_and_tracers_agree_to_the_bit(clear):
         np.testing.assert_array_equal(render(scene, (20, 12), **other).pixels, expected)
 
 
+def test_objects_move_and_precisions_agree_under_an_environment():
+    """A move sends places alone; binary64 and binary16 show the light of binary32."""
+    light = EnvironmentLight(gradient)
+    place = np.eye(4)
+    place[:3, 3] = 0.5, 0.25, -1
+    renderer = Renderer(scene_of(METALS, light), backend="numpy")
+    before = renderer.render((20, 12)).pixels
+    renderer.move(0, place)
+    moved = scene_of([METALS[0].transformed(place), *METALS[1:]], light)
+    expected = render(moved, (20, 12), backend="numpy").pixels
+    np.testing.assert_array_equal(renderer.render((20, 12)).pixels, expected)
+    assert (before != expected).any()
+    assert renderer.builds <= 2
+    for precision, bound in (("f64", 2.0**-20), ("f16", 2.0**-9)):  # 8 and 4 times the rounding of 1
+        other = render(moved, (20, 12), integrator=Whitted(precision=precision), backend="numpy").pixels
+        assert np.quantile(np.abs(other - expected), 0.9) < bound
+
+
 def test_a_ray_keeps_the_roughness_of_the_mirrors_that_it_has_met():
     """Rays from a smooth mirror to a rough one, back and up miss the sun by some degrees: only a blurred one shows."""
     sun = np.zeros((32, 64, 3), np.float32)

@@ -262,10 +262,10 @@ def test_a_reference_is_a_function_of_numpy_or_mpmath_or_an_array():
 def test_a_failure_shows_the_outputs_that_differ_from_the_reference():
     with pytest.raises(AssertionError) as failure:
         agrees(lambda x, y: (np.expm1(np.ma.masked_where(x > 3, x)), np.hypot(x, y + 1e-6)))
-    said = str(failure.value)
-    assert "  output 1:\n    reference    " in said
-    assert "1 ULP from reference" in said
-    assert "output 0" not in said
+    message = str(failure.value)
+    assert "  output 1:\n    reference    " in message
+    assert "1 ULP from reference" in message
+    assert "output 0" not in message
     agrees(lambda x, y: (np.expm1(np.ma.masked_where(x > 3, x)), np.hypot(x, y + 1e-6)), rtol=1e-6)
 
 
