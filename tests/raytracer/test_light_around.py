@@ -157,7 +157,7 @@ def test_objects_move_and_precisions_agree_under_an_environment():
     np.testing.assert_array_equal(renderer.render((20, 12)).pixels, expected)
     assert (before != expected).any()
     assert renderer.builds <= 2
-    for precision, bound in (("f64", 2.0**-20), ("f16", 2.0**-9)):  # 8 and 4 times the rounding of 1
+    for precision, bound in (("f64", 2.0**-20), ("f16", 2.0**-9)):  # 8 and 2 units in the last place of 1
         other = render(moved, (20, 12), integrator=Whitted(precision=precision), backend="numpy").pixels
         assert np.quantile(np.abs(other - expected), 0.9) < bound
 
