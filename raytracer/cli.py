@@ -456,7 +456,7 @@ def _moving(options: argparse.Namespace) -> tuple[Make, int, float]:
     """Return the scenes that are animated, the number of frames, and how many of them a second has."""
     path = Path(options.scene)
     if path.suffix.lower() in FORMATS:
-        file = AnimatedFile(path, options.clip, strict=options.strict, variant=options.variant)
+        file = AnimatedFile(path, options.clip, **viewing.choices(options))
         frames, fps = spread(file.seconds, options.frames, options.fps)
         return viewing.scenes_of_file(options, file, frames, fps), frames, fps
     if options.scene in SCENES and not path.exists():

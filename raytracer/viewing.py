@@ -60,6 +60,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--fov", type=_fov, metavar="DEG", help="the angle across the picture's shorter side")
     group.add_argument("--variant", metavar="NAME", help="GLB and glTF files: which of their variants of materials")
+    group.add_argument(
+        "--multiscatter", action="store_true", help="files: rough metals lose no light between their microfacets"
+    )
     group.add_argument("--no-floor", action="store_true", help="files: no floor under what is framed")
     group.add_argument(
         "--strict", action="store_true", help="files: a bad entry or a missing picture is an error, not a warning"
@@ -125,8 +128,15 @@ def check(options: argparse.Namespace, output: Path, *, framed: bool) -> None:
         raise SceneError("--camera NAME chooses a camera of a GLB or glTF file; --camera X,Y,Z places one")
     if options.variant is not None and not framed:
         raise SceneError("--variant is for GLB and glTF files: leave it out")
+    if options.multiscatter and not framed:
+        raise SceneError("--multiscatter is for the materials of files: leave it out")
     if options.strict and not framed:
         raise SceneError("--strict is for mesh files, whose entries are checked as they are read: leave it out")
+
+
+def choices(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keywords of `Scene.load` that say how a file is read."""
+    return {name: getattr(options, name) for name in ("strict", "variant", "multiscatter")}
 
 
 def scene_of(options: argparse.Namespace) -> Scene:
@@ -137,7 +147,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     path, framing = Path(options.scene), _framing(options, sky)
     if not is_file(path):
         return find_scene(options.scene)  # which says what there is
-    contents = load_contents(path, strict=options.strict, variant=options.variant)
+    contents = load_contents(path, **choices(options))
     return _painted(furnished(contents, path.stem, **framing), shown)
 
 

@@ -171,6 +171,11 @@ def isotropic(material: AnyMaterial, has_uv: bool, notices: Notices) -> AnyMater
     return replace(material, anisotropy=0.0)
 
 
+def restored(material: AnyMaterial) -> AnyMaterial:
+    """Return a material whose microfacets lose no light, where it is a `MetallicRoughness`."""
+    return replace(material, multiscatter=True) if isinstance(material, MetallicRoughness) else material
+
+
 def mean_number(picture: Texture) -> float:
     """Return the mean of a picture of a number."""
     return float(picture.image.mean(dtype=np.float64))

@@ -29,7 +29,7 @@ from raytracer.scene.framing import bounds_of, outermost
 from raytracer.scene.gltf_cameras import NamedCamera, chosen_camera
 from raytracer.scene.gltf_scene import GltfScene
 from raytracer.scene.lights import Light
-from raytracer.scene.loading import Contents, bytes_of, reading
+from raytracer.scene.loading import Contents, bytes_of, check_microfacets, reading
 from raytracer.scene.scene import Scene, furnished
 
 Corner = NDArray[np.float64]
@@ -52,14 +52,20 @@ class _Frame(NamedTuple):
 class AnimatedFile:
     """A GLB or glTF file with one of its animations: that with the name `clip`, or the first for None.
 
-    `strict` and `variant` are those of `Scene.load`.
+    `strict`, `variant` and `multiscatter` are those of `Scene.load`.
     `seconds` is the length of the animation. A feature of the file that is ignored gives an sh.ShpyWarning. Raises
     FileNotFoundError, and SceneError for a file that cannot be read, that has no animation of this name, or whose
     animation changes anything but nodes and the weights of morph targets.
     """
 
     def __init__(
-        self, path: str | PathLike[str], clip: str | None = None, *, strict: bool = False, variant: str | None = None
+        self,
+        path: str | PathLike[str],
+        clip: str | None = None,
+        *,
+        strict: bool = False,
+        variant: str | None = None,
+        multiscatter: bool = False,
     ) -> None:
         self.path = Path(path)
         if not self.path.is_file():
@@ -82,7 +88,9 @@ class AnimatedFile:
             obstacle = f"its animation {shown(self.clip.name)!r} {self.clip.obstacle}"
             raise SceneError(f"{self.path}: {obstacle}; nodes and morph weights alone can change: {cure}")
         with reading(self.path):
-            self._scene = GltfScene(document, self.path.stem, self._notices, animated=True, variant=variant)
+            choices: dict[str, Any] = {"variant": variant, "multiscatter": multiscatter}
+            self._scene = GltfScene(document, self.path.stem, self._notices, animated=True, **choices)
+        self._multiscatter = multiscatter
         if clip is None:
             self._notices.ignore("animations after the first", len(names) - 1)
         self.seconds = self.clip.seconds
@@ -137,6 +145,8 @@ class AnimatedFile:
         first, meshes = self._posed(0.0)
         if not meshes:
             raise SceneError(f"{self.path}: the file holds no triangles")
+        if self._multiscatter:
+            check_microfacets(self.path, meshes)
         corners, before = [outermost(meshes)], meshes
         some = min(frames, _FRAMED) - 1
         for k in range(1, some + 1):

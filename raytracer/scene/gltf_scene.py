@@ -23,7 +23,7 @@ from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
 from raytracer.memory import OutOfMemory, check_triangles
-from raytracer.meshes.appearance import CLAY
+from raytracer.meshes.appearance import CLAY, restored
 from raytracer.meshes.folder import BadEntry, Fault, Notices, named, shown
 from raytracer.meshes.gltf import BROKEN, Document, needed, reason_of, rows, table
 from raytracer.meshes.gltf_deformation import Deformation, deformation_of, skin_of
@@ -70,7 +70,8 @@ class GltfScene:
 
     Animations count as ignored unless it is `animated`: `posed` then gives the scene at a time. A bad entry is left
     out, and counted in the `notices`. `variant` is the name of one of the `variants`, of which each gives some
-    primitives other materials (KHR_materials_variants); BadEntry for another name.
+    primitives other materials (KHR_materials_variants); BadEntry for another name. `multiscatter`
+    is that of `Scene.load`.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class GltfScene:
         materials: bool = True,
         animated: bool = False,
         variant: str | None = None,
+        multiscatter: bool = False,
     ) -> None:
         self.document, self.name, self.notices = document, name, notices
         self._left_out: set[tuple[Fault, str]] = set()
@@ -91,7 +93,7 @@ class GltfScene:
         self.materials = GltfMaterials(document, notices)
         self.reads_materials = materials
         self.variants = [str(each.get("name")) for each in rows(_extension(document.tree, _VARIANTS), "variants")]
-        self._variant = self._number_of(variant)
+        self._variant, self._multiscatter = self._number_of(variant), multiscatter
         self._meshes: dict[int, list[_Part]] = {}
         self._deformed: dict[tuple[int, int], tuple[bytes, Mesh]] = {}
         self._built = self._placed = 0
@@ -382,7 +384,7 @@ class GltfScene:
         if number is not None and self.reads_materials:
             with self._entry(_MATERIAL, place_of("material", number)):
                 material = self.materials.get(number, has_uv)
-        return material
+        return restored(material) if self._multiscatter else material
 
 
 def _extension(entry: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from raytracer.appearance.materials import PLAIN, Material
-from raytracer.appearance.metallic_roughness import AnyMaterial
+from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Wrap
 from raytracer.errors import SceneError
 from raytracer.meshes.appearance import (
@@ -32,6 +32,7 @@ from raytracer.meshes.appearance import (
     mtl,
     picture_words,
     read_mtl,
+    restored,
 )
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
@@ -95,22 +96,35 @@ def load_mesh(path: str | PathLike[str], *, material: AnyMaterial | None = None,
 LOADERS["file"] = load_mesh
 
 
-def load_contents(path: str | PathLike[str], *, strict: bool = False, variant: str | None = None) -> Contents:
+def load_contents(
+    path: str | PathLike[str], *, strict: bool = False, variant: str | None = None, multiscatter: bool = False
+) -> Contents:
     """Read the meshes of a file with names and materials, cameras and lights; an sh.ShpyWarning lists what is left out.
 
     Errors and `strict` are those of `load_mesh`; with `strict` a file that the path's file names must be readable, too.
-    `variant` is one of the variants of materials of a glTF file; SceneError for a name that it has not.
+    `variant` and `multiscatter` are those of `Scene.load`; SceneError for a variant that the file has not, and for
+    `multiscatter` where no material has microfacets.
     """
     path = Path(path)
     if variant is not None and path.suffix.lower() not in _FLAT:
         raise SceneError(f"{path}: variants are those of GLB and glTF files: leave variant={variant!r} out")
     notices = Notices(path.name, strict=strict)
-    contents = _load(path, notices, materials=True, variant=variant)
+    contents = _load(path, notices, materials=True, variant=variant, multiscatter=multiscatter)
     notices.warn()
+    if multiscatter:
+        check_microfacets(path, contents.meshes)
     return contents
 
 
-def _load(path: Path, notices: Notices, *, materials: bool, variant: str | None = None) -> Contents:
+def check_microfacets(path: Path, meshes: Sequence[Mesh]) -> None:
+    """Raise SceneError for a file to whose materials `multiscatter` makes no difference."""
+    if not any(isinstance(mesh.material, MetallicRoughness) for mesh in meshes):
+        raise SceneError(f"{path}: multiscatter is for metallic-roughness materials, of which this file has none")
+
+
+def _load(
+    path: Path, notices: Notices, *, materials: bool, variant: str | None = None, multiscatter: bool = False
+) -> Contents:
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file in it")
     if not path.is_file():
@@ -121,7 +135,7 @@ def _load(path: Path, notices: Notices, *, materials: bool, variant: str | None 
     data = bytes_of(path)
     with reading(path):
         read = partial(_gltf, variant=variant) if kind in _FLAT else _READERS[kind]
-        contents: Contents = read(path, data, notices, materials)
+        contents: Contents = read(path, data, notices, materials, multiscatter)
         meshes = [mesh for mesh in contents.meshes if len(mesh)]
         contents = replace(contents, meshes=meshes if kind in _FLAT else _smoothed(meshes))
     if not contents.meshes:
@@ -168,8 +182,12 @@ def _smoothed(meshes: Sequence[Mesh]) -> Sequence[Mesh]:
     return [next(smooth_meshes) if mesh.normals is None else mesh for mesh in meshes]
 
 
-def _gltf(path: Path, data: bytes, notices: Notices, materials: bool, variant: str | None = None) -> Contents:
-    scene = GltfScene(Document(data, Folder(path)), path.stem, notices, materials=materials, variant=variant)
+def _gltf(
+    path: Path, data: bytes, notices: Notices, materials: bool, multiscatter: bool, variant: str | None
+) -> Contents:
+    document = Document(data, Folder(path))
+    choices: dict[str, Any] = {"variant": variant, "multiscatter": multiscatter}
+    scene = GltfScene(document, path.stem, notices, materials=materials, **choices)
     meshes = placed_all(path.name, scene.instances())
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
@@ -178,7 +196,7 @@ def _gltf(path: Path, data: bytes, notices: Notices, materials: bool, variant: s
     return Contents(meshes, scene.cameras(low, high), lights, path.name, variants=scene.variants)
 
 
-def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+def _obj(path: Path, data: bytes, notices: Notices, materials: bool, multiscatter: bool) -> Contents:
     parts, libraries = read_obj(data, path.stem, notices)
     library = Library(libraries, Folder(path), notices) if materials else None
     meshes: list[Mesh] = []
@@ -186,6 +204,7 @@ def _obj(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents
     for part, mesh in parts:
         number = names[mesh.name] = names.get(mesh.name, -1) + 1
         look = (library and library.material(part.material, mesh)) or (CLAY if mesh.colors is None else PLAIN)
+        look = restored(look) if multiscatter else look
         meshes.append(mesh.with_material(look, f"{mesh.name}_{number}" if number else mesh.name))
     described = {part.material for part, _ in parts} - {None}
     return Contents(meshes, materials=0 if materials else len(described))
@@ -263,14 +282,14 @@ class Library:
         return self.pictures.get((beside, file), file, find, wrap=wrap, alpha=alpha)
 
 
-def _plain(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+def _plain(path: Path, data: bytes, notices: Notices, materials: bool, multiscatter: bool) -> Contents:
     """Return the meshes of an STL or OFF file, which has no materials."""
     is_stl = path.suffix.lower() == ".stl"
     meshes = read_stl(data, path.stem, notices) if is_stl else [read_off(data, path.stem, notices)]
     return Contents([mesh.with_material(CLAY) for mesh in meshes] if materials else meshes)
 
 
-def _ply(path: Path, data: bytes, notices: Notices, materials: bool) -> Contents:
+def _ply(path: Path, data: bytes, notices: Notices, materials: bool, multiscatter: bool) -> Contents:
     folder, pictures = Folder(path), Pictures(notices)
     meshes: list[Mesh] = []
     for mesh, picture in read_ply(data, path.stem, notices):

@@ -158,6 +158,7 @@ class Scene:
         camera: Camera | Callable[[Camera], Camera] | str | int | None = None,
         strict: bool = False,
         variant: str | None = None,
+        multiscatter: bool = False,
     ) -> Scene:
         """Read the parts of an OBJ, GLB, glTF, PLY, STL or OFF file, with their names and materials.
 
@@ -165,13 +166,14 @@ class Scene:
         that sees everything to a file without cameras. Other files are framed: `up`, `floor` and `camera` are those of
         `framed`; a name or a number chooses one of the file's cameras, of which the first is taken otherwise. `lights`
         are added to those of the file, and take the place of the two. `variant` is the name of one of a glTF file's
-        variants of materials. docs/raytracer-files.md lists
-        what is read; other contents of a file, and missing pictures, cause an sh.ShpyWarning each. A bad
+        variants of materials. With `multiscatter` each `MetallicRoughness` of the file has it. docs/raytracer-files.md
+        lists what is read; other contents of a file, and missing pictures, cause an sh.ShpyWarning each. A bad
         entry, such as a face that names a normal that the file lacks, is left out; a warning counts them. With `strict`
         bad entries and pictures that are not there are errors. Raises FileNotFoundError, and SceneError for a file that
-        cannot be read or holds no triangles, and for a camera or a variant that it does not have.
+        cannot be read or holds no triangles, for a camera or a variant that it does not have, and for `multiscatter`
+        where it has no such material.
         """
-        contents = load_contents(path, strict=strict, variant=variant)
+        contents = load_contents(path, strict=strict, variant=variant, multiscatter=multiscatter)
         which = camera if isinstance(camera, str | int) else None
         eye = None if isinstance(camera, str | int) else camera
         return furnished(contents, Path(path).stem, up=up, floor=floor, lights=lights, camera=eye, which=which)

@@ -87,7 +87,7 @@ def _animation_of(path: Path, options: argparse.Namespace, notices: list[str]) -
             if not names_of(Document(bytes_of(path), Folder(path))):
                 return None
     try:
-        return AnimatedFile(path, clip, strict=options.strict, variant=options.variant)
+        return AnimatedFile(path, clip, **viewing.choices(options))
     except SceneError as error:
         if clip is not None:
             raise

@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from raytracer import viewing
 from raytracer.animation import ANIMATIONS, spread
 from raytracer.integrators.integrator import Integrator, Path as PathTracing, Staged
 from raytracer.scene.camera import Camera
@@ -114,6 +115,7 @@ class Shown:
         arguments += ["--exposure", repr(self.stops)] if self.stops else []
         arguments += [word for name, curve in self._curve().items() for word in (f"--{name}", curve)]
         arguments += ["--variant", options.variant] if options.variant is not None else []
+        arguments += ["--multiscatter"] if options.multiscatter else []
         arguments += ["--no-floor"] if options.no_floor else []
         arguments += ["--strict"] if options.strict else []
         shown = options.background
@@ -162,12 +164,13 @@ class Shown:
         if path.suffix == ".py":
             return [f'scene = runpy.run_path({options.scene!r})["scene"]({self.time!r})']
         framing = _named(self._framing())
-        strict: dict[str, Any] = {"strict": True} if options.strict else {}
-        strict |= {} if options.variant is None else {"variant": options.variant}
+        choices = {name: value for name, value in viewing.choices(options).items() if value}
         if self.time is None:
-            return [f"scene = rt.Scene.load({', '.join(filter(None, [repr(options.scene), framing, _named(strict)]))})"]
+            return [
+                f"scene = rt.Scene.load({', '.join(filter(None, [repr(options.scene), framing, _named(choices)]))})"
+            ]
         frames, fps = spread(self.length or 0.0, None, None)
-        named = _named({**({"clip": options.clip} if options.clip else {}), **strict})
+        named = _named({**({"clip": options.clip} if options.clip else {}), **choices})
         file = f"AnimatedFile({', '.join(filter(None, [repr(options.scene), named]))})"
         make = ", ".join(filter(None, [repr(frames), repr(fps), framing]))
         return [f"scene = {file}.make({make})({self.time!r})"]

@@ -128,6 +128,21 @@ def test_other_variants_are_refused(tmp_path):
         Scene.load(tmp_path / "a.obj", variant="noon")
 
 
+def test_rough_metals_of_files_lose_no_light_where_that_is_chosen(tmp_path):
+    path = file_of_variants().save(tmp_path / "shoe.glb")
+    for chosen in (False, True):
+        scene = Scene.load(path, variant="beach", multiscatter=chosen)
+        assert [mesh.material.multiscatter for mesh in scene.meshes[:2]] == [chosen] * 2
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl gold\nf 1 2 3\n")
+    (tmp_path / "a.mtl").write_text("newmtl gold\nKd 1 .8 .3\nPm 1\nPr .9\n")
+    assert Scene.load(tmp_path / "a.obj", multiscatter=True).meshes[0].material.multiscatter
+    (tmp_path / "a.mtl").write_text("newmtl gold\nKd 1 .8 .3\n")
+    with pytest.raises(
+        SceneError, match=r"a.obj: multiscatter is for metallic-roughness materials, of which this file"
+    ):
+        Scene.load(tmp_path / "a.obj", multiscatter=True)
+
+
 def test_an_animation_with_a_camera_and_a_variant(tmp_path):
     file = file_of_variants()
     flat = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 0}}
@@ -138,11 +153,12 @@ def test_an_animation_with_a_camera_and_a_variant(tmp_path):
     sampler = {"input": times, "output": places}
     channel = {"sampler": 0, "target": {"node": there, "path": "translation"}}
     file.add("animations", {"samplers": [sampler], "channels": [channel]})
-    make = AnimatedFile(file.save(tmp_path / "a.glb"), variant="midnight").make(2, 1, which="flat")
+    make = AnimatedFile(file.save(tmp_path / "a.glb"), variant="midnight", multiscatter=True).make(2, 1, which="flat")
     cameras = [make(time).camera for time in (0.0, 1.0)]
     assert [camera.projection for camera in cameras] == ["orthographic"] * 2
     assert [camera.position for camera in cameras] == [(0, 0, 6), (0, 1, 6)]
-    assert make(0.0).meshes[0].material.base_color == (0, 0, 1)
+    look = make(1.0).meshes[0].material
+    assert (look.base_color, look.multiscatter) == ((0, 0, 1), True)
 
 
 def test_the_command_lists_and_takes_cameras_and_variants(tmp_path, monkeypatch, capsys):
@@ -163,14 +179,15 @@ def test_the_command_lists_and_takes_cameras_and_variants(tmp_path, monkeypatch,
         assert main(["render", "seen.glb", "--camera", which, *command]) == 0
         expected = render(Scene.load("seen.glb", camera=1), (6, 4), backend="numpy")
         np.testing.assert_array_equal(np.load("p.npy")["pixels"], expected.pixels)
-    assert main(["render", "shoe.glb", "--variant", "midnight", *command]) == 0
-    expected = render(Scene.load("shoe.glb", variant="midnight"), (6, 4), backend="numpy")
+    assert main(["render", "shoe.glb", "--variant", "midnight", "--multiscatter", *command]) == 0
+    expected = render(Scene.load("shoe.glb", variant="midnight", multiscatter=True), (6, 4), backend="numpy")
     np.testing.assert_array_equal(np.load("p.npy")["pixels"], expected.pixels)
     capsys.readouterr()
     for words, error in (
         (["seen.glb", "--camera", "back"], "seen.glb has no camera 'back'"),
         (["boxes", "--camera", "front"], "--camera NAME chooses a camera of a GLB or glTF file; --camera X,Y,Z places"),
         (["boxes", "--variant", "beach"], "--variant is for GLB and glTF files: leave it out"),
+        (["boxes", "--multiscatter"], "--multiscatter is for the materials of files: leave it out"),
     ):
         assert main(["render", *words, *command]) == 1
         assert error in capsys.readouterr().err

@@ -23,7 +23,8 @@ def files(tmp_path):
     sky = np.random.default_rng(3).integers(0, 255, (4, 8, 3), np.uint8)
     pillow.fromarray(sky).save(tmp_path / "sky.png")
     file = File()
-    node = file.node(mesh=file.mesh(file.square()), translation=[0, 0, 0])
+    gold = file.material(pbrMetallicRoughness={"baseColorFactor": [1, 0.8, 0.3, 1]})
+    node = file.node(mesh=file.mesh(file.square(material=gold)), translation=[0, 0, 0])
     channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
     steps = {"input": file.array([0, 2]), "output": file.array([[0, 0, 0], [1, 0, 0]]), "interpolation": "LINEAR"}
     file.add("animations", {"name": "go", "channels": [channel], "samplers": [steps]})
@@ -41,7 +42,7 @@ CASES = {
     "boxes --samples 1": {"scene": {"integrator": "path"}, "edit": "color", "stop": 2},
     "wedge.obj --samples 1 --no-floor --strict": {"scene": {"camera": TURNED}, "edit": "color"},
     "wedge.obj --samples 4 --up z --target 0.3,0.1,0.2": {"params": {"exposure": [0.3]}},
-    "slide.glb --samples 1 --clip go": {"time": 0.75},
+    "slide.glb --samples 1 --clip go --multiscatter": {"time": 0.75},
     "slide.glb --samples 1 --no-floor": {"time": 1.3, "scene": {"camera": TURNED}},
     "moving.py --samples 4 --seconds 3": {"time": 0.125, "edit": "color"},
     "boxes --samples 1 --background sky.png --accel ldc:16": {},
