@@ -81,9 +81,16 @@ def test_grid_index_and_shape_follow_numpys_axes() -> None:
     def where() -> tuple[sh.Attrib3i, sh.Attrib3i]:
         return sh.grid_index(3), sh.grid_shape(3)
 
-    index, shape = glsl(where)(shape=(3, 5, 70))
-    assert np.array_equal(np.moveaxis(index, -1, 0), np.indices((3, 5, 70)))
-    assert (shape == (3, 5, 70)).all()
+    kernel = glsl(where)
+    stream = sh.Stream(np.zeros((2, 4, 6, 3), np.int32), sh.Attrib3i, "glsl")
+    # A uniform is sent where it changes: runs over arrays and streams share the kernel's.
+    for grid in ((3, 5, 70), (2, 4, 6), (3, 5, 70), (1, 5000, 1)):
+        index, shape = kernel(shape=grid)
+        assert np.array_equal(np.moveaxis(index, -1, 0), np.indices(grid))
+        assert (shape == grid).all()
+        streams = kernel.run(out=(stream, sh.Stream(stream.numpy(), sh.Attrib3i, "glsl"))).outputs
+        assert np.array_equal(np.moveaxis(streams[0].numpy(), -1, 0), np.indices((2, 4, 6)))
+        assert (streams[1].numpy() == (2, 4, 6)).all()
 
 
 # Types

@@ -51,10 +51,11 @@ class Pool:
         """Return an object of a kind, its contents undefined: an unused one, or else a new one."""
         while self._dropped:
             self.give_back(*self._dropped.pop())
-        if not self._free[kind]:
+        free = self._free[kind]
+        if not free:
             return make()
         self._kept -= kind.bytes
-        return self._free[kind].pop()
+        return free.pop()
 
     def give_back(self, kind: Kind, thing: Any) -> None:
         """Keep a buffer or texture that is no longer used; release it if the pool is full."""

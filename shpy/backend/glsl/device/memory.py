@@ -27,6 +27,7 @@ from shpy.backend.glsl.device.textures import (
     Framebuffer,
     Store,
     as_texels,
+    output_form,
     read,
     shown_texture,
     write,
@@ -222,7 +223,7 @@ class GlslSpace:
         return memory
 
     def _take(self, width: int, height: int, count: int, type: Type, dtype: np.dtype[Any]) -> GlslMemory:
-        kind, target = self._store.target([type], width, height)
+        kind, target = self._store.target((output_form(type),), width, height)
         memory = GlslMemory(self, target, width, count, type, dtype)
         memory.loan = self._store.pool.lend(kind, target)
         return memory

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +22,7 @@ from shpy.backend.device.pool import Kind
 from shpy.backend.glsl.device.collective import collectives
 from shpy.backend.glsl.device.context import Context, check
 from shpy.backend.glsl.device.memory import GlslMemory, GlslSpace, own
-from shpy.backend.glsl.device.textures import FORMATS, Framebuffer, Store, read
+from shpy.backend.glsl.device.textures import FORMATS, Form, Framebuffer, Store, output_form, read
 from shpy.backend.glsl.text.interface import FIRST, FOLD, GRID_SHAPE, LAST, RUNNING, WIDTH, Shader, TableTexture
 from shpy.errors import CompileError
 from shpy.ir.nodes import Loc, Status
@@ -44,14 +44,23 @@ _USER_LINE: Final = re.compile(r"// (.+):(\d+)$")
 class Program:
     """A linked program with its shader, the draw that runs it, and the texture unit of each sampler that it reads.
 
-    `pace` is how much of a call one draw does.
+    `forms` has those of the outputs, `uniforms` those that the driver has kept, and `values` the last ones that were
+    set. `pace` is how much of a call one draw does.
     """
 
     shader: Shader
-    program: Any
+    forms: tuple[Form, ...]
+    uniforms: dict[str, Any]
     vertices: Any
     units: dict[str, int]
     pace: Pace
+    values: dict[str, Any] = field(default_factory=dict)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a uniform, if the driver has kept it and it has another value."""
+        if name in self.uniforms and self.values.get(name) != value:
+            self.uniforms[name].value = value
+            self.values[name] = value
 
 
 class Runtime:
@@ -84,7 +93,7 @@ class Runtime:
             if len(samplers) > limit:
                 raise _too_many(len(samplers), limit, loc) from e
             raise refused(shader.source, str(e), loc) from e
-        uniforms = set(program)
+        uniforms = {name: program[name] for name in program}
         units = {sampler: unit for unit, sampler in enumerate(s for s in samplers if s in uniforms)}
         if len(units) > limit:  # some drivers link such a program nevertheless
             program.release()
@@ -92,8 +101,9 @@ class Runtime:
         vertices = self.context.gl.vertex_array(program, [])
         check(self.context.gl, "prepare a program")
         for sampler, unit in units.items():
-            program[sampler].value = unit
-        result = self._programs[key] = Program(shader, program, vertices, units, Pace(steady=steady, bounded=steady))
+            uniforms[sampler].value = unit
+        forms, pace = tuple(map(output_form, shader.outputs)), Pace(steady=steady, bounded=steady)
+        result = self._programs[key] = Program(shader, forms, uniforms, vertices, units, pace)
         doomed = self.context.doomed
         weakref.finalize(result, lambda: doomed.extend((program, vertices))).atexit = False
         return result
@@ -103,17 +113,18 @@ class Runtime:
 
         The status is the output after the last of `call.outputs`. It has to be called on the context's thread.
         """
-        last = len(call.outputs)
-        status = np.ones(call.count, np.int32) if any(last in g for g in groups) else None
+        last, count = len(call.outputs), call.count
+        # The program that makes the status comes first: the others' outputs are written where it says so.
+        draws = sorted(zip(programs, groups, strict=True), key=lambda draw: last not in draw[1])
+        status = np.ones(count, np.int32) if last in draws[0][1] else None
         width = row_length(call.shape, self.context.limits.width)
         band = max(1, min(self.context.limits.width, BAND // width)) * width
-        for first in range(0, call.count, band):
-            part = slice(first, min(first + band, call.count))
+        for first in range(0, count, band):
+            part = slice(first, min(first + band, count))
             lent: list[tuple[Kind, Any]] = []
             inputs: Inputs = {}
             try:
-                # The program that makes the status comes first: the others' outputs are written where it says so.
-                for program, group in sorted(zip(programs, groups, strict=True), key=lambda p: last not in p[1]):
+                for program, group in draws:
                     target = self._draw(program, call, part, width, lent, inputs)
                     _collect(target, program.shader.outputs, group, call, status, part, width)
             finally:
@@ -126,16 +137,14 @@ class Runtime:
     def _draw(
         self, program: Program, call: Call, part: slice, width: int, lent: list[tuple[Kind, Any]], inputs: Inputs
     ) -> Framebuffer:
-        shader, gl = program.shader, self.context.gl
-        count = part.stop - part.start
-        kind, target = self.store.target(shader.outputs, width, -(-count // width))
+        shader, count = program.shader, part.stop - part.start
+        kind, target = self.store.target(program.forms, width, -(-count // width))
         lent.append((kind, target))
-        check(gl, "make the outputs")
         for port in shader.inputs:
             if port.sampler in program.units and port.index not in inputs:
-                array = call.inputs[port.index]
+                array, form = call.inputs[port.index], (port.type.size, FORMATS[port.type.base.value])
                 alone = len(array) == 1
-                lent.append(self.store.filled(array if alone else array[part], 1 if alone else width))
+                lent.append(self.store.filled(array if alone else array[part], form, 1 if alone else width))
                 inputs[port.index] = lent[-1][1], not alone
         self.bind(program, call, inputs)
         target.framebuffer.use()
@@ -146,11 +155,10 @@ class Runtime:
         self, program: Program, shape: tuple[int, ...], start: int, count: int, width: int, *, reads: bool
     ) -> None:
         """Run the cells of `count` elements, of which the first is `start`, in rows of `width`: see `Pace.driver`."""
-        gl_program = program.program
-        _set(gl_program, FIRST, start)
-        _set(gl_program, WIDTH, width)
-        _set(gl_program, GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
-        _set(gl_program, RUNNING, True)
+        program.set(FIRST, start)
+        program.set(WIDTH, width)
+        program.set(GRID_SHAPE, (*shape, 1, 1, 1, 1)[:4])
+        program.set(RUNNING, True)
         rows, rest = divmod(count, width)
 
         def draw(first: int, height: int) -> None:
@@ -165,7 +173,7 @@ class Runtime:
     def _dispatch(self, program: Program, across: int, first: int, height: int) -> None:
         """Run some rows."""
         self.context.go_on()
-        _set(program.program, LAST, (across - 1, first + height - 1))
+        program.set(LAST, (across - 1, first + height - 1))
         self.context.gl.viewport = (0, first, across, height)
         program.vertices.render(self.context.moderngl.TRIANGLES, 3)
 
@@ -175,13 +183,12 @@ class Runtime:
             if port.sampler in program.units:
                 texture, each = inputs[port.index]
                 texture.use(program.units[port.sampler])
-                _set(program.program, port.each, int(each))
+                program.set(port.each, int(each))
         for table in program.shader.tables:
             self._bind_table(program, table, call.tables[table.name])
         for name, (uniform, type) in program.shader.params.items():
-            place = program.program.get(uniform, None)  # `in` would go through the list of all
-            if place is not None:
-                place.write(uniform_bytes(call.params[name], type))
+            if uniform in program.uniforms:
+                program.uniforms[uniform].write(uniform_bytes(call.params[name], type))
 
     def _bind_table(self, program: Program, table: TableTexture, data: TableData | TableMemory) -> None:
         """Let a sampler read a table, and tell the program its shape, for which it may ask without reading it."""
@@ -192,7 +199,7 @@ class Runtime:
             texture = self.store.table(data, table.type) if table.sampler in program.units else None
         if table.sampler in program.units:
             texture.use(program.units[table.sampler])
-        _set(program.program, table.shape, shape if len(shape) > 1 else shape[0])
+        program.set(table.shape, shape if len(shape) > 1 else shape[0])
 
 
 class DeviceRun:
@@ -276,13 +283,6 @@ def uniform_bytes(value: Array, type: Type) -> bytes:
     return np.ascontiguousarray(value).astype(dtype).tobytes()
 
 
-def _set(program: Any, name: str, value: Any) -> None:
-    """Set a uniform, if the driver has kept it."""
-    place = program.get(name, None)
-    if place is not None:
-        place.value = value
-
-
 def _collect(
     target: Framebuffer,
     types: tuple[Type, ...],
@@ -301,8 +301,8 @@ def _collect(
             continue
         out = call.outputs[output][part].reshape(-1, type.size)
         dtype = np.dtype(FORMATS[type.base.value])
-        view = out.view(np.uint8) if out.dtype == np.bool_ else out
-        if written is None and view.dtype == dtype:
+        view = out.view(np.uint8) if out.dtype.char == "?" else out
+        if written is None and view.dtype is dtype:
             read(target, attachment, type, view, width)
             continue
         values = np.empty(out.shape, dtype)

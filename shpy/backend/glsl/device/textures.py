@@ -6,16 +6,16 @@ table is kept as long as its `TableData` lives and its version does not change.
 
     store = Store(context)
     texture = store.table(data, vec("f", 3))   # the device's copy, sent only when it has changed
-    kind, source = store.filled(array, 1024)
+    kind, source = store.filled(array, (1, "f4"), 1024)
     store.pool.give_back(kind, source)
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +30,9 @@ from shpy.ir.types import Type
 
 FORMATS: Final = {"f": "f4", "h": "f4", "i": "i4", "u": "u4", "b": "u1"}
 """The components of a texture by the base of what it holds."""
+
+Form = tuple[int, str]
+"""The number and the format of a texel's components."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +77,12 @@ def _shown_class(texture: Any) -> Any:
 
 def as_texels(array: Array) -> Array:
     """Return the array as GL takes it: float16 as float32, bools as bytes; float64 is refused."""
-    if array.dtype == np.float64:
+    code = array.dtype.char
+    if code == "d":
         raise ShpyError("GLSL 3.30 has no f64")
-    if array.dtype == np.float16:
+    if code == "e":
         return array.astype(np.float32)
-    return np.ascontiguousarray(array).view(np.uint8) if array.dtype == np.bool_ else np.ascontiguousarray(array)
+    return np.ascontiguousarray(array).view(np.uint8) if code == "?" else np.ascontiguousarray(array)
 
 
 class Store:
@@ -104,7 +108,7 @@ class Store:
         else:
             texels = _padded(data.array, type.size)
             rows = -(-len(texels) // FOLD)
-            texture = self._texture((min(len(texels), FOLD), rows), texels.shape[1], texels.dtype)
+            texture = self._texture((min(len(texels), FOLD), rows), (texels.shape[1], FORMATS[type.base.value]))
             weakref.finalize(data, self.context.doomed.append, texture).atexit = False
             write(texture, texels, texture.width)
         check(self.context.gl, "send a table")
@@ -112,53 +116,53 @@ class Store:
         self.uploads += 1
         return texture
 
-    def _texture(self, size: tuple[int, int], components: int, dtype: np.dtype[Any]) -> Any:
+    def _texture(self, size: tuple[int, int], form: Form) -> Any:
         limit = self.context.limits.width
         if max(size) > limit:
             raise ShpyError(f"a table of {size[0] * size[1]} elements: this device's textures hold {FOLD * limit}")
-        texture = self.context.gl.texture(size, components, dtype=f"{dtype.kind}{dtype.itemsize}", alignment=1)
+        texture = self.context.gl.texture(size, form[0], dtype=form[1], alignment=1)
         check(self.context.gl, f"make a texture of {size[0]} x {size[1]}")
         nearest = self.context.moderngl.NEAREST
         texture.filter = (nearest, nearest)
         return texture
 
-    def _take(self, width: int, height: int, each: int, make: Callable[..., Any], *form: Hashable) -> tuple[Kind, Any]:
-        """Take what `make(size, *form)` makes, of one of few sizes with room for so many rows of `width` texels.
-
-        `each`: the bytes of a texel.
-        """
-        limit = self.context.limits.width
-        size = min(rounded(width), limit), min(rounded(height), limit)
-        kind = Kind(size[0] * size[1] * each, (size, *form))
-        return kind, self.pool.take(kind, lambda: make(size, *form))
-
-    def filled(self, array: Array, width: int) -> tuple[Kind, Any]:
+    def filled(self, array: Array, form: Form, width: int) -> tuple[Kind, Any]:
         """Take a texture and fill it with the elements of `array`, (n, components) or (n,), in rows of `width`."""
-        texels = as_texels(array).reshape(len(array), -1)
-        (rows, components), dtype = texels.shape, texels.dtype
-        each, height = components * dtype.itemsize, -(-rows // width)
-        kind, texture = self._take(width, height, each, self._texture, components, dtype)
+        texels = as_texels(array)
+        kind, size = _kind(self.context.limits.width, width, -(-len(texels) // width), (form,), drawn=False)
+        texture = self.pool.take(kind, lambda: self._texture(size, form))
         write(texture, texels, width)
         check(self.context.gl, "send an input")
         return kind, texture
 
-    def target(self, types: Sequence[Type], width: int, height: int) -> tuple[Kind, Framebuffer]:
-        """Take a framebuffer of at least `width` x `height` with an output of each type."""
-        # Only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1).
-        formats = tuple((4 if t.size == 3 else t.size, FORMATS[t.base.value]) for t in types)
-        cells = sum(components * int(dtype[1]) for components, dtype in formats)
-        return self._take(width, height, cells, self._new_target, formats)
+    def target(self, forms: tuple[Form, ...], width: int, height: int) -> tuple[Kind, Framebuffer]:
+        """Take a framebuffer of at least `width` x `height` with an output of each form."""
+        kind, size = _kind(self.context.limits.width, width, height, forms, drawn=True)
+        return kind, self.pool.take(kind, lambda: self._new_target(size, forms))
 
-    def _new_target(self, size: tuple[int, int], formats: tuple[tuple[int, str], ...]) -> Framebuffer:
-        """Return a new framebuffer of this size with a texture for each of (components, format)."""
+    def _new_target(self, size: tuple[int, int], forms: tuple[Form, ...]) -> Framebuffer:
+        """Return a new framebuffer of this size with a texture of each form."""
         gl = self.context.gl
         textures = []
-        for components, dtype in formats:
+        for components, dtype in forms:
             textures.append(gl.texture(size, components, dtype=dtype, alignment=1))
             check(gl, f"make an output of {size[0]} x {size[1]}")
         framebuffer = gl.framebuffer(textures)
-        check(gl, f"make a framebuffer of {len(formats)} outputs")
+        check(gl, f"make a framebuffer of {len(forms)} outputs")
         return Framebuffer(framebuffer, tuple(textures))
+
+
+def output_form(type: Type) -> Form:
+    """Return the form of an output: only one, two and four components must be renderable (OpenGL 3.3 section 3.8.1)."""
+    return 4 if type.size == 3 else type.size, FORMATS[type.base.value]
+
+
+@lru_cache(maxsize=256)
+def _kind(limit: int, width: int, height: int, forms: tuple[Form, ...], *, drawn: bool) -> tuple[Kind, tuple[int, int]]:
+    """Return the kind of a texture, or of a framebuffer that is drawn to, and its size: one of few with enough room."""
+    size = min(rounded(width), limit), min(rounded(height), limit)
+    each = sum(components * int(format[1]) for components, format in forms)
+    return Kind(size[0] * size[1] * each, (size, forms, drawn)), size
 
 
 def write(texture: Any, texels: Array, width: int, row: int = 0) -> None:
