@@ -6,7 +6,7 @@ import signal
 import sys
 import tempfile
 import zlib
-from collections import Counter
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,16 +61,30 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items):
-    """Mark most cases of sampled tests as slow. The longest files run first: no worker is left alone with one."""
-    found = Counter()
+    """Mark most cases of sampled tests as slow. The longest files run first: no worker is left alone with one.
+
+    Of n cases one after the other, the one runs by default that has the most values of parameters that no case before
+    it has; a checksum of the names decides between equals, so that each backend is that of some tests.
+    """
+    sampled = defaultdict(list)
     for item in items:
-        sampled = item.get_closest_marker("sampled")
-        if sampled is not None:
-            test = item.nodeid.partition("[")[0]
-            if found[test] % sampled.args[0]:
-                item.add_marker(pytest.mark.slow)
-            found[test] += 1
+        if item.get_closest_marker("sampled") is not None and item.get_closest_marker("slow") is None:
+            sampled[item.nodeid.partition("[")[0]].append(item)
+    for cases in sampled.values():
+        count, met = cases[0].get_closest_marker("sampled").args[0], set()
+        for start in range(0, len(cases), count):
+            group = cases[start : start + count]
+            chosen = max(group, key=lambda item: (len(_values(item) - met), zlib.crc32(item.nodeid.encode())))
+            met |= _values(chosen)
+            for item in group:
+                if item is not chosen:
+                    item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: item.path.stem not in LONGEST)
+
+
+def _values(item):
+    """Return the parameters of a case, each with the place of its value."""
+    return set(item.callspec.indices.items()) if hasattr(item, "callspec") else set()
 
 
 class Snapshots:

@@ -29,7 +29,7 @@ def mesh():
     return knot(segments=24, sides=6)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("work", [*command.KERNELS.values(), *command.CHAINS.values()], ids=lambda work: work.name)
 def test_every_backend_gives_the_answer_of_numpy(work):
     contenders = [*TARGETS, "masks"]
@@ -39,6 +39,7 @@ def test_every_backend_gives_the_answer_of_numpy(work):
     assert {n: a.text for n, a in measured.agreement.items() if not a.same} == {}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["primary", "secondary-any"])
 def test_rays_find_the_same_on_every_backend(name, mesh):
     (work,) = command.works([name], mesh)

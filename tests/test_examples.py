@@ -94,7 +94,7 @@ SHOWN = {
 }
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", SHOWN)
 def test_every_backend_shows_the_same_to_the_last_bit(name):
     shown = [SHOWN[name](example(name), backend) for backend in ("numpy", "opencl", "glsl")]
@@ -142,6 +142,7 @@ def test_bodies_attract_each_other_as_newton_says(backend):
     assert m.picture(moved, size=32).max() > 0.3
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_planet(backend):
     m = example("planet")
@@ -159,6 +160,7 @@ def test_planet(backend):
     assert drowned[..., 0].mean() < picture[..., 0].mean()
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_blur(backend):
     m = example("blur")
@@ -218,6 +220,7 @@ def test_heat(backend):
     assert found[free].min() > 0
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_particles(backend):
     m = example("particles")
@@ -243,6 +246,7 @@ def test_particles(backend):
     np.testing.assert_allclose(moved.at, couple["at"] + step, rtol=1e-6)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_equalize(backend):
     m = example("equalize")
@@ -255,6 +259,7 @@ def test_equalize(backend):
     assert np.ptp(after) > 0.95
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_patterns(backend):
     m = example("patterns")
@@ -270,6 +275,7 @@ def test_patterns(backend):
     np.testing.assert_allclose(mosaic[1, 9], np.asarray(stone), atol=1e-5)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_textures(backend):
     picture = example("textures").scene.compile(backend)(shape=(90, 160))
@@ -369,6 +375,7 @@ def test_occlusion():
     np.testing.assert_array_equal(plain, 1)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
     picture = SHOWN["whitted"](example("whitted"), backend)
@@ -376,6 +383,7 @@ def test_whitted_gives_the_picture_of_the_integrator_to_the_bit(backend):
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_raster_gives_the_traced_picture_where_both_see_the_same_triangle(backend):
     """Rays start up to 2**-13 of the distance beside the traced ones, and only at the edge of a light that shows."""
@@ -404,6 +412,7 @@ def test_trace():
     assert float(slope.value) == np.float32(3) * np.float32(0.01) * np.float32(0.01)
 
 
+@pytest.mark.slow
 def test_fabrics():
     """Each cloth has its own colour, and its sheen makes it brighter than it is without."""
     m = example("fabrics")
@@ -415,6 +424,7 @@ def test_fabrics():
         assert seen.mean(axis=0).argmax() == channel
 
 
+@pytest.mark.slow
 def test_metals():
     """The balls have the colours of their metals, and sharp ones show the lamps."""
     m = example("metals")
@@ -437,6 +447,7 @@ def test_studio():
     assert disk.std() > 0.3 * disk.mean()
 
 
+@pytest.mark.slow
 def test_cube_maps_mirror_far_things_alone():
     """Beside exact rays a cube map is right but for what is near; a layered depth cube errs far less."""
     m = example("cubemap")

@@ -79,7 +79,7 @@ def shown(name: str) -> str:
     return ascii(name) if len(name) < 40 else f"{name[:4]!a} {len(name)}"
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", NAMES, ids=shown)
 def test_a_name_is_only_a_name(name):
     """In every role at once: module, input, output, param, table, functions, values, variables, file."""
@@ -117,6 +117,7 @@ ARGUMENTS = [
 ]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ARGUMENTS, ids=shown)
 def test_an_argument_of_any_name_that_python_takes(name):
     """Through exec, as a field, a Param's and a subroutine's name as well."""
@@ -184,6 +185,7 @@ LIES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("said", LIES)
 def test_a_text_that_lies_is_refused_at_once(said):
     sh.parse(text())  # makes the parser

@@ -120,7 +120,7 @@ def lines_of(work):
     return count
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("make", [choices, additions, chain, functions])
 def test_work_grows_with_the_program(make):
     """Four times the statements take at most 4.4 times the work, in every stage."""

@@ -91,6 +91,7 @@ def check(name: str, precision: str, modes: tuple[str, ...], count: int) -> int:
 WHOLE = [name for name in FLOATS if name not in ("float_from_bits",)]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_operations_keep_their_bounds(precision: str) -> None:
     for name in WHOLE:
@@ -163,6 +164,7 @@ def check_library(name: str, precision: str, count: int, modes: tuple[str, ...])
         assert away.max() <= scale * eps, (name, precision, math, away.max(), given[away.max(axis=1).argmax()])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_functions_of_the_library_keep_their_contracts(precision: str) -> None:
     for name in LIBRARY:

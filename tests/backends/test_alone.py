@@ -96,7 +96,7 @@ def climbs(name):
     return climbing
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("name", "widths"),
     [("rows", (1, 4, 16, 32)), ("k", (4,)), ("n", (16,)), ("lanes", (4,)), ("there", (16,)), ("steps_of", (32,)),

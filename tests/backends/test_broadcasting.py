@@ -86,6 +86,7 @@ def check(kernel, backend, rng):
         assert not kept[~mask].any()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_random_shapes_broadcast_as_numpys_do(backend):
     rng = np.random.default_rng(23)

@@ -49,6 +49,7 @@ def test_every_operation_is_in_the_list() -> None:
     assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
 
 
+@pytest.mark.sampled(2)
 @each(CASES)
 def test_targets_agree_with_the_interpreter(case: Case) -> None:
     """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.
@@ -91,7 +92,7 @@ def test_opencl_agrees_on_the_other_exits_and_types(case: Case) -> None:
     agree(case, "opencl")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @each([case for case in STRUCTURED if case not in SELDOM])
 def test_opencl_agrees_with_the_interpreter(case: Case) -> None:
     """Each case takes one of the widths: the elements in a packet are independent.
@@ -143,7 +144,7 @@ def transcendental(case: Case) -> bool:
 PARTS = 8
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("part", range(PARTS))
 def test_portable_mode_agrees_with_the_interpreter(part: int) -> None:
     """Every fourth case; which cases those are is known once all are recorded, so they are parts of one list."""

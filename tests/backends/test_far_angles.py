@@ -92,7 +92,7 @@ def check_bound(found: Array, name: str, precision: str, bound: float) -> None:
             assert off <= bound, f"{name} of {float(given).hex()} is {result.hex()}: {off} ULP off"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_strict_keeps_its_bound_at_every_angle_with_the_same_bits(name: str, precision: Any) -> None:
@@ -106,7 +106,7 @@ def test_strict_keeps_its_bound_at_every_angle_with_the_same_bits(name: str, pre
         assert program(name).compile("glsl")(x).tobytes() == found.tobytes()
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(20)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", NAMES)

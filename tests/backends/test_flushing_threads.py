@@ -105,6 +105,7 @@ def halve(u: sh.Attrib1f) -> sh.Attrib1f:
     return u * 0.5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["numpy", "opencl"])
 def test_streams_compute_as_elsewhere(name):
     numbers = [k * 1e-41 for k in range(-40, 40)]

@@ -86,7 +86,7 @@ def inputs_of(program, precision="f32", count=400):
     return arrays
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_every_backend_gives_the_bits_of_the_interpreter(name):
     backends = EVERYWHERE if name == "control" else ["interpreter", "numpy", "opencl-1", "opencl-8", "glsl"]
@@ -98,7 +98,7 @@ def having(precision):
     return ["interpreter", "numpy", "opencl-1", "opencl-8", *["glsl"] * (precision != "f64")]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_other_precisions(name, precision):
@@ -150,6 +150,7 @@ def residual(a: sh.Attrib1f, b: sh.Attrib1f):
     return a * b - p, p - a * b, a * b + -p
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("backend", "precision"), [(b, p) for p in PRECISIONS for b in having(p)])
 def test_the_error_of_a_product(backend, precision):
     a, b = finite(2, 200, precision=precision)

@@ -243,6 +243,7 @@ def test_blocks_nested_deep_are_right_or_refused() -> None:
     assert np.array_equal(glsl(deep(60))(x), np.clip(x, 0, 60))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("count", [20, 100, 250])
 def test_many_early_returns_do_not_nest_too_deep(count: int) -> None:
     """llvmpipe forgets conditions past 79, and to it what follows a return is nested in it."""

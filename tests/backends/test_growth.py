@@ -40,6 +40,7 @@ def open_files():
     return min(counted() for _ in range(20))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_programs_that_were_evicted_are_released(backend, monkeypatch):
     monkeypatch.setattr(kernels, "_executables", {})

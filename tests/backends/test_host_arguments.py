@@ -125,6 +125,7 @@ def some_outputs(rng, wanted, given):
     return tuple(outputs)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_any_array_means_its_numbers(backend):
     kernel = work.compile(backend)

@@ -53,6 +53,7 @@ def test_ldexp_rounds_once(base, lanes):
     assert (np.abs(wanted) < np.finfo(x.dtype).tiny).sum() > 10_000
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "ranges"), [("exp", [(-746, -707)]), ("exp2", [(-1076, -1021)]), ("pow", [(0.5, 0.6), (800, 1300)])]
 )

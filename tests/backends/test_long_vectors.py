@@ -71,6 +71,7 @@ def expected() -> tuple[Any, ...]:
     return w[:, :4], w[:, :3:-1], dot, folds
 
 
+@pytest.mark.sampled(2)
 @everywhere
 def test_vectors_of_eight_meet_everything_else(backend: str, lanes: int | None) -> None:
     for result, right in zip(run(mixed, backend, lanes, A, B, N), expected(), strict=True):
@@ -159,7 +160,7 @@ def of_four(a: sh.Attrib4f) -> sh.Attrib4f:
     return summed(a)
 
 
-@pytest.mark.sampled(5)  # each width and each option once
+@pytest.mark.sampled(15)  # each width and each option once
 @everywhere
 @pytest.mark.parametrize(
     "options", [{}, {"fuse": True}, {"precision": "f16"}, {"precision": "f64"}, {"math": "portable"}], ids=str

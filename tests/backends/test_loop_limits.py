@@ -319,6 +319,7 @@ LACKING = {"glsl": {"while with a test", "do"}, "opencl": {"for without"}}
 """A loop of unknown length tells on GLSL that it finishes before it is left; without that its test is in the head."""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_the_list_has_every_spelling(backend: str) -> None:
     options = {"lanes": 1} if backend == "opencl" else {}

@@ -159,7 +159,7 @@ PROGRAMS = [
 ]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.name)
 def test_all_exits_of_a_loop_are_taken(program):
     x = np.arange(-3, 120, dtype=np.int32)

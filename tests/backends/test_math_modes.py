@@ -126,7 +126,7 @@ def check_strict(name: str, *arrays: Array) -> None:
     check_same(program(name).compile("glsl")(*arrays), reference, arrays, flushed=flushes_denormals("glsl"))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", UNARY)
 def test_strict_keeps_its_bound_and_has_the_same_bits_everywhere(name: str) -> None:
     for x in sweep(4_099):
@@ -154,7 +154,7 @@ def test_strict_of_two_keeps_its_bound_at_random(name: str) -> None:
     check_strict(name, a, b)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 @pytest.mark.parametrize("every", [all_of_one, all_of_two])
 def test_strict_has_the_same_bits_in_packets_of_any_width(every: Callable[[], sh.Program], lanes: Any) -> None:
@@ -165,6 +165,7 @@ def test_strict_has_the_same_bits_in_packets_of_any_width(every: Callable[[], sh
         check_same(found[name], program(name).compile("opencl")(*arrays), arrays)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_relaxed_keeps_the_bound_of_opencl(backend: str) -> None:
     flushed, kernel = flushes_denormals(backend), all_of_one().compile(backend, math="relaxed")
@@ -238,7 +239,7 @@ def check_bound_of_doubles(name: str, results: Array, arrays: tuple[Array, ...])
             assert off <= bound, f"{given}: {found} is {float(off)} ULP off"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", sorted(TRANSCENDENTALS))
 def test_strict_doubles_keep_their_bound_and_have_the_same_bits(name: str) -> None:
     x = doubles(name)

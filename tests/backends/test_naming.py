@@ -35,6 +35,7 @@ def test_every_nasty_name_becomes_a_legal_one_of_its_own(target: Target) -> None
     assert len(set(given_out)) == len(given_out)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("target", TARGETS)
 @given(wanted=st.lists(st.text(max_size=60) | st.from_regex(r"[a-z_]{1,5}_?[0-9]?", fullmatch=True), max_size=30))
 def test_any_text_becomes_a_legal_name_of_its_own(target: Target, wanted: list[str]) -> None:

@@ -172,6 +172,7 @@ def test_a_value_keeps_what_it_read_before_a_store() -> None:
     assert b.tolist() == [2, -3]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("expected", "make"),
     [

@@ -30,24 +30,26 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("base", "fdiub")
 def test_every_operation_of_one_lane(base: str) -> None:
     check_every_operation(1, base, 1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("base", "size", "lanes"), [("f", 3, 4), ("d", 2, 1), ("i", 4, 4), ("u", 3, 1), ("b", 2, 4)])
 def test_every_operation_on_vectors(base: str, size: int, lanes: int) -> None:
     check_every_operation(lanes, base, size)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("base", "fdiub")
 @pytest.mark.parametrize("lanes", [16, 8])
 def test_every_operation(lanes: int, base: str) -> None:
     check_every_operation(lanes, base, 1)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.usefixtures("plain")
 @pytest.mark.parametrize(("base", "lanes"), [(base, 1) for base in "fdiu"] + [("f", 8), ("b", 4)])
 def test_every_operation_where_the_compiler_has_no_extensions(base: str, lanes: int) -> None:

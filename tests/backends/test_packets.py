@@ -188,6 +188,7 @@ def test_inputs_that_are_the_same_for_all(lanes: int) -> None:
     same(*both(add, lanes, rng.normal(size=(37, 3)).astype(np.float32), [1.0, 2.0, 3.0], rng.random(37) < 0.5))
 
 
+@pytest.mark.sampled(3)
 @each_width
 def test_memory_of_every_type(lanes: int) -> None:
     check_memory(lanes, "fdiub")
@@ -234,7 +235,7 @@ def test_each_lane_knows_its_place(lanes: int, shape: tuple[int, ...]) -> None:
     same(found, (expected[..., 0] if rank == 1 else expected).astype(np.int32))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", ["f", "i", "u", "b"])
 @each_width
 def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
@@ -267,7 +268,7 @@ def test_tables_are_read_at_places_that_differ(lanes: int, kind: str) -> None:
             same(next(found), np.broadcast_to(element, (50, *element.shape)))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", [sh.Attrib1f, sh.Attrib2i, sh.Attrib1b, sh.Attrib1d])
 @each_width
 def test_arrays_of_a_lane_of_its_own(lanes: int, kind: Any) -> None:

@@ -47,6 +47,7 @@ def test_every_operation(lanes: int, base: str) -> None:
     test_packet_operations.test_every_operation(lanes, base)
 
 
+@pytest.mark.sampled(2)
 @each_wide
 def test_vectors_of_every_size_by_halves(lanes: int) -> None:
     if refused(lanes):
@@ -63,6 +64,7 @@ def test_loops_branches_and_exits(lanes: int) -> None:
         same(found, expected)
 
 
+@pytest.mark.sampled(2)
 @each_wide
 def test_tails_of_lists_and_rows(lanes: int) -> None:
     if refused(lanes):
@@ -81,7 +83,7 @@ def test_tails_of_lists_and_rows(lanes: int) -> None:
             same(found, expected, shape)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("lanes", [32])
 @pytest.mark.parametrize("options", [{"math": "relaxed"}, {"math": "fast"}, {"precision": "f16"}, {"precision": "f64"}])
 def test_functions_of_every_mode_and_precision_have_halves(lanes: int, options: dict[str, str]) -> None:

@@ -103,6 +103,7 @@ def check(told):
         assert told["right"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("type", "length", "arrays", "options"),
     [
@@ -147,6 +148,7 @@ def test_arrays_of_subroutines_count_at_each_call(calls, lanes):
     check(ran("opencl", "Attrib1f", 4096, calls, called=True, lanes=lanes))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "glsl"])
 def test_other_backends_bound_them_too(backend):
     check(ran(backend, "Attrib1f", 900, 2))

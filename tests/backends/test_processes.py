@@ -172,6 +172,7 @@ def test_streams_of_before_a_fork_say_that_drivers_do_not_survive(tmp_path):
         assert parent == [0, 2, 4]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_forked_child_ends_with_its_status(tmp_path, backend):
     """After `os.fork` and in multiprocessing, while a thread of the parent runs kernels and compiles others."""
@@ -303,6 +304,7 @@ TOO_LONG = {"numpy": (200_000, 2_000_000), "opencl": (200_000, 2_000_000), "glsl
 """Elements and iterations of `long`: GLSL's device allows few iterations, so it gets many elements."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_ctrl_c_ends_a_long_run(tmp_path, backend):
     """The same process goes on, and a kernel whose calls were short until then is no slower to stop."""
@@ -345,6 +347,7 @@ print("ending")
     assert done.returncode == -signal.SIGINT
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_process_ends_while_a_daemon_runs_a_kernel(tmp_path, backend):
     done = run(
@@ -361,6 +364,7 @@ print("ending", flush=True)
     assert (done.returncode, done.stdout) == (0, "ending\n"), done.stderr
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_exit_handlers_run_kernels_after_daemons_were_stopped(tmp_path, backend):
     """Handlers that were registered before the device was opened come last. Daemons end without a word."""
@@ -387,6 +391,7 @@ print("ending", flush=True)
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_stream_may_be_read_while_the_interpreter_ends(tmp_path, backend):
     """In `__del__` after the threads have stopped, and at exit before; or an error tells that it cannot be."""

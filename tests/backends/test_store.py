@@ -138,6 +138,7 @@ def test_a_folder_that_cannot_be_made_is_told_once(folder, monkeypatch, tmp_path
     assert len(told) == 1
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_warning_names_the_line_that_compiles(tmp_path, backend):
     """The work of GLSL is done by a thread of its own, in which no line is the user's."""
@@ -149,6 +150,7 @@ def test_a_warning_names_the_line_that_compiles(tmp_path, backend):
     assert f"{tmp_path}/program.py:6: ShpyWarning: what drivers can do is not kept" in done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("variable", "value", "place"),
     [

@@ -46,7 +46,7 @@ def stencil(offsets: tuple[tuple[int, int], ...], wraps: str = "") -> sh.Program
 NEAR = ((0, 0), (-1, 0), (1, 1), (0, -17), (2, 3))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("wraps", ["", "grid", "table"])
 @pytest.mark.parametrize("lanes", LANES)
 def test_borders(lanes: int, wraps: str) -> None:
@@ -59,6 +59,7 @@ def test_borders(lanes: int, wraps: str) -> None:
             assert np.array_equal(answer, moved(field, shape, by, shape if wraps else None)), (shape, by)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("wraps", ["", "grid", "table", "other"])
 @pytest.mark.parametrize("sides", [((6, 150), (6, 150)), ((6, 150), (9, 70)), ((6, 150), (3, 300)), ((1, 1), (5, 64))])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
@@ -79,6 +80,7 @@ def test_tables_of_other_sizes_than_the_grid_and_moduli_that_are_not_its_shape(
 FAR = (1 << 16, (1 << 16) + 1, 2**31 - 1, -(2**31))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("by", [(0, FAR[0]), (0, FAR[1]), (0, -FAR[1]), (FAR[2], 0), (0, FAR[2]), (FAR[3], FAR[3])])
 @pytest.mark.parametrize("wraps", ["", "grid"])
 def test_far_offsets_wrap_around_as_ints_do(by: tuple[int, int], wraps: str) -> None:
@@ -115,7 +117,7 @@ def single(a: sh.Table[sh.Attrib1f, 2]) -> sh.Attrib1f:
     return a[i + (0, 1)] - a[i - (1, 0)]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 @pytest.mark.parametrize("lanes", [4, 16, 64])
 def test_types_several_tables_discards_and_loops_give_the_bits_of_numpy(lanes: int, precision: Any) -> None:

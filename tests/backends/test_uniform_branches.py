@@ -9,6 +9,7 @@ from test_uniforms import assert_same, everywhere
 import shpy as sh
 
 
+@pytest.mark.sampled(3)
 @everywhere
 @pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge])
 def test_a_comparison_with_nan_is_false_and_its_opposite_true(options, compare):

@@ -62,6 +62,7 @@ M = np.float32([0.0, -0.0, 1.0, -1.0, np.nan, 0.0, -0.0, *[0.0, -0.0] * 16])
 Z = np.float32([0.0, 0.0, -0.0, np.nan, -0.0, -0.0, 0.0, *[-0.0, 0.0] * 16])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_every_backend_chooses_the_same_zero(precision):
     programs = (chosen, (M,)), (least, (M, Z)), (vectors, (np.stack([M, Z, -M], axis=-1),))

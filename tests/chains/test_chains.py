@@ -211,6 +211,7 @@ def data(seed, size):
 TREES = chains(st.one_of(st.sampled_from(ALL), loops(), decided_loops(ALL)))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @settings(max_examples=25)
 @given(tree=TREES, seed=st.integers(0, 9), size=st.sampled_from([1, 2, 7, 64, 131]))
@@ -283,6 +284,7 @@ def traverse(rays: Ray, heights: sh.Table[sh.Attrib1f, 1]) -> Ray:
     return Ray(rays.at + step * rays.along, rays.along, rays.left - 1)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_structs_and_tables(backend):
     chain = sh.sequence(generate, sh.loop(traverse))

@@ -82,7 +82,7 @@ def check(backend, n, seed, least, share):
         assert stream.numpy().tobytes() == expected[name].tobytes(), (name, backend, n, least)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("least", [0.01, 0.2, 0.75, 1.0])
 @on_every_backend
 def test_a_share_decides_as_a_host_loop(backend, least):

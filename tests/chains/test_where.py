@@ -40,6 +40,7 @@ def bits(data):
     return np.ascontiguousarray(array).view(np.uint8)
 
 
+@pytest.mark.sampled(2)
 @SHARES
 @on_every_backend
 def test_elements_that_do_not_run_keep_what_out_held(backend, share):
@@ -83,6 +84,7 @@ def test_an_output_may_be_an_input(backend):
     assert double.compile(backend).run(np.zeros((0,)), where=np.zeros(0, bool)).count == 0
 
 
+@pytest.mark.sampled(3)
 @SHARES
 @on_every_backend
 def test_kernels_that_do_not_know_their_place(backend, share):
@@ -136,6 +138,7 @@ def halve(x: sh.Attrib2f, by: sh.Attrib1f):
     return {"half": x / by, "rest": x.x > by}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("precision", ["f16", "f32", "f64"])
 @pytest.mark.parametrize("pays", [True, False])
 def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):

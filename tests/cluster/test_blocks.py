@@ -211,7 +211,7 @@ def test_params_are_sent_as_they_are_when_the_array_is_made():
     assert after.compute().tolist() == (K * 3).tolist()
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(15)
 @every
 @pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
 def test_stencils_have_the_bits_of_one_run(name, chunks):
@@ -223,7 +223,7 @@ def test_stencils_have_the_bits_of_one_run(name, chunks):
         assert found[stream].compute().tobytes() == wanted[stream].numpy().tobytes()
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(15)
 @every
 @pytest.mark.parametrize("chunks", [(10, 10), (40, 31), (7, 31), (3, 4)])
 @pytest.mark.parametrize("step", [torus, tube], ids=["torus", "tube"])
@@ -309,6 +309,7 @@ def looked_up(k: sh.Attrib1i, u: sh.Table[sh.Attrib1f, 2], rays: sh.Table[Ray, 1
     return {"value": u[k % 40, k // 3] * ray.o.y, "point": ray.m @ ray.o.xy, "place": sh.grid_index(1)}
 
 
+@pytest.mark.sampled(3)
 @every
 def test_a_dask_array_is_a_table_with_the_bits_of_one_run(name):
     """Each worker joins the chunks of arrays that its blocks read at any index, plain ones and fields of structs."""

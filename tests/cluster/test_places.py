@@ -54,6 +54,7 @@ def test_compacted_elements_and_indices_are_those_of_one_stream(chunks, size):
             assert array.compute().tobytes() == stream.numpy().tobytes()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("chunks", [(20, 31), (3, 10), (1, 31)])
 @pytest.mark.parametrize("combine", [None, mixed, turned])
 def test_scattered_values_have_the_bits_of_one_stream(chunks, combine):

@@ -51,6 +51,7 @@ def check_top_k(backend, count, seed, **options):
         assert_same_bits(found.elements, x[order] if k else x[:0])
 
 
+@pytest.mark.sampled(3)
 def test_distinct_elements(moved):
     check_unique(moved, 150, 1)
 
@@ -67,6 +68,7 @@ def test_the_greatest_of_many_elements(moved):
     check_top_k(moved, 6, 4, sizes=LARGE[:6])
 
 
+@pytest.mark.sampled(2)
 def test_programs_do_the_same(by_programs):
     check_unique(by_programs, 60, 5)
     check_top_k(by_programs, 60, 6)

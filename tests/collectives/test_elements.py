@@ -46,6 +46,7 @@ def steps(*shape):
     return Step(rng.choice([0.5, 1.0, 2.0], shape), Part(matrices, np.ones(shape, np.int32)))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("n", [1, 7, 200])
 def test_elements_of_a_named_tuple(target, n):
     given = steps(n)

@@ -3,6 +3,7 @@
 import threading
 
 import numpy as np
+import pytest
 from collectives.definition import target
 
 import shpy as sh
@@ -25,6 +26,7 @@ def subtract(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a - b
 
 
+@pytest.mark.sampled(5)
 def test_a_repeated_reduction_sees_what_the_stream_holds_now(target):
     """A reduction is prepared for the memory that the stream has at that time, and a run may replace that."""
     n = 5000

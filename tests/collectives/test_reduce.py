@@ -39,11 +39,13 @@ def check(target, sizes, seed):
             assert not differs(found, tree(x, f)).any(), (n, seed, program)
 
 
+@pytest.mark.sampled(2)
 def test_reductions_have_the_bits_of_the_tree(target):
     check(target, SIZES, 1)
     check(target, np.random.default_rng(5).integers(1, 300, 14), 2)
 
 
+@pytest.mark.sampled(2)
 def test_scalars_have_the_bits_of_the_tree(target):
     for n in (63, 64, 65, 66, 67, 127, 1003, 4097):
         x = columns(n, 4, target)
@@ -70,6 +72,7 @@ FEW = (1, 2, 19, 60)
 """Sizes: a driver compiles the kernels anew for some of them."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("cases", [range(16), pytest.param(range(16, 40), marks=pytest.mark.slow)], ids=str)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_denormals_are_no_zeros(backend, cases):
@@ -92,6 +95,7 @@ def test_denormals_are_no_zeros(backend, cases):
         assert np.array_equal(along.argmax(axis=0).numpy(), np.argmax(along.numpy(), axis=0))
 
 
+@pytest.mark.sampled(2)
 def test_sizes_around_blocks_and_parts(trees):
     for n in AROUND:
         for seed, x in enumerate((columns(n, 21, trees)[:, 3].copy(), specials(n, 22, trees))):
@@ -150,6 +154,7 @@ def halve_both(a: sh.Attrib1f, b: sh.Attrib1f) -> sh.Attrib1f:
     return a - b * 0.5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("parts", [2, 1 << 11, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 37))])
 def test_parts_of_any_number_have_the_bits_of_the_tree(monkeypatch, parts):
     """As on a device with another number of cores: more parts than a block has elements, among others."""
@@ -191,6 +196,7 @@ def vectors(x, target):
 BACKENDS = ("numpy", "opencl", "glsl")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_sums_of_vectors_along_an_axis(backend):
     for n in (1, 2, 3, 17, 33, 257):
@@ -206,6 +212,7 @@ def test_sums_of_vectors_along_an_axis(backend):
         assert not differs(rows.mean(), tree(x.reshape(-1, 4), add) / np.float32(4 * n)).any(), n
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_extremes_and_where_they_stand(backend):
     for n in (1, 2, 3, 17, 33, 257):
@@ -221,6 +228,7 @@ def test_extremes_and_where_they_stand(backend):
             assert (getattr(rows, f"arg{name}")() == at).all(), (n, name)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_logic_and_counts(backend):
     x = np.array([[0, -0.0, 1, np.nan], [0, 0, 2, 0], [0, 0, 3, 0]], np.float32)
@@ -236,6 +244,7 @@ def test_logic_and_counts(backend):
     assert flags.any(axis=1).numpy().dtype == np.bool_
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_integers_wrap(backend):
     x = np.random.default_rng(1).integers(0, 2**32, 1000, np.uint32)
@@ -264,6 +273,7 @@ def test_no_elements(backend):
     assert sh.Stream.empty((0, 3), sh.Attrib1f, backend=backend).min(axis=1).shape == (0,)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_exact_sums_are_rounded_once(backend):
     for n in (0, 1, 2, 3, 17, 2500):
@@ -311,6 +321,7 @@ def test_exact_sums_of_doubles_are_those_of_fsum(backend):
             assert found.numpy().dtype == np.float64
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 @pytest.mark.parametrize(("type_", "word"), [(sh.Attrib1d, np.float64), (sh.Attrib1h, np.float16)])
 def test_other_floats_than_the_working_one(backend, type_, word):
@@ -328,7 +339,7 @@ def test_other_floats_than_the_working_one(backend, type_, word):
     assert s.sum("exact") == word(math.fsum(x.tolist()))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib2h, "f32"), (sh.Attrib2f, "f16")])
 @pytest.mark.parametrize("n", [2049, 70_001])
@@ -341,7 +352,7 @@ def test_a_mean_divides_by_a_number_that_16_bits_do_not_hold(backend, type_, pre
     assert s.reshape(1, n).mean(axis=1).numpy().tobytes() == wanted.tobytes()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize(("type_", "precision"), [(sh.Attrib1h, "f32"), (sh.Attrib1f, "f16")])
 def test_16_bits_are_added_in_32(backend, type_, precision):

@@ -201,6 +201,7 @@ class Drawn:
                 SH_RETURN(tuple(self.names), self.test(), through=True)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("first", range(0, 30, 10))
 def test_generated_programs_have_the_value_of_their_text(first):
     for number in range(first, first + 10):

@@ -112,7 +112,7 @@ def test_every_example_has_a_golden_result():
     assert {name.partition(".")[0] for name in CASES} == files - DRAWN.keys()
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", CASES)
 def test_examples_have_their_bits(name, monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))

@@ -319,6 +319,7 @@ def curved(p: sh.Attrib3f) -> sh.Attrib1f:
     return total
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("program", "mode"), [(curved, "forward"), (curved, "reverse"), (wave, "reverse")])
 def test_derivatives_in_other_modes_of_arithmetic(program: sh.Program, mode: Any) -> None:
     """Portable and fused derivatives have the same bits everywhere; relaxed and fast ones are near to those at f64."""
@@ -335,6 +336,7 @@ def test_derivatives_in_other_modes_of_arithmetic(program: sh.Program, mode: Any
             assert (np.abs(slopes - exact) < 2e-5 * size).all(), (math, target)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_fused_derivatives_have_the_same_bits_everywhere(mode: Any) -> None:
     """Also in wide packets, of a program that was pickled."""

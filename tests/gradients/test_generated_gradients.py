@@ -113,7 +113,7 @@ def check_bits(tree: Tree, target: str) -> None:
             assert not (differs(a, b) & ~flushed).any(), f"{mode} on {target}\n{source(tree)}"
 
 
-@pytest.mark.sampled(200)
+@pytest.mark.sampled(400)
 @pytest.mark.parametrize("shard", range(400))
 def test_both_modes_agree(shard: int) -> None:
     @quietly

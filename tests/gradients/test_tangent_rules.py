@@ -78,6 +78,7 @@ ORIGINS = RNG.uniform(-0.1, 0.1, (30, 3))
 DIRECTIONS = RNG.uniform(-0.1, 0.1, (30, 3)) + (0, 0, 1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_rules_of_solvers(mode: Any) -> None:
     """The derivative is the difference quotient, has the same bits on every backend, and the text calls the rule."""

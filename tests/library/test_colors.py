@@ -26,12 +26,14 @@ def conversion(*names):
     return sh.program(convert)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CONVERSIONS)
 def test_all_backends_give_the_same_bits(name):
     turn = CONVERSIONS.index(name)
     sh.testing.assert_equivalent(conversion(name), np.concatenate([COLORS, ODD]), backends=covering(turn))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @pytest.mark.parametrize("name", ["hsv", "hsl", "srgb", "xyz", "lab"])
 def test_there_and_back_again(name, backend):
@@ -56,6 +58,7 @@ def test_hues_are_those_of_colorsys(backend):
     np.testing.assert_allclose(turned, [(0, 0, 1), (0, 0, 1)], atol=1e-6)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @pytest.mark.parametrize("precision", ["f32", "f16"])
 def test_srgb_is_exact_at_its_ends_and_near_the_standard_between(backend, precision):
@@ -80,6 +83,7 @@ def test_alpha_stays_and_negative_numbers_mirror():
         assert np.asarray(convert(0.5)) == found[0]
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_white_has_luminance_one_and_no_hue(backend):
     xyz = conversion("xyz_from_linear").compile(backend)((1, 1, 1))

@@ -104,6 +104,7 @@ def test_differences_are_those_of_the_neighbours(value, shape):
     assert shape == (1, 1) or np.ptp(dx) > 0
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("value", VALUES)
 def test_all_backends_give_the_same_bits(value):
     sh.testing.assert_equivalent(differences(value), shape=(7, 9), backends=covering(VALUES.index(value)))

@@ -31,6 +31,7 @@ def given(size, points):
     return points[:, 0] if size == 1 else points
 
 
+@pytest.mark.sampled(3)
 @in_each_dimension
 def test_all_backends_give_the_same_bits(size):
     points = given(size, POINTS[size])
@@ -44,6 +45,7 @@ def test_all_backends_give_the_same_bits(size):
         sh.testing.assert_equivalent(program, points, backends=covering(turn))
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @in_each_dimension
 def test_octaves_add_up(size, backend):
@@ -100,6 +102,7 @@ def nearest(points, size, metric):
     return np.sort(np.linalg.norm(away, norm, axis=-1), axis=1)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("metric", "size", "backend"),
     [(metric, size, "numpy") for metric in METRICS for size in (1, 2, 3)]

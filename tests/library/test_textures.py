@@ -34,7 +34,7 @@ DEEP = ["clamp", ("mirror", "repeat", "clamp")]
 FILTERS = ["nearest", "linear", "cubic"]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("wrap", FLAT)
 @pytest.mark.parametrize("filter", FILTERS)
 def test_all_backends_give_the_same_bits(filter, wrap):
@@ -42,6 +42,7 @@ def test_all_backends_give_the_same_bits(filter, wrap):
     sh.testing.assert_equivalent(program, UV, backends=covering(FLAT.index(wrap) + FILTERS.index(filter)))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("filter", FILTERS)
 @pytest.mark.parametrize("wrap", DEEP)
 def test_all_backends_give_the_same_bits_in_space(filter, wrap):
@@ -71,6 +72,7 @@ def centers(shape):
     return np.stack(grid[::-1], axis=-1)
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @pytest.mark.parametrize("wrap", WRAPS)
 def test_the_wrap_of_an_axis_is_a_sequence_of_indices(wrap, backend):
@@ -120,6 +122,7 @@ def resampled(image, places, wraps, kernel):
     return total
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 @pytest.mark.parametrize("filter", KERNELS)
 def test_filters_are_convolutions(filter, backend):
@@ -133,6 +136,7 @@ def test_filters_are_convolutions(filter, backend):
     np.testing.assert_allclose(found, resampled(SPACE, UVW[:80], wraps, filter), atol=2e-5)
 
 
+@pytest.mark.sampled(2)
 @on_every_backend
 @pytest.mark.parametrize("filter", ["linear", "cubic"])
 def test_smooth_filters_reproduce_texels_and_ramps(filter, backend):
@@ -157,6 +161,7 @@ def test_a_texture_in_space_has_numpys_axes(backend):
 # Mipmaps
 
 
+@pytest.mark.sampled(3)
 @on_every_backend
 def test_level_0_is_the_image(backend):
     for wrap in ("clamp", ("mirror", "repeat")):

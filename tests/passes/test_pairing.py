@@ -124,6 +124,7 @@ def test_each_of_two_lanes_gets_its_own_results(function):
     assert_pairs(sh.program(function).ir, GIVEN)
 
 
+@pytest.mark.slow
 def test_random_functions():
     """Functions of random statements around one loop, as far as `pair` takes them."""
     taken = 0

@@ -58,6 +58,7 @@ def branchy(count):
     return program(fill)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("make", "count"), [(straight, 1000), (branchy, 500)])
 def test_effort_is_linear(make, count):
     modules = make(count), make(4 * count)

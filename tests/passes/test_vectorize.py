@@ -98,7 +98,7 @@ def test_every_condition_is_uniform_afterwards():
                     assert s.until not in varying
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("padded", [False, True])
 def test_with_one_lane_a_vectorised_module_means_what_it_did(padded):
     for seed in range(200):

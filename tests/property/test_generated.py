@@ -108,7 +108,7 @@ def test_many_specialized_programs_agree(shard: int) -> None:
         agree_specialized(shard, part, EVERYWHERE)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @each_part
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:
@@ -138,7 +138,7 @@ def test_fused_programs_agree(shard: int, part: int) -> None:
     agree_fused(shard, part, rotated(shard)[1:])
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @each_part
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_fused_programs_agree_at_other_precisions(precision: Precision, part: int) -> None:

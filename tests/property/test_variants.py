@@ -73,7 +73,7 @@ def test_variants_give_the_same(shard):
     check(shard, 10, endless=False)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("shard", range(8, 10))
 def test_variants_of_programs_with_loops_beyond_their_limit_give_the_same(shard):
     check(shard, 10, endless=True)

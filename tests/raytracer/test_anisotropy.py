@@ -45,7 +45,7 @@ def metals(**changes):
     )
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=3), Whitted(bounces=2)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
@@ -136,6 +136,7 @@ def test_a_mesh_needs_uv_coordinates():
         render(Scene([bare], []), (4, 4), backend="numpy")
 
 
+@pytest.mark.slow
 def test_a_brushed_white_ball_gains_nothing():
     plastic = MetallicRoughness((1, 1, 1), roughness=0.15, anisotropy=0.8)
     for look in (plastic, dataclasses.replace(plastic, metallic=1.0), dataclasses.replace(plastic, roughness=0.0)):

@@ -47,7 +47,7 @@ def rays(mesh, count=2000, seed=1):
     return origins.astype(np.float32), directions.astype(np.float32)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_every_triangle(name, backend):
@@ -77,6 +77,7 @@ WIDTHS = (1, 4, 8, 16), (1, 16)
 """The lanes of packets that walk through boxes with two children, and with four."""
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ["bricks", "soup"])
 @pytest.mark.parametrize(
     ("query", "widths"),
@@ -203,6 +204,7 @@ def test_nothing_to_hit():
     assert not empty.occluded([[0, 0, 0]], [[1, 0, 0]])[0]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_pictures_are_the_same(backend):
     mirror = Material((0.7, 0.7, 0.8), reflectivity=0.4)

@@ -167,6 +167,7 @@ def scene_of(camera):
     return Scene(meshes, (PointLight((3, 5, 4), (20, 18, 15), falloff="square"),), camera)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CAMERAS)
 def test_backends_bands_and_tracers_agree_to_the_last_bit(name, monkeypatch):
     scene = scene_of(CAMERAS[name])

@@ -38,6 +38,7 @@ def test_cases_are_different_and_cover_what_the_thesis_varies():
         assert {c.iterations for c in found if (c.scene, c.backend) == (scene, "numpy")} == set(christen.ITERATIONS)
 
 
+@pytest.mark.slow
 def test_the_study_measures_every_case_and_writes_them(few, tmp_path):
     told = []
     found = christen.study(["numpy"], progress=lambda done, total: told.append((done, total)))

@@ -43,6 +43,7 @@ def test_pictures_have_the_bits_of_one_process(client):
         assert_same(render(scene, (16, 9), cluster=client, **given), render(scene, (16, 9), **given))
 
 
+@pytest.mark.slow
 def test_tiles_of_any_size_make_the_same_picture(client):
     scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
     wanted = render(scene, (11, 13), **given)
@@ -94,6 +95,7 @@ def scene(time):
 """
 
 
+@pytest.mark.slow
 def test_the_commands_write_what_they_write_without_a_cluster(client, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     here = ["--cluster", client.scheduler.address]

@@ -40,6 +40,7 @@ def traced(near, **options):
     return trace_ray
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("backend", "accel"),
     [("numpy", accel) for accel in ("bvh", "grid", "brute", "ldc:64", "ldc:64:triangle")]
@@ -104,6 +105,7 @@ def test_normals_and_uv_are_interpolated(kernel):
     np.testing.assert_allclose(result.normal[result.object == 1], result.face[result.object == 1], atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_rays_without_a_limit_meet_what_there_is_in_fast_mode(backend, near):
     origins, directions = rays(64)
@@ -257,6 +259,7 @@ def test_a_scene_far_from_0():
 # Streams
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_streams_of_rays_give_streams_of_hits(backend):
     near, (origins, directions) = Intersector(SCENE, backend=backend), rays()

@@ -377,7 +377,7 @@ def test_a_picture_goes_on_to_the_bits_of_one_without_a_break(name, begun, whole
         np.testing.assert_array_equal(found.layers[layer], expected)
 
 
-@pytest.mark.sampled(60)
+@pytest.mark.sampled(180)
 @pytest.mark.parametrize("name", sorted(CHANGES.keys() - REFUSED))
 def test_another_picture_is_not_continued(name, begun):
     pieces = base()

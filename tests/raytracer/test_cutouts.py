@@ -131,6 +131,7 @@ def test_the_staged_tracer_agrees(backend):
     same(staged, render(scene, (24, 16), backend=backend, bounces=0, accel="grid"))
 
 
+@pytest.mark.slow
 def test_path_tracing_agrees_on_every_backend():
     meshes = everything().meshes
     scene = Scene([meshes[1], meshes[-1]], (EnvironmentLight((1, 1, 1)),), Camera((0, 2, 6), (0, 0.8, 0), fov=45))

@@ -46,7 +46,7 @@ def difference(one, other):
     return 255 * float(np.sqrt(np.mean((one.pixels - other.pixels) ** 2)))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 @pytest.mark.parametrize(
     "options", [{"bounces": 2}, {"integrator": "path", "samples": 2, "bounces": 3}], ids=["whitted", "path"]
@@ -76,7 +76,7 @@ def test_weights_are_those_of_texels_centres(backend):
     np.testing.assert_allclose(along, cube.images.depths, atol=1e-4 * np.ptp(corners))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @every
 @pytest.mark.parametrize("hit", ["plane", "triangle"])
 def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):
@@ -94,6 +94,7 @@ def test_flat_surfaces_of_one_colour_differ_by_rounding_alone(backend, hit):
     assert 0 < np.abs(found.pixels - exact.pixels).max() < 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(16, 32, 128), pytest.param((16, 64, 256), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hit", [pytest.param("plane", marks=pytest.mark.slow), "triangle"])
 def test_pictures_come_nearer_to_exact_shading_with_the_resolution(hit, sizes):
@@ -137,6 +138,7 @@ def test_samples_follow_objects_that_move_and_colours_that_change():
     same(renderer.render(SIZE), render(repainted, SIZE, accel="ldc:128:triangle:deferred", backend="numpy", bounces=2))
 
 
+@pytest.mark.slow
 def test_samples_follow_the_data_of_their_programs():
     tint = sh.Param(sh.Color3f, (0.9, 0.3, 0.2), name="tint")
     gain = sh.Table([0.5], sh.Attrib1f)

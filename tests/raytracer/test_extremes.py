@@ -37,6 +37,7 @@ def standing_at(mesh, offset):
     return Mesh(f32(mesh.vertices * (100 if max(map(abs, offset)) > 1e5 else 1) + np.array(offset)), mesh.faces)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_leaves_a_closed_mesh(name, accel):
@@ -188,6 +189,7 @@ def test_what_is_no_triangle_or_no_number_is_missed(backend):
     np.testing.assert_array_equal(found["bvh"].t, found["brute"].t)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_rays_that_are_no_rays_miss(backend, accel):
@@ -304,7 +306,7 @@ def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(("accel", "distance"), [("bvh", 0), ("bvh", 1e3), ("bvh", 1e6), ("grid", 0), ("grid", 1e4)])
 @pytest.mark.parametrize("name", CLOSED)
 def test_no_ray_hits_the_triangle_that_it_starts_from(name, distance, accel):
@@ -427,6 +429,7 @@ def in_255ths(pixels):
     return 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["boxes", pytest.param("mirror-box", marks=pytest.mark.slow), "mixed"])
 def test_a_scene_looks_the_same_wherever_it_stands(name):
     """At least 99.5 % of pixels within 2/255 of the picture in f64 of the scene where it was made."""

@@ -155,6 +155,7 @@ def shapes():
     return Scene(meshes, lights, Camera((0, 3, 7), (0, 0.7, 0), fov=42))
 
 
+@pytest.mark.slow
 def test_backends_and_accelerators_agree_to_the_last_bit(monkeypatch):
     scene = shapes()
     size = 30, 20
@@ -179,6 +180,7 @@ def test_arrays_of_rays_that_wait_are_named():
         assert name in text
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.slow), 16])
 def test_every_width_agrees(lanes):
     renderer = Renderer(shapes(), backend="opencl", bounces=4)

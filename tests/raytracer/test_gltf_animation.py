@@ -121,6 +121,7 @@ def test_normalised_integers_are_rotations():
     np.testing.assert_allclose(Clip(document, number).pose(0.5)[node]["rotation"], [0, 0, HALF, HALF])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize("smooth", [False, True])
 def test_frames_are_the_pictures_of_still_files(tmp_path, own, smooth):

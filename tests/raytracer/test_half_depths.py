@@ -54,6 +54,7 @@ def test_numbers_in_groups_are_read_back():
         np.testing.assert_array_equal(groups.bases[np.arange(1001) >> shift] + words.astype(np.int32), numbers)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("hit", ["plane", "sample"])
 def test_every_backend_gives_the_same_samples_and_hits(hit):
     origins, directions = rays(150)
@@ -91,6 +92,7 @@ def test_tables_take_half_the_memory():
         assert half.samples == single.samples
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("resolution", [1, 2, 33])
 def test_many_samples_in_few_texels(resolution):
     """Groups of texels become smaller; the hits are those of binary32 but for roundings of depths."""

@@ -67,6 +67,7 @@ def test_the_samples_of_a_picture_take_the_place_of_the_integrators():
         renderer.render((4, 3), samples=0)
 
 
+@pytest.mark.slow
 def test_a_fused_picture_has_the_same_bits_on_every_backend():
     first, *others = (render(SCENE, (8, 6), integrator=Whitted(fuse=True), backend=name) for name in BACKENDS)
     for other in others:

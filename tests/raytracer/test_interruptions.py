@@ -47,6 +47,7 @@ def goes_on(path, capsys):
         np.testing.assert_array_equal(found.layers[name], layer, err_msg=name)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_with_what_is_finished(tmp_path, capsys, number):
     path = tmp_path / "a.npy"

@@ -27,6 +27,7 @@ def rays(mesh, count, seed):
     return origins.astype(np.float32).astype(float), directions.astype(np.float32).astype(float)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_are_those_of_brute_force(name, backend):

@@ -34,6 +34,7 @@ def edge(values):
     return (ROWS / 2 - first) * NARROW / ROWS
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_silhouette_of_a_sphere(backend):
     """From the distance 2 R it is seen under 60 degrees; the ring where rays touch it is one of the mesh's."""

@@ -47,6 +47,7 @@ def rays(mesh, count, seed=1):
     return origins.astype(np.float32), directions
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("conservative", [False, True])
 def test_every_backend_gives_the_same_samples(conservative):
     numpy, *others = (LayeredCube.of(KNOT, 24, 8, backend, conservative=conservative) for backend in BACKENDS)
@@ -140,6 +141,7 @@ def test_surfaces_stay_close_to_their_samples_within_a_texel():
     assert np.all(np.abs(slopes).sum(axis=1) / 2 <= slack[image])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", MESHES)
 def test_hits_of_triangles_are_those_of_the_hierarchy(name):
     """With conservative rasterisation none is missed, at any resolution, to the bit."""
@@ -167,6 +169,7 @@ def test_every_backend_gives_the_same_hits(hit):
             same_arrays(found, left)
 
 
+@pytest.mark.slow
 def test_hits_of_centres_are_true_and_misses_fall_with_the_resolution():
     origins, directions = rays(KNOT, 8000)
     exact = Intersector(KNOT, backend="opencl")
@@ -271,6 +274,7 @@ def test_rays_from_far_away_hit_what_they_hit_in_the_hierarchy():
     same_arrays(Intersector(KNOT, "ldc:128:triangle", "opencl").intersect(origins, directions), exact)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("hit", ["sample", "plane", "triangle"])
 def test_a_ray_that_leaves_a_surface_does_not_hit_it(hit):
     ball = sphere(rings=24, segments=48)
@@ -427,6 +431,7 @@ def test_a_million_hits_are_those_of_the_hierarchy(name):
         same_arrays(Intersector(mesh, f"ldc:{resolution}:triangle", "opencl").intersect(origins, directions), exact)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_floor_that_is_far_larger_takes_no_texels(backend):
     """The floor's hits are exact, those of the mesh are found as without it, and either hides the other."""

@@ -60,6 +60,7 @@ def test_models_have_the_triangles_of_the_paper_and_sides_of_length_1(full):
     assert abs(frames[0].corners - frames[1].corners).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_the_study_measures_every_case_and_writes_them(few, tmp_path):
     told = []
     found = studying.study(["numpy"], quick=True, progress=lambda done, total: told.append((done, total)))

@@ -117,6 +117,7 @@ def test_a_white_furnace_gives_at_most_its_light():
     np.testing.assert_allclose(images[0].pixels[images[0].object_id == 6], 1)
 
 
+@pytest.mark.slow
 def test_balls_in_the_open_resemble_their_path_traced_pictures():
     """The two differ by the lobe, which is not round in path tracing, and by what the balls hide from each other."""
     meshes = [ball(MetallicRoughness(GOLD, 1, r), 2 * k - 3) for k, r in enumerate((0, 0.3, 0.7, 1))]
@@ -130,6 +131,7 @@ def test_balls_in_the_open_resemble_their_path_traced_pictures():
         assert np.sqrt((difference**2).mean()) < bound
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("clear", [False, True])
 def test_backends_and_tracers_agree_to_the_bit(clear):
     meshes = [*METALS, *(CLEAR if clear else ()), floor(4, Material((0.5, 0.5, 0.5))).moved((0, -0.5, 0))]

@@ -37,6 +37,7 @@ LOOKS = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", LOOKS)
 def test_precisions_show_the_same_light(name):
     """From above, where a lamp at the eye makes the middle of a sharp metal as bright as binary16 can tell."""
@@ -55,7 +56,7 @@ def ball_over(alpha, **changes):
     return Scene([sphere(0.5, look, rings=8, segments=12).moved((0, 0.5, 0))], **{"camera": CAMERA, **changes})
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=64), Whitted(samples=16)], ids=["Path", "Whitted"])
 def test_alpha_through_a_lens_is_softer(integrator):
     """Out of focus more pixels are neither there nor not; light over a background is the opaque picture."""
@@ -100,6 +101,7 @@ def places(image):
     return np.asarray(CAMERA.position) + np.where(image.object_id >= 0, image.depth, 0)[..., None] * rays
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=32, bounces=1)], ids=["Whitted", "Path"])
 def test_spots_shine_through_clear_walls_within_their_cone(integrator):
     """A spot through a pane of half the light: half as bright inside of the cone, and dark outside."""

@@ -117,6 +117,7 @@ def wall(z, material):
     return floor(40, material).moved((0, 0, z), tilt=90)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", ["whitted", "path"])
 def test_fresnels_share_of_glass_in_water_is_that_of_the_ratio(integrator):
     water, glass = water_and_glass()
@@ -216,6 +217,7 @@ def test_shadows_take_the_medium_from_the_shading_point_on(name):
         np.testing.assert_allclose(shaded / bare, expected, rtol=2e-2 if name == "area" else 5e-3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("aperture", [0.0, 0.5])
 def test_an_eye_in_a_body_sees_it(aperture):
     ball = tinted(A)
@@ -319,6 +321,7 @@ def check(seed, count, name, backend):
     np.testing.assert_allclose(found, expected, rtol=5e-4, atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", [BACKENDS[0], *EVERY])
 @pytest.mark.parametrize("name", INTEGRATORS)
 def test_light_along_a_column_is_a_product(name, backend):

@@ -31,6 +31,7 @@ def scene(request):
     return Scene.load(path)
 
 
+@pytest.mark.sampled(3)
 def test_a_real_mesh_is_the_same_picture_on_every_backend(scene):
     assert len(scene.meshes[0]) == TRIANGLES[scene.name]
     images = [Renderer(scene, backend=b, bounces=2).render((96, 96)) for b in ("numpy", "opencl", "glsl")]
@@ -41,6 +42,7 @@ def test_a_real_mesh_is_the_same_picture_on_every_backend(scene):
         assert (image.object_id == images[0].object_id).mean() >= 0.999
 
 
+@pytest.mark.sampled(3)
 def test_hits_on_a_real_mesh_are_those_of_brute_force(scene):
     mesh = scene.meshes[0]
     rng = np.random.default_rng(7)
@@ -65,6 +67,7 @@ def test_triangles_cost_no_calls():
     assert Layout.of(many).triangles.shape == (3 * 70_002, 4)
 
 
+@pytest.mark.sampled(3)
 def test_every_walk_through_a_real_mesh_hits_the_same(scene):
     """From the eye, and on from what was hit, to the bit."""
     mesh = scene.meshes[0]

@@ -81,7 +81,7 @@ def scene_of(meshes, integrator):
     return Scene(meshes, lights, CAMERA)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=5), Whitted()], ids=["path", "whitted"])
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name == "mixed" else pytest.mark.slow) for name in SCENES]
@@ -95,6 +95,7 @@ def test_pictures_have_the_same_bits_on_every_backend(name, integrator):
         np.testing.assert_array_equal(images[0].pixels, other.pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (4, 8, 16))])
 def test_pictures_have_the_same_bits_at_every_width(lanes):
     scene = scene_of(MIXED, Path())
@@ -104,7 +105,7 @@ def test_pictures_have_the_same_bits_at_every_width(lanes):
     np.testing.assert_array_equal(renderer.render((16, 12)).pixels, expected.pixels)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     ("field", "number", "picture"),
     [
@@ -132,6 +133,7 @@ def test_a_picture_of_one_colour_is_a_number(field, number, picture):
     np.testing.assert_allclose(*images, atol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=256)], ids=["whitted", "path"])
 @pytest.mark.parametrize("glass", [False, True])
 def test_mirrors_of_phongs_model_have_colours(integrator, glass):
@@ -144,6 +146,7 @@ def test_mirrors_of_phongs_model_have_colours(integrator, glass):
     np.testing.assert_allclose(image.pixels.mean(axis=(0, 1)), (1, 0.5, 0.25), atol=0.02)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=4)], ids=["whitted", "path"])
 def test_a_grey_colour_of_a_mirror_is_its_number(integrator):
     """A mirror of equal channels takes the kernel of a number; beside a coloured one it shows the same."""
@@ -210,6 +213,7 @@ def test_a_thin_wall_tints_what_is_behind_it(integrator):
     np.testing.assert_allclose(image.pixels, np.broadcast_to((1, 0.5, 0), (4, 4, 3)), atol=1e-4)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("share", [1.0, 0.5])
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=64, bounces=1)], ids=["whitted", "path"])
 def test_lights_shine_through_smooth_thin_walls(integrator, share):
@@ -259,6 +263,7 @@ def test_a_program_of_colours_serves_both_models():
         assert np.ptp(image.pixels[image.object_id == 0], axis=1).max() > 0.05
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "meshes", [LAYERED, [*LAYERED[:2], ball(Material(reflectivity=GOLD), 1.2)], [ball(Material(reflectivity=GOLD), 0)]]
 )
@@ -273,6 +278,7 @@ def test_the_staged_tracer_refuses_thin_walls():
         Renderer(scene_of([ball(PANE, 0)], Staged()), integrator=Staged(), backend="numpy")
 
 
+@pytest.mark.slow
 def test_deferred_cubes_keep_layers():
     """Mirrors show planes by samples of their colours as they show them by their triangles."""
     mirror = box((1, 1, 1), MetallicRoughness(GOLD, 1, 0)).moved((0, 0, 0))
@@ -343,6 +349,7 @@ def test_the_page_has_a_control_for_each_number():
     assert edits.set({f"material.{material['label']}.metallic": [2.0]}) != []
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
 def test_layered_objects_move_and_change_shape(integrator):
     """Pictures after moves are those of a scene that was made so, to the bit, with pictures on what moves, too."""

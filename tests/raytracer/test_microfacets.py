@@ -103,7 +103,7 @@ RESTORED = {
 """Looks that are not reciprocal."""
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("name", [*LOOKS, *RESTORED])
 @pytest.mark.parametrize("height", [1.0, 0.4, 0.05])
 def test_densities_integrate_to_1_and_nothing_is_gained(name, height):
@@ -126,6 +126,7 @@ def test_densities_integrate_to_1_and_nothing_is_gained(name, height):
         np.testing.assert_array_less(difference, 4 * error + 3e-3)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", LOOKS)
 def test_lobes_are_reciprocal(name):
     value, *_ = kernels(LOOKS[name])
@@ -191,6 +192,7 @@ def test_a_white_metal_has_the_albedo_of_ggx(roughness, albedo):
     check_gains_nothing(colors)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("roughness", [0.5, 1.0])
 def test_compensation_restores_a_white_metal_and_gains_nothing(roughness):
     """Colours lose what they absorb from facet to facet; plastic with it gains nothing, either."""
@@ -214,7 +216,7 @@ def test_black_plastic_has_the_albedo_of_its_upper_layer():
     assert abs(colors[:, 0].mean() - expected) < 4 * error_of(colors)[0] + 0.004
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.5, 1.0])
 def test_white_plastic_loses_nothing_below_its_upper_layer(roughness):
     colors = furnace(MetallicRoughness((1, 1, 1), roughness=roughness))
@@ -248,12 +250,13 @@ def random_material(rng):
     return dataclasses.replace(look, thickness=one_of(0, 1)) if look.alpha == 1 and look.ior > 0 else look
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", [pytest.param(k, marks=[] if k < 2 else pytest.mark.slow) for k in range(500)])
 def test_no_material_gains_light_in_a_furnace(seed):
     check_gains_nothing(furnace(random_material(np.random.default_rng(seed)), backend="opencl"))
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("coarse", [True, False])
 @pytest.mark.parametrize(
     "roughness", [0, 1e-8, 1e-4, pytest.param(0.02, marks=pytest.mark.slow), 1 / 31 - 1e-6, 1 / 31, 0.1, 1]

@@ -50,7 +50,7 @@ def made(monkeypatch):
     return counts
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("options", [{"bounces": 2}, {"integrator": "path", "samples": 1}], ids=["whitted", "path"])
 def test_rigid_objects_keep_their_cubes_and_the_pictures_are_exact(backend, options, made, exact):
@@ -85,6 +85,7 @@ def test_a_deformed_object_has_a_new_cube_and_the_others_keep_theirs(made):
     assert made == [14 + len(ball), 2, len(ball), 12, *[len(ball)] * 3]
 
 
+@pytest.mark.slow
 def test_objects_take_the_options_of_a_cube_that_is_handed_over(made):
     cube = LayeredCube.of(scene(), 32, block=8, hit="plane", backend="numpy")
     renderer = Renderer(scene(), secondary=cube, backend="numpy")
@@ -96,6 +97,7 @@ def test_objects_take_the_options_of_a_cube_that_is_handed_over(made):
     assert len(made) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hit", "most"), [("plane", 5), pytest.param("sample", 10, marks=pytest.mark.slow)])
 def test_the_errors_of_moved_cubes_are_small(hit, most, exact):
     """Root mean squares, in 255ths, against the exact picture."""

@@ -52,6 +52,7 @@ def built(monkeypatch):
     return counts
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("tracer", "backend"),
     [
@@ -127,6 +128,7 @@ def rays(count=900, seed=3):
     return origins, targets - origins
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("accel", "backend"),
     [
@@ -157,6 +159,7 @@ def test_hits_after_a_move_are_those_of_a_new_scene(accel, backend):
         np.testing.assert_array_equal(column, expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 def test_counts_lists_and_closest_points_after_a_move(accel):
     shoot, (origins, directions) = Intersector(scene(), accel, "numpy"), rays(200)
@@ -190,6 +193,7 @@ def test_one_object_moves_among_all_that_are_moved_and_leaves_the_kernels():
     np.testing.assert_array_equal(shoot.intersect(origins, directions).t, first.t)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("accel", "backend"), [("bvh", "opencl"), ("grid", "glsl"), ("ldc:32:triangle", "numpy")])
 def test_programs_that_trace_a_scene_see_moves(accel, backend):
     """Also of normals; recorded before the first move of an object, they are refused when they run."""
@@ -257,6 +261,7 @@ def test_a_cube_that_is_handed_over_gives_its_options_to_those_of_objects():
     assert (shoot.occluded(origins, directions) == exact).mean() > 0.9
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("accel", "backend"),
     [("bvh", "numpy"), ("grid", "glsl"), ("ldc:32:triangle", "opencl")],

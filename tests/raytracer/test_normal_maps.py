@@ -31,6 +31,7 @@ def square(uv=UV, vertices=SQUARE):
     return Mesh(vertices, FACES, uv=uv)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 def test_red_leans_to_u_and_green_to_v(backend):
     np.testing.assert_allclose(normals_of(square(), mapped(SLOPE), backend), SLOPE, atol=1e-6)
@@ -61,6 +62,7 @@ def test_a_mesh_that_is_rotated_takes_its_frame_along():
     np.testing.assert_allclose(found, turn[:3, :3] @ SLOPE, atol=1e-6)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", ["whitted", "path"])
 @pytest.mark.parametrize("flat", [127, 128])
 def test_a_flat_map_changes_no_bit(integrator, flat):

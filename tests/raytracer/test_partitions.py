@@ -77,7 +77,7 @@ def mirrors():
     return Scene(meshes, lights, background=sky)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("parts", [8, 1, 2, 4])
 def test_any_number_of_parts_makes_the_same_picture(client, parts):
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}
@@ -104,6 +104,7 @@ def layers():
     return [*balls, floor(9, MetallicRoughness(picture, 0, 0.4)).moved((0, -0.5, 0))]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("around", [False, True])
 def test_parts_of_layered_materials_and_coloured_mirrors_make_the_same_picture(client, around):
     light = EnvironmentLight(sky, rotation=30) if around else DirectionalLight((-1, -2, -1))

@@ -109,6 +109,7 @@ def test_a_floor_under_a_square_light(side, height):
     agrees(image, 0.4 * 3 * form_factor(side / 2, height))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("falloff", "sign"), [("square", 1), ("none", -1)])
 def test_point_lights_are_those_of_the_other_integrator(falloff, sign):
     lights = [PointLight((1, 3, 1), (sign * 0.9, sign * 0.6, sign * 0.3), falloff=falloff)]
@@ -139,6 +140,7 @@ def test_many_lights_are_one_after_the_other():
     agrees(traced(moved, MORE, samples=4), expected + 0.5)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("aimed", "met"), [(1.0, 0.0), (0.0, 1.0)], ids=["aimed", "met"])
 def test_either_way_of_finding_lights_gives_the_same(monkeypatch, aimed, met):
     shiny = Material((0.5, 0.5, 0.5), diffuse=0.6, specular=0.4, shininess=8)
@@ -160,6 +162,7 @@ def test_shares_of_both_ways_add_up_to_the_whole():
     assert power(5.0, 0.0) == 1
 
 
+@pytest.mark.slow
 def test_roulette_and_bounces():
     """In a closed room that shines and scatters, light is a geometric series."""
     room = box((2, 2, 2), Material((1, 1, 1), diffuse=0.6, specular=0, emission=(1, 1, 1)), inward=True)
@@ -297,6 +300,7 @@ def test_scattered_rays_walk_alone_among_many_triangles(monkeypatch):
     assert walk_of(count, accel="grid") == "GridIntersector"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
 def test_lanes_give_the_same_bits(widths):
     renderer = Renderer(everything(), backend="numpy", integrator="path", bounces=3)
@@ -404,6 +408,7 @@ def test_scenes_without_light_and_without_anything():
     np.testing.assert_array_equal(empty.pixels, np.broadcast_to(np.float32((0.1, 0.2, 0.3)), (16, 16, 3)))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("lights", [[], [PointLight((0, 3, 0))]], ids=["alone", "beside a light"])
 @pytest.mark.parametrize("dark", ["without area", "of a black picture"])
 def test_triangles_that_shine_but_send_no_light_change_nothing(dark, lights):

@@ -89,6 +89,7 @@ def test_a_renderer_that_was_pickled_has_turns_of_its_own(small):
         same(other.render((4, 3), camera=camera, samples=2), small.render((4, 3), camera=camera, samples=2))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", [Whitted(), Staged(), Path(samples=2), Whitted(accel="ldc:16")])
 def test_a_renderer_that_was_copied_has_a_camera_and_places_of_its_own(small, integrator):
     first = Renderer(small.scene, integrator=integrator, backend="numpy")

@@ -56,6 +56,7 @@ def test_a_word_chooses_its_part_of_the_places():
     np.testing.assert_array_equal(place.compile("numpy")(words, counts), expected.astype(np.uint32))
 
 
+@pytest.mark.slow
 def test_pictures_have_less_noise_than_of_independent_numbers(capsys):
     """Pictures of one sample have independent numbers, as their seeds differ: so has the mean of 64 of them."""
     size, renderer = (24, 24), Renderer(Scene.builtin("cornell"), integrator=Path(samples=64), backend="opencl")

@@ -128,6 +128,7 @@ def uv_of(scene, size):
     return near.points(hits), (weights * uvs).sum(axis=-2)
 
 
+@pytest.mark.slow
 def test_it_goes_with_every_accelerator_and_with_moved_objects(boxes):
     plain = render(BOXES, primary=boxes, backend="numpy").pixels
     cube = render(BOXES, primary=boxes, accel="ldc:64:triangle", backend="numpy").pixels

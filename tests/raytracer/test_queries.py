@@ -70,6 +70,7 @@ def test_all_accelerators_and_backends_find_the_same(backend, accelerators):
         np.testing.assert_array_equal(shoot.count(origins, directions), np.diff(expected.offsets))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "widths", [((16,), (1, 8)), pytest.param(((4, 16), (1, 4, 8, 16)), marks=pytest.mark.slow)], ids=["some", "all"]
 )
@@ -99,6 +100,7 @@ def test_a_ray_through_edges_and_corners_hits_every_triangle_there():
     assert along_diagonals[0] in (3, 4)  # the diagonal of one face or of both
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_the_range_is_that_of_the_hits(backend):
     origins, directions = rays(500)
@@ -119,7 +121,7 @@ def test_distances_too_small_for_f32_do_not_repeat_a_hit():
         assert every.triangle.tolist() == list(range(7))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_results_have_the_rays_shape(backend, dtype):
@@ -159,6 +161,7 @@ def test_arrays_of_all_kinds_are_the_same_rays():
     same_arrays(shoot.intersect(*backwards), expected)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_numbers_that_f32_does_not_hold_are_converted_in_f64(backend):
     """The kernel refuses them; converted beforehand they give what rays of moderate size give."""
@@ -241,6 +244,7 @@ def test_nothing_to_meet_and_nobody_who_asks():
         empty.intersect([[np.nan, 0, 0]], one)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("way", "backend"),
     [
@@ -343,6 +347,7 @@ def test_closest_points_are_those_of_brute_force(backend):
     same_arrays(found, Intersector(SOUP, backend="numpy").closest_point(POINTS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("widths", [(1, 16), pytest.param((4, 8), marks=pytest.mark.slow)])
 def test_closest_points_have_the_same_bits_at_every_width(widths):
     program = nearby.closest_point(WideIntersector(build_bvh(SOUP.corners), triangle_rows(SOUP.corners)))
@@ -398,6 +403,7 @@ def test_another_precision_has_no_closest_point():
         Intersector(box(), backend="numpy", precision="f64").closest_point([[0, 0, 0]])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_all_hits_at_other_precisions(precision):
     origins, directions = rays(200)
@@ -422,6 +428,7 @@ def turned(angle, offset, scale=1.0):
     return matrix
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("accel", ["bvh", "grid", "ldc:64:triangle"])
 def test_a_moved_mesh_is_hit_where_it_stands(accel):
     mesh, rng = knot(segments=60, sides=10), np.random.default_rng(3)

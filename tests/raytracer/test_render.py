@@ -257,6 +257,7 @@ def test_unknown_scene_names_the_known():
         Scene.builtin("teapots")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("name", "triangles"),
     [
@@ -348,6 +349,7 @@ def test_a_tiny_ball_is_seen_where_it_is():
         assert (image.object_id >= 0).sum() <= 1
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["numpy", "glsl"])
 @pytest.mark.parametrize("name", ["mirror-box", "glass"])
 def test_relaxed_pictures_are_nearly_the_strict_ones(name, backend):

@@ -71,7 +71,7 @@ def refused(*_, **__):
     raise AssertionError("something was compiled or built")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("way", WAYS)
 def test_other_numbers_of_materials_are_shown_and_nothing_is_compiled_or_built(way, backend, monkeypatch):
@@ -125,6 +125,7 @@ def test_numbers_that_ask_for_other_code_build_anew():
     assert renderer.builds == builds + 1, "and without the last one"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("way", ["whitted", "path"])
 def test_black_at_the_vertices_of_an_object_that_moves_builds_anew(way):
     cube = box((1, 1, 1))
@@ -150,6 +151,7 @@ def test_a_lamp_more_is_another_number_of_lights():
     same(renderer.render(SIZE), Renderer(other, backend="numpy", **WAYS["path"]).render(SIZE))
 
 
+@pytest.mark.slow
 def test_meshes_that_come_to_share_a_material_or_no_longer_do_are_built_anew():
     made = scene()
     shared = made.with_material("stone", made.meshes[0].material)

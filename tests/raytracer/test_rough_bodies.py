@@ -44,7 +44,7 @@ def bodies(**changes):
     return Scene(meshes, **{"lights": lights, "camera": CAMERA, **changes})
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=4), Whitted(bounces=3)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     lights = {} if isinstance(integrator, Path) else {"lights": [PointLight((2, 4, 3))]}
@@ -53,6 +53,7 @@ def test_every_backend_has_the_same_bits(integrator):
         same(images[0], image)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "integrator",
     [Whitted(bounces=4, min_contribution=2.0**-16), Path(samples=4, bounces=5)],  # by default least shares differ
@@ -93,6 +94,7 @@ def test_metal_and_opaque_shares_are_left_out():
     assert (clear - black).min() >= 0.25**2 - 1e-4
 
 
+@pytest.mark.slow
 def test_rough_glass_gains_nothing():
     """Light that goes from facet to facet is lost: the rougher the glass, the more."""
     means = []
@@ -149,6 +151,7 @@ def test_other_tracers_cubes_and_changes():
     assert renderer.builds == 1
 
 
+@pytest.mark.slow
 def test_a_picture_of_one_number_is_a_number():
     pixels = np.full((2, 2, 3), 0.25, np.float32)
     images = []

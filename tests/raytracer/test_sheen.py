@@ -36,6 +36,7 @@ SATIN = MetallicRoughness(
 )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("roughness", [0.5, 0.8, 1.0])
 @pytest.mark.parametrize("degrees", [20, 75])
 def test_fibres_over_black_have_the_albedo_of_their_integral(roughness, degrees):
@@ -52,6 +53,7 @@ def rough(hit):
     return Surface(sheen_roughness=0.5)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "alone", [{"sheen_roughness": Texture([[[0.5] * 3]])}, {"surface": rough}], ids=["picture", "program"]
 )
@@ -80,7 +82,7 @@ def test_the_table_is_the_file():
     assert np.abs(compute_sheen_table().astype(np.float64) - steps).max() <= 1
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "look",
     [
@@ -107,7 +109,7 @@ def cloth(**changes):
     return Scene(meshes, **{"lights": [PointLight((2, 4, 3))], "camera": CAMERA, **changes})
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=3), Whitted(bounces=2)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
     images = [render(cloth(), (12, 8), integrator=integrator, backend=b) for b in ("numpy", "opencl", "glsl")]

@@ -138,6 +138,7 @@ def test_backends_and_accelerators_agree_to_the_last_bit():
         same(render(mirrors(), (16, 12), integrator=integrator, backend="numpy"), expected)
 
 
+@pytest.mark.slow
 def test_glass_before_a_picture_is_the_same_on_each_backend():
     ball = sphere(1.0, Material((0, 0, 0), specular=0, transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), rings=8)
     scene = mirrors(meshes=[ball, GROUND], lights=())
@@ -223,6 +224,7 @@ def test_a_scene_without_triangles_shows_a_colour():
             render(Scene(background=shown), (4, 3), backend="numpy")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("glass", [False, True])
 def test_rays_of_a_smaller_share_than_the_least_contribution_are_not_followed(glass):
     """Between two mirrors of one half the share of a ray is 1/2, 1/4, 1/8."""

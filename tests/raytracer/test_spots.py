@@ -161,12 +161,14 @@ def test_a_program_is_turned_and_a_colour_is_stronger():
     np.testing.assert_allclose(double, 2 * single, rtol=1e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_a_turned_environment_has_the_same_bits_everywhere(backend):
     light = EnvironmentLight(Texture(PIXELS, srgb=False), rotation=33, strength=1.5)
     same(lit(light), lit(light, backend=backend))
 
 
+@pytest.mark.slow
 def test_aiming_at_a_turned_environment_changes_no_mean():
     """A furnace cannot see a wrong density, but a bright spot beside the ball can: both ways find the same light."""
     spot = np.zeros((32, 64, 3), np.float32)

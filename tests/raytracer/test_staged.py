@@ -10,6 +10,7 @@ from raytracer.integrators.layers import BANDS
 from raytracer.meshes.shapes import box, floor, sphere
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", pytest.param("glsl", marks=pytest.mark.slow)])
 def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backend, monkeypatch):
     # A small picture, too, copies its last rays to other streams.

@@ -28,6 +28,7 @@ from shpy import SH_DISCARD, SH_IF, SH_RETURN
 AHEAD = Camera((0, 0, 3))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", [{}, {"reflectivity": 0.5}, {"reflectivity": 1.0}, {"transmission": 0.5, "ior": 1.0}])
 def test_every_surface_sends_out_all_of_its_emission(kind):
     lamp = floor(50, Material((0, 0, 0), diffuse=0, specular=0, emission=(1, 0.5, 0.25), **kind)).moved(tilt=90)
@@ -61,6 +62,7 @@ def test_the_length_of_a_directional_light_does_not_matter(length):
     np.testing.assert_allclose(picture, unit, rtol=1e-6)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("shininess", [1e3, 1e6, 1e10])
 def test_the_sharpest_highlight_is_no_brighter_than_its_height(shininess):
     surface = Material((0, 0, 0), diffuse=0, specular=0.5, shininess=shininess)

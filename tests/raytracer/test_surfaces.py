@@ -225,6 +225,7 @@ def looked_up(image, uv, filter, wrap):
     return top * (1 - t) + bottom * t
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("wrap", ["repeat", "clamp", "mirror"])
 @pytest.mark.parametrize("filter", ["linear", "nearest"])

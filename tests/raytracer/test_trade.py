@@ -111,6 +111,7 @@ def test_the_table_explains_its_columns_and_short_names():
     assert "secondary rays in a layered depth cube of 512 x 512 texels, with an exact hit test" in said
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unflipped")
 def test_every_variant_of_a_scene_is_measured():
     t = tradeoff(mirrors(), max_error=0.5, backend="numpy", bounces=1)

@@ -47,7 +47,7 @@ def around(others, material=None, **changes):
     return dataclasses.replace(Scene([ball, *OTHERS[others]], [LIGHT], CAMERA), **changes)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("others", OTHERS)
 @pytest.mark.parametrize("integrator", [Whitted(bounces=2), Path(samples=2, bounces=3)], ids=["Whitted", "Path"])
 def test_its_colour_is_what_is_seen(integrator, others):
@@ -104,6 +104,7 @@ def test_pictures_vertex_colours_and_alpha():
         np.testing.assert_allclose(traced.mean(axis=(0, 1)), expected, atol=0.03)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("integrator", "others"), [(Whitted(bounces=2), "layered"), (Path(samples=1, bounces=2), "glass")]
 )

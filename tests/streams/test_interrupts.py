@@ -120,6 +120,7 @@ def calls(name):
     }
 
 
+@pytest.mark.sampled(3)
 def test_the_next_call_is_right(backend, monkeypatch):
     works = calls(backend)
     wanted = {spoken: np.asarray(call()).tobytes() for spoken, call in works.items()}

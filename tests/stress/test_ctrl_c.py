@@ -130,6 +130,7 @@ def check(backend, seed, times):
     assert interrupts > times // 4
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_calls_after_an_interrupt(backend):
     check(backend, 1, 60)

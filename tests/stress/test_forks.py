@@ -46,6 +46,7 @@ def check(seed, times, *backends):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backends", [("numpy",), ("opencl",), ("glsl",), ("numpy", "opencl", "glsl")])
 def test_children_end(backends):
     check(1, 8, *backends)

@@ -120,13 +120,14 @@ def check(number, precision="f32"):
         assert (backend, executions, counts) == (backend, expected.executions, expected.counts)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("shard", range(6))
 def test_chains_agree(shard):
     for number in range(10 * shard, 10 * shard + 10):
         check(number)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("precision", ["f16", "f64"])
 def test_chains_agree_at_other_precisions(precision):
     for number in range(100, 105):
@@ -152,6 +153,7 @@ def test_runs_read_tables_as_they_were(backend):
         np.testing.assert_array_equal(found, expected.arrays["x"])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_shares_agree(backend):
     for seed, n in enumerate((1, 64, 2100, 2900)):

@@ -59,6 +59,7 @@ def keep(monkeypatch: Any, *names: str) -> None:
 FEW = ("add-f", "mandelbrot", "exp", "exp, relaxed", "boxes")
 
 
+@pytest.mark.sampled(3)
 @everywhere
 def test_a_device_that_gives_our_bits_is_told_so(backend: str, monkeypatch: Any, capsys: Any, tmp_path: Path) -> None:
     keep(monkeypatch, *FEW)
@@ -256,7 +257,7 @@ def test_the_hash_of_a_sweep_is_that_of_numpy(name: str) -> None:
     assert digest(finding) == golden()["functions"][name], "run scripts/golden"
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("name", functions.PORTABLE)
 def test_the_bits_of_portable_mode_do_not_change(name: str, backend: str) -> None:

@@ -49,6 +49,7 @@ def test_a_fault_knows_the_function_around_it(monkeypatch, tmp_path):
     assert outer.co_firstlineno == faults.first_line(ast.parse(source).body[1])
 
 
+@pytest.mark.slow
 def test_a_seed_draws_the_same_faults_and_as_many_in_each_part():
     count = 3 * len(faults.DRAWN)
     drawn = faults.chosen(5, count)
@@ -85,7 +86,7 @@ ENDS = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("case", ENDS)
 def test_only_a_test_with_a_name_finds_a_fault(case, monkeypatch, tmp_path):
     test, expected = ENDS[case]

@@ -27,7 +27,7 @@ def steps(x: sh.Attrib1f, y: sh.Attrib1f = 2) -> tuple[sh.Attrib1f, sh.Vector3f]
     return least + y, unit(sh.Vector3f(x, 0, 0))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", ["numpy", "opencl-4", "opencl-16", "glsl", "interpreter"])
 def test_the_first_nan_has_its_line_operands_and_iteration(backend):
     first = sh.testing.first_nan(steps, X, backend=backend)
@@ -169,6 +169,7 @@ def halve(x: sh.Attrib1f) -> sh.Attrib1f:
     return x / 2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_chains_of_structs_with_conditions_run_on_every_backend(backend):
     @sh.program
