@@ -10,14 +10,17 @@
     python -m benchmarks --json bench.json
     python -m benchmarks page                             # docs/benchmarks.md, from benchmarks/results
 
-The exit status is 1 if an answer is wrong or a contender fails.
+The exit status is 1 if an answer is wrong, or a contender, a work or a study fails; the rest goes on. `--json` and
+`--write` write what there is after each table, to FILE.unfinished until the run ends.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -138,21 +141,25 @@ def compare(options: argparse.Namespace) -> int:
         return 2
     peer_names = [] if options.peers == "none" else chosen(options.peers, peers.PEERS, "peer")
     names = chosen(options.only, (*WORKS, *STUDIES), "work")
-    mesh = mesh_of(options.mesh, options.quick)
-    subjects = works([n for n in names if n in WORKS], mesh)
     targets = chosen(options.targets, TARGETS, "target")
     present, missing = peers.available(peer_names)
     here = machine.describe(present)
     print(report.heading(here, missing), end="\n\n")
-    results = measure(subjects, mesh, [*targets, *present], options)
-    tables = []
-    for name in (n for n in names if n in STUDIES):
+    outcome = Outcome(options, here, missing)
+    mesh = mesh_of(options.mesh, options.quick)
+    for name in names:
         progress(name)
-        tables.append(STUDIES[name](mesh, options.quick))
-        progress("")
-        print(tables[-1].markdown(), flush=True)
-    write(options, here, missing, results, tables)
-    return 0 if all(m.right for m in results) else 1
+        try:
+            result = study_or_work(name, mesh, [*targets, *present], options)
+        except Exception as error:
+            traceback.print_exc(limit=-3)
+            outcome.failed[name] = rounds.reason(error)
+        else:
+            outcome.add(result)
+    for name, why in outcome.failed.items():
+        print(f"{name} failed: {why}")
+    outcome.write(ended=True)
+    return 1 if outcome.failed or not all(m.right for m in outcome.works) else 0
 
 
 def check_files(options: argparse.Namespace) -> None:
@@ -163,17 +170,14 @@ def check_files(options: argparse.Namespace) -> None:
         raise ShpyError("results of --quick and --size are not for the page: --write FOLDER, another one")
 
 
-def measure(subjects: list[Work], mesh: Mesh, contenders: list[str], options: argparse.Namespace) -> list[Measured]:
-    """Measure each work and print its table at once."""
-    results = []
+def study_or_work(name: str, mesh: Mesh, contenders: list[str], options: argparse.Namespace) -> Measured | Table:
+    """Measure a study or a work."""
+    if name in STUDIES:
+        return STUDIES[name](mesh, options.quick)
+    (work,) = works([name], mesh)
+    size = options.size or (work.quick if options.quick else work.size)
     count = options.rounds or (2 if options.quick else 9)
-    for work in subjects:
-        size = options.size or (work.quick if options.quick else work.size)
-        find = partial(work_of, work.name, mesh)
-        results.append(rounds.run(work, size, contenders, count, progress, find))
-        progress("")
-        print(report.table(results[-1]).markdown(), flush=True)
-    return results
+    return rounds.run(work, size, contenders, count, progress, partial(work_of, name, mesh))
 
 
 def progress(text: str) -> None:
@@ -182,30 +186,59 @@ def progress(text: str) -> None:
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def write(
-    options: argparse.Namespace,
-    here: dict[str, Any],
-    missing: dict[str, str],
-    results: list[Measured],
-    tables: list[Table],
-) -> None:
-    """Write the files that were asked for."""
-    words = ["python -m benchmarks", *sys.argv[1:]]
-    files = {"--json", f"{options.json}", "--write", f"{options.write}"}
-    document = {
-        "date": f"{datetime.now():%Y-%m-%d %H:%M}",
-        "machine": report.processor(here),
-        "command": " ".join(word for word in words if word not in files),
-        "apart": True,  # peers had processes of their own
-        "system": here,
-        "missing": missing,
-        "works": [report.as_json(m) for m in results],
-        "tables": [vars(table) for table in (*map(report.table, results), *tables)],
-    }
-    if options.json:
-        write_json(options.json, document)
-    if options.write:
-        options.write.mkdir(parents=True, exist_ok=True)
-        write_json(options.write / f"{(options.only or 'all').replace(',', '-')[:60]}.json", document)
-        answers.drop_superseded(options.write)
-        answers.write_page(options.write)
+@dataclass
+class Outcome:
+    """The results of a run, which are printed and written after each work and study.
+
+    `failed` has the errors of works and studies that gave no table.
+    """
+
+    options: argparse.Namespace
+    here: dict[str, Any]
+    missing: dict[str, str]
+    works: list[Measured] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def add(self, result: Measured | Table) -> None:
+        """Print a result, and write all that there are."""
+        if isinstance(result, Measured):
+            self.works.append(result)
+            result = report.table(result)
+        self.tables.append(result)
+        progress("")
+        print(result.markdown(), flush=True)
+        self.write(ended=False)
+
+    def write(self, *, ended: bool) -> None:
+        """Write the files that were asked for, and after the last result the page; a run that is stopped replaces none.
+
+        Until the last result the name of a file ends with `.unfinished`.
+        """
+        folder, name = self.options.write, f"{(self.options.only or 'all').replace(',', '-')[:60]}.json"
+        if folder:
+            folder.mkdir(parents=True, exist_ok=True)
+        for path in filter(None, (self.options.json, folder and folder / name)):
+            unfinished = path.with_name(f"{path.name}.unfinished")
+            write_json(path if ended else unfinished, self.document())
+            if ended:
+                unfinished.unlink(missing_ok=True)
+        if folder and ended:
+            answers.drop_superseded(folder)
+            answers.write_page(folder)
+
+    def document(self) -> dict[str, Any]:
+        """Return what a file holds."""
+        words = ["python -m benchmarks", *sys.argv[1:]]
+        files = {"--json", f"{self.options.json}", "--write", f"{self.options.write}"}
+        return {
+            "date": f"{datetime.now():%Y-%m-%d %H:%M}",
+            "machine": report.processor(self.here),
+            "command": " ".join(word for word in words if word not in files),
+            "apart": True,  # peers had processes of their own
+            "system": self.here,
+            "missing": self.missing,
+            "failed": self.failed,
+            "works": [report.as_json(m) for m in self.works],
+            "tables": [vars(table) for table in self.tables],
+        }

@@ -44,7 +44,8 @@ def spread(values: Any) -> tuple[float, float, float]:
 def table(measured: Measured) -> Table:
     """Return a row for each contender: milliseconds, and how many times as long as the first of ours it took.
 
-    Of both the median and the quartiles; the best call; and the CPU time of all threads. The note names who failed.
+    Of both the median and the quartiles; the best call; and the CPU time of all threads. The row of a contender that
+    failed says how, in place of the difference.
     """
     base, rows = base_of(measured), []
     for name, seconds in measured.seconds.items():
@@ -55,9 +56,9 @@ def table(measured: Measured) -> Table:
         cells += [cpu / cpu_of_base, measured.first[name], measured.agreement[name].text]
         rows.append([label(name), *(c if isinstance(c, str) else f"{c:.2f}" for c in cells)])
     head = ("", "ms", "quartiles", "best", "CPU", "ratio", "quartiles", "of bests", "of CPU", "first s", "difference")
-    failures = (f"{label(name)} failed: {why}." for name, why in measured.failed.items())
+    rows += [[label(name), *[""] * (len(head) - 2), f"failed: {why}"] for name, why in measured.failed.items()]
     title = measured.work.title.format(size=measured.size)
-    return Table(measured.work.name, " ".join(filter(None, [f"{title}.", measured.work.note, *failures])), head, rows)
+    return Table(measured.work.name, f"{title}. {measured.work.note}".strip(), head, rows)
 
 
 def processor(machine: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import gc
 import math
 import multiprocessing
+import signal
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -56,6 +57,13 @@ class Measured:
         """Return whether all answers agree and nobody failed."""
         return not self.failed and all(a.same for a in self.agreement.values())
 
+    def fail(self, contender: str, error: Exception) -> None:
+        """Note that a contender failed, and drop its times, which lack rounds."""
+        self.failed[contender] = reason(error)
+        traceback.print_exc(limit=-3)
+        for times in (self.seconds, self.cpu, self.best, self.agreement, self.first):
+            times.pop(contender, None)
+
     def ratios(self, contender: str, base: str) -> np.ndarray:
         """Return the ratio of the times of `contender` and `base`, a number for each round."""
         return np.divide(self.seconds[contender], self.seconds[base])
@@ -88,6 +96,16 @@ def in_turns(runs: Mapping[str, Run], rounds: int, calls: Mapping[str, int] | No
             times[name].seconds.append(sum(once(run) for _ in range(count)) / count)
             times[name].cpu.append((time.process_time() - busy) / count)
     return times
+
+
+class Failed(Exception):
+    """Raised for an error in another process, or for its end."""
+
+
+def reason(error: Exception) -> str:
+    """Return the first line of an error, after its type unless another process named that."""
+    text = str(error) if isinstance(error, Failed) else f"{type(error).__name__}: {error}"
+    return text.splitlines()[0]
 
 
 class Ready:
@@ -125,11 +143,17 @@ class Apart:
         return self
 
     def __call__(self, argument: Any) -> Any:
-        """Call the function; raise RuntimeError with its error, and EOFError where its process has ended."""
-        self.pipe.send(argument)
-        result, error = self.pipe.recv()
+        """Call the function; raise Failed with its error, or with the signal or the status that ended its process."""
+        try:
+            self.pipe.send(argument)
+            result, error = self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join()
+            status = self.process.exitcode or 0
+            how = signal.Signals(-status).name if status < 0 else f"exit status {status}"
+            raise Failed(f"its process ended by {how}") from None
         if error:
-            raise RuntimeError(error)
+            raise Failed(error)
         return result
 
     def __exit__(self, *_: object) -> None:
@@ -158,7 +182,7 @@ def run(
     say: Callable[[str], None] = lambda _: None,
     find: Callable[[str], Work] | None = None,
 ) -> Measured:
-    """Measure a benchmark. A contender that raises an error is noted and left out.
+    """Measure a benchmark. A contender that raises an error, or whose process ends, is noted and left out.
 
     `find` gives the work in the process of a peer, by the peer's name; without it all contenders run in this process.
     """
@@ -177,8 +201,7 @@ def run(
                 measured.first[name], result = contender(None)
                 trial, _ = contender(2)
             except Exception as error:
-                measured.failed[name] = f"{type(error).__name__}: {error}".splitlines()[0]
-                traceback.print_exc(limit=-3)
+                measured.fail(name, error)
                 continue
             reference = result if reference is None else reference
             measured.agreement[name] = judge(work, result, reference, inputs)
@@ -187,9 +210,14 @@ def run(
         gc.collect()
         for number in range(rounds):
             say(f"{work.name}: round {number + 1} of {rounds}")
-            for name, (contender, calls) in ready.items():
+            for name, (contender, calls) in list(ready.items()):
                 time.sleep(PAUSE)
-                durations, busy = contender(calls)
+                try:
+                    durations, busy = contender(calls)
+                except Exception as error:
+                    measured.fail(name, error)
+                    del ready[name]
+                    continue
                 measured.cpu[name].append(busy)
                 measured.seconds[name].append(sum(durations) / calls)
                 measured.best[name] = min(measured.best.get(name, math.inf), *durations)

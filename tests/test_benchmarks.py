@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import pages
 
 from benchmarks import answers, command, peers, record, report, rounds
+from benchmarks.tables import Table
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
 from shpy.backend.base import Options
@@ -109,7 +110,8 @@ def test_a_contender_that_fails_is_noted(capsys):
     measured = rounds.run(work, 4, ["masks", "numba"], rounds=1)
     assert measured.failed == {"numba": "AttributeError: 'numpy.ndarray' object has no attribute 'nothing'"}
     assert not measured.right
-    assert "numba failed: AttributeError" in report.table(measured).note
+    assert report.table(measured).rows[-1][0] == "numba"
+    assert report.table(measured).rows[-1][-1].startswith("failed: AttributeError")
 
 
 def test_a_missing_peer_is_named_with_its_cure(monkeypatch):
@@ -184,21 +186,57 @@ def doubled(peer):
     work.version("jax")(lambda a: lambda: np.full(4, os.getpid()))
     work.version("warp")(lambda a: lambda: a.nothing)
     work.version("drjit")(lambda a: lambda: os._exit(3))
+    work.version("taichi")(lambda a: AbortsLater())
     return work
+
+
+class AbortsLater:
+    """A version whose process ends by a signal in the first round, after the warm-up, two trials and the calls."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self):
+        self.calls += 1
+        if self.calls > 4:
+            os.abort()
+        return np.arange(4) * 2
 
 
 def test_peers_have_processes_of_their_own(monkeypatch):
     """Their answers, errors and ends arrive here."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    names = ["masks", "numba", "jax", "warp", "drjit"]
+    names = ["masks", "taichi", "numba", "jax", "warp", "drjit"]
     measured = rounds.run(doubled(None), 4, names, rounds=2, find=doubled)
     assert measured.agreement["numba"].same
     assert measured.agreement["jax"].largest > 0
     assert measured.failed == {
-        "warp": "RuntimeError: AttributeError: 'numpy.ndarray' object has no attribute 'nothing'",
-        "drjit": "EOFError: ",
+        "warp": "AttributeError: 'numpy.ndarray' object has no attribute 'nothing'",
+        "drjit": "its process ended by exit status 3",
+        "taichi": "its process ended by SIGABRT",
     }
-    assert [len(measured.seconds[name]) for name in names[:3]] == [2, 2, 2]
+    assert {name: len(seconds) for name, seconds in measured.seconds.items()} == {"masks": 2, "numba": 2, "jax": 2}
+    cells = {row[0]: row for row in report.table(measured).rows}
+    assert cells["Taichi"] == ["Taichi", *[""] * 9, "failed: its process ended by SIGABRT"]
+
+
+def test_a_study_that_raises_ends_no_run(monkeypatch, tmp_path, capsys):
+    """What comes before it is in the file already, and what comes after it is measured."""
+
+    def fails(mesh, quick):
+        (unfinished,) = tmp_path.iterdir()
+        assert len(json.loads(unfinished.read_text())["tables"]) == 1
+        raise OSError("the battery is empty")
+
+    monkeypatch.setitem(command.STUDIES, "lights", fails)
+    monkeypatch.setitem(command.STUDIES, "pixels", lambda mesh, quick: Table("pixels", "", ["a"], [["1"]]))
+    words = ["--only", "mandelbrot,lights,pixels", "--targets", "numpy", "--peers", "none", "--quick", "--size", "8"]
+    assert command.main([*words, "--json", str(tmp_path / "a.json")]) == 1
+    assert capsys.readouterr().out.endswith("lights failed: OSError: the battery is empty\n")
+    (path,) = tmp_path.iterdir()
+    document = json.loads(path.read_text())
+    assert [table["name"] for table in document["tables"]] == ["mandelbrot", "pixels"]
+    assert document["failed"] == {"lights": "OSError: the battery is empty"}
 
 
 SLOW = pytest.mark.slow
