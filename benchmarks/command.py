@@ -40,7 +40,6 @@ from benchmarks import (
     machine,
     peers,
     rays,
-    record,
     report,
     rounds,
     startup,
@@ -71,7 +70,6 @@ STUDIES = studies.STUDIES | {
     "gradients": lambda mesh, quick: gradients.gradients(quick),
     "fitting": lambda mesh, quick: gradients.fitting(quick),
     "components": lambda mesh, quick: gradients.components(quick),
-    "recording": lambda mesh, quick: record.recording(quick),
     "equal-error": lambda mesh, quick: equal_error.equal_error(quick),
     "looks": lambda mesh, quick: looks.looks(quick),
 }

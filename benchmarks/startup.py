@@ -1,4 +1,4 @@
-"""The time until a kernel runs: recording, emitting and compiling, in new processes, cold and warm.
+"""The time until a kernel runs: emitting and compiling, in new processes, cold and warm.
 
     print(compiling(mesh, quick=False))
 
@@ -15,14 +15,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
-from benchmarks import record
 from benchmarks.tables import Table
-from raytracer import Mesh
+from raytracer import Mesh, Scene
+from raytracer.kernels.eye_rays import EyeRays
+from raytracer.kernels.picture import eye_rays
+from raytracer.kernels.tracer import Tracer
+from raytracer.scene.layout import Layout
+from shpy import SH_FOR, SH_IF
 
 CHILD = "import sys; from benchmarks.startup import child; child(*sys.argv[1:])"
 IMPORTED = ("numpy", "shpy", "raytracer")
@@ -39,6 +45,39 @@ COMMAND = "import sys; from raytracer.cli import main; sys.exit(main())"
 RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
 
 
+def straight(count: int) -> sh.Program:
+    """Return a program of `count` lines."""
+
+    @sh.program
+    def work(a: sh.Attrib3f, b: sh.Attrib1f) -> sh.Attrib3f:
+        x, y = sh.Attrib3f(a), sh.Attrib3f(b)
+        for number in range(0, count, 10):
+            with SH_FOR(0, 3) if number % 100 == 0 else nullcontext():
+                for k in range(4):
+                    x[:] = x * a + (number + k)
+                    y[:] = sh.max(x, y) - b
+                x.xy = y.yx
+            with SH_IF(x.x > y.y):
+                y += sh.dot(x, a)
+        return x + y
+
+    return work
+
+
+@cache
+def mixed() -> tuple[Scene, Layout]:
+    """Return the scene with everything in it, and its tables."""
+    scene = Scene.builtin("mixed")
+    return scene, Layout.of(scene)
+
+
+def ray_tracer() -> sh.Program:
+    """Return the kernel of that scene."""
+    scene, layout = mixed()
+    program: sh.Program = eye_rays(Tracer(layout, scene.background, scene.ambient, 3, "opencl"), EyeRays())
+    return program
+
+
 def _spheres() -> Any:
     from benchmarks.kernels.spheres import picture
 
@@ -47,15 +86,15 @@ def _spheres() -> Any:
 
 PROGRAMS: dict[str, Callable[[], Any]] = {
     "spheres": _spheres,
-    "ray tracer": record.ray_tracer,
-    "branches": lambda: record.straight(270),
+    "ray tracer": ray_tracer,
+    "branches": lambda: straight(270),
 }
 
 
 def child(name: str, backend: str) -> None:
     """Print the seconds of emitting and compiling a program: for a process of its own."""
     sh.backends()  # opening the device is no part of it, and neither is the scene's accelerator
-    record.mixed()
+    mixed()
     program = PROGRAMS[name]()
     started = time.perf_counter()
     program.compile(backend, loop_limit=None)
@@ -77,7 +116,7 @@ def _backends() -> list[str]:
 
 
 def compiling(mesh: Mesh, quick: bool) -> Table:
-    """Measure the compilation of programs, each in a new process, cold and then warm; `recording` has the rest."""
+    """Measure the compilation of programs, each in a new process, cold and then warm."""
     rows, rounds = [], {}
     cases = [(name, backend) for name in PROGRAMS for backend in _backends()]
     for name, backend in [("spheres", "numpy")] if quick else cases:

@@ -14,8 +14,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pages
+from texts import TEXTS
 
-from benchmarks import answers, command, peers, record, report, rounds
+from benchmarks import answers, command, peers, report, rounds, startup
 from benchmarks.tables import Table
 from benchmarks.work import TARGETS, Work, compare
 from raytracer.meshes.shapes import knot
@@ -138,17 +139,10 @@ def test_unknown_names_are_refused():
         command.main(["--only", "nothing"])
 
 
-def test_recording_and_every_text_is_measured():
-    count, seconds = record.measured(lambda: record.straight(40), repeats=1)
-    assert count > 300
-    assert list(seconds) == ["record", "numpy", "opencl", "glsl"]
-    assert all(value > 0 for value in seconds.values())
-
-
 def test_the_texts_are_those_that_kernels_have():
-    program = record.straight(20)
+    program = startup.straight(20)
     for backend in ("numpy", "opencl"):
-        assert record.TEXTS[backend](program.ir) == program.compile(backend, lanes=1).source
+        assert TEXTS[backend](program.ir) == program.compile(backend, lanes=1).source
     device = open_context(0).limits
     assert text_for(program.ir, Options(), device) == program.compile("glsl").source
 
@@ -160,12 +154,6 @@ def test_a_browser_that_only_asks_to_be_installed_is_none(status, found, monkeyp
     command.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert pages.chromium.__wrapped__() == (str(command) if found else None)
-
-
-def test_recording_is_a_table(monkeypatch):
-    monkeypatch.setattr(record, "LINES", (10, 20))
-    table = record.recording(quick=False)
-    assert [row[0] for row in table.rows] == ["10 lines", "20 lines", "the ray tracer"]
 
 
 def test_studies_give_tables(mesh, capsys):

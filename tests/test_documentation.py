@@ -18,9 +18,9 @@ import pytest
 import trimesh
 from operation_tables import table_of_functions, table_of_operations
 from PIL import Image as pillow
+from texts import TEXTS
 
 import shpy as sh
-from benchmarks.record import TEXTS
 from raytracer.meshes.shapes import knot
 
 ROOT = Path(__file__).parents[1]

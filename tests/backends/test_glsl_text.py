@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from texts import TEXTS
 
 import shpy as sh
-from benchmarks.record import TEXTS
 from shpy import SH_DISCARD, SH_ELSE, SH_FOR, SH_IF, SH_WHILE
 from shpy.backend.glsl.text.prologue import SPLIT
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from backends import snapshot_programs
 from backends.running import TARGETS
+from texts import TEXTS
 
 import shpy as sh
-from benchmarks.record import TEXTS
 from shpy.backend.base import Options
 from shpy.backend.opencl.device.driver import PACKET_TARGET
 from shpy.backend.opencl.packets.kernel import print_packets
