@@ -13,8 +13,13 @@ import importlib
 import importlib.metadata
 import importlib.util
 import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from benchmarks.work import Run
 from shpy.ieee import set_ieee_arithmetic
 from shpy.packages import install
 
@@ -92,6 +97,7 @@ def start(name: str) -> None:
 
         warp.config.log_level = warp.LOG_ERROR
         warp.init()
+        warp.set_device("cpu")
     elif name == "jax":
         import jax
 
@@ -106,3 +112,27 @@ def available(names: list[str]) -> tuple[list[str], dict[str, str]]:
     """Return the peers of these names that are there; and for each that is not, the command that brings it."""
     cures = {name: PEERS[name].cure for name in names}
     return [n for n in names if cures[n] is None], {n: c for n, c in cures.items() if c is not None}
+
+
+def filled(kernel: Callable[..., None], shape: tuple[int, ...], *inputs: Any) -> Run:
+    """Return a run of a kernel of Taichi that gives an array of float32, which it fills."""
+
+    def run() -> np.ndarray:
+        out = np.empty(shape, np.float32)
+        kernel(*inputs, out)
+        return out
+
+    return run
+
+
+def launched(kernel: Any, shape: Any, inputs: Callable[[], Sequence[Any]] = list, dtype: Any = float) -> Run:
+    """Return a run of a kernel of Warp, whose inputs are made in each run, since Warp borrows arrays of the host."""
+    import warp as wp
+
+    def run() -> np.ndarray:
+        out = wp.empty(shape, dtype=dtype)
+        wp.launch(kernel, shape, inputs(), [out])
+        array: np.ndarray = out.numpy()
+        return array
+
+    return run

@@ -118,7 +118,7 @@ def taichi(picture):
 def warp(picture):
     import warp as wp
 
-    weights = wp.array(WEIGHTS, dtype=float, device="cpu")
+    weights = wp.array(WEIGHTS, dtype=float)
     size = len(picture)
 
     @wp.kernel
@@ -138,10 +138,10 @@ def warp(picture):
         out[i, j] = total
 
     def run():
-        texels = wp.array(picture, dtype=float, device="cpu", copy=False)
-        between, out = (wp.empty((size, size), dtype=float, device="cpu") for _ in range(2))
-        wp.launch(kernel, (size, size), [texels, weights, 0, 1], [between], device="cpu")
-        wp.launch(kernel, (size, size), [between, weights, 1, 0], [out], device="cpu")
+        texels = wp.array(picture, dtype=float, copy=False)
+        between, out = (wp.empty((size, size), dtype=float) for _ in range(2))
+        wp.launch(kernel, (size, size), [texels, weights, 0, 1], [between])
+        wp.launch(kernel, (size, size), [between, weights, 1, 0], [out])
         return out.numpy()
 
     return run

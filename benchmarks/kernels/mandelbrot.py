@@ -6,6 +6,7 @@ Every version takes points (n, n, 2) and gives the iterations that each takes to
 import numpy as np
 
 import shpy as sh
+from benchmarks.peers import filled, launched
 from benchmarks.work import Work
 from shpy import SH_DO, SH_UNTIL
 
@@ -97,12 +98,7 @@ def taichi(c):
                 n += 1
             out[i, j] = n
 
-    def run():
-        out = np.empty(c.shape[:-1], np.float32)
-        kernel(c, out)
-        return out
-
-    return run
+    return filled(kernel, c.shape[:-1], c)
 
 
 @WORK.version("warp")
@@ -119,13 +115,7 @@ def warp(c):
             n += 1.0
         out[i, j] = n
 
-    def run():
-        points = wp.array(c, dtype=wp.vec2, device="cpu", copy=False)
-        out = wp.empty(c.shape[:-1], dtype=float, device="cpu")
-        wp.launch(kernel, c.shape[:-1], [points], [out], device="cpu")
-        return out.numpy()
-
-    return run
+    return launched(kernel, c.shape[:-1], lambda: [wp.array(c, dtype=wp.vec2, copy=False)])
 
 
 @WORK.version("numba")

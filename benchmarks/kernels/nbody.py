@@ -6,6 +6,7 @@ Every version takes bodies (n, 4), position and mass, and gives the pull that ea
 import numpy as np
 
 import shpy as sh
+from benchmarks.peers import filled, launched
 from benchmarks.work import Work
 from shpy import SH_FOR
 
@@ -104,12 +105,7 @@ def taichi(particles):
                 total += bodies[j].w * near * near * near * away
             out[i] = total
 
-    def run():
-        out = np.empty((len(particles), 3), np.float32)
-        kernel(particles, out)
-        return out
-
-    return run
+    return filled(kernel, (count, 3), particles)
 
 
 @WORK.version("warp")
@@ -130,14 +126,7 @@ def warp(particles):
             total += body[3] * near * near * near * away
         out[i] = total
 
-    def run():
-        out = wp.empty(len(particles), dtype=wp.vec3, device="cpu")
-        wp.launch(
-            kernel, len(particles), [wp.array(particles, dtype=wp.vec4, device="cpu", copy=False)], [out], device="cpu"
-        )
-        return out.numpy()
-
-    return run
+    return launched(kernel, len(particles), lambda: [wp.array(particles, dtype=wp.vec4, copy=False)], wp.vec3)
 
 
 @WORK.version("numba")

@@ -6,6 +6,7 @@ Every version takes x (n,) in [-1, 1] and gives a polynomial of degree 31 there,
 import numpy as np
 
 import shpy as sh
+from benchmarks.peers import filled, launched
 from benchmarks.work import Work
 
 COEFFICIENTS = np.random.default_rng(1).normal(size=32).astype(np.float32)
@@ -78,19 +79,14 @@ def taichi(x):
                 total = total * x[i] + float(COEFFICIENTS[k])
             out[i] = total
 
-    def run():
-        out = np.empty_like(x)
-        kernel(x, out)
-        return out
-
-    return run
+    return filled(kernel, x.shape, x)
 
 
 @WORK.version("warp")
 def warp(x):
     import warp as wp
 
-    coefficients = wp.array(COEFFICIENTS, dtype=wp.float32, device="cpu")
+    coefficients = wp.array(COEFFICIENTS, dtype=float)
 
     @wp.kernel
     def kernel(x: wp.array(dtype=float), c: wp.array(dtype=float), out: wp.array(dtype=float)):
@@ -100,14 +96,7 @@ def warp(x):
             total = total * x[i] + c[k]
         out[i] = total
 
-    def run():
-        out = wp.empty(len(x), dtype=float, device="cpu")
-        wp.launch(
-            kernel, len(x), [wp.array(x, dtype=float, device="cpu", copy=False), coefficients], [out], device="cpu"
-        )
-        return out.numpy()
-
-    return run
+    return launched(kernel, len(x), lambda: [wp.array(x, dtype=float, copy=False), coefficients])
 
 
 @WORK.version("numba")

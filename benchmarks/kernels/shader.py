@@ -7,6 +7,7 @@ PCG as a hash (O'Neill 2014, Jarzynski and Olano 2020), gradients from its bits,
 import numpy as np
 
 import shpy as sh
+from benchmarks.peers import filled, launched
 from benchmarks.work import Work
 from shpy import SH_IF
 
@@ -166,12 +167,7 @@ def taichi(size):
                 tone = 0.8 * ti.sqrt(tone)
             out[i, j] = tone
 
-    def run():
-        out = np.empty((size, size), np.float32)
-        kernel(out)
-        return out
-
-    return run
+    return filled(kernel, (size, size))
 
 
 @WORK.version("warp")
@@ -218,12 +214,7 @@ def warp(size):
             tone = 0.8 * wp.sqrt(tone)
         out[i, j] = tone
 
-    def run():
-        out = wp.empty((size, size), dtype=float, device="cpu")
-        wp.launch(kernel, (size, size), [], [out], device="cpu")
-        return out.numpy()
-
-    return run
+    return launched(kernel, (size, size))
 
 
 @WORK.version("numba")

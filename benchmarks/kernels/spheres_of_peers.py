@@ -6,6 +6,8 @@ and what counts as infinitely far; and gives what is timed.
 
 import numpy as np
 
+from benchmarks.peers import filled, launched
+
 
 def drjit(size, spheres, light, rays, away, far):
     import drjit as dr
@@ -99,18 +101,13 @@ def taichi(size, spheres, light, rays, away, far):
                 d -= 2 * d.dot(normal) * normal
             out[i, j] = value
 
-    def run():
-        out = np.empty((size, size), np.float32)
-        kernel(out)
-        return out
-
-    return run
+    return filled(kernel, (size, size))
 
 
 def warp(size, spheres, light, rays, away, far):
     import warp as wp
 
-    ball_array = wp.array(np.float32(spheres), dtype=wp.vec4, device="cpu")
+    ball_array = wp.array(np.float32(spheres), dtype=wp.vec4)
 
     @wp.func
     def met(o: wp.vec3, d: wp.vec3, ball: wp.vec4):
@@ -160,12 +157,7 @@ def warp(size, spheres, light, rays, away, far):
             d = d - 2.0 * wp.dot(d, normal) * normal
         out[i, j] = value
 
-    def run():
-        out = wp.empty((size, size), dtype=float, device="cpu")
-        wp.launch(kernel, (size, size), [ball_array, wp.vec3(*light), rays, away, far], [out], device="cpu")
-        return out.numpy()
-
-    return run
+    return launched(kernel, (size, size), lambda: [ball_array, wp.vec3(*light), rays, away, far])
 
 
 def numba(size, spheres, light, rays, away, far):
