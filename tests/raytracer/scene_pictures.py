@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene
+from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, render
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 BACKENDS = ["numpy", "opencl", "glsl"]
 SIZE = (40, 30)
+CAMERA = Camera((0, 2, 5), (0, 0.3, 0), fov=30)
+"""The eye before a ball or two on a floor."""
 LIGHTS = (PointLight((3, 5, 4), (0.8, 0.7, 0.6)), DirectionalLight((1, -2, -1), (0.3, 0.3, 0.5)))
 
 
@@ -27,6 +29,14 @@ def same(found, wanted):
     for name, layer in wanted.layers.items():
         assert found.layers[name].dtype == layer.dtype, name
         np.testing.assert_array_equal(found.layers[name].view(np.uint32), layer.view(np.uint32), err_msg=name)
+
+
+def same_everywhere(scene, size, backends=BACKENDS, **options):
+    """Render a scene on backends, assert that all layers have the same bits, and return the picture."""
+    first, *others = (render(scene, size, backend=backend, **options) for backend in backends)
+    for other in others:
+        same(other, first)
+    return first
 
 
 def same_arrays(found, expected):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from PIL import Image as pillow
+from scene_pictures import CAMERA
 
 from raytracer import (
     Camera,
@@ -26,7 +27,6 @@ from raytracer import (
 from raytracer.animation import animate
 from raytracer.meshes.shapes import box, floor, sphere
 
-CAMERA = Camera((0, 2, 5), (0, 0.3, 0), fov=30)
 SHARP = MetallicRoughness((0.9, 0.8, 0.7), metallic=1, roughness=0, clearcoat=0.5)
 VELVET = MetallicRoughness((0.3, 0.02, 0.05), roughness=0.9, sheen_color=(0.9, 0.4, 0.5), sheen_roughness=0.4)
 LOOKS = {

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from gltf_files import SQUARE, File
-from scene_pictures import same
+from scene_pictures import same, same_everywhere
 from test_file_materials import AHEAD, gltf
 
 from raytracer import (
@@ -109,8 +109,7 @@ def test_pictures_vertex_colours_and_alpha():
     ("integrator", "others"), [(Whitted(bounces=2), "layered"), (Path(samples=1, bounces=2), "glass")]
 )
 def test_every_backend_has_the_same_bits(integrator, others):
-    images = [render(around(others), SIZE, integrator=integrator, backend=b) for b in ("numpy", "opencl")]
-    same(*images)
+    same_everywhere(around(others), SIZE, ("numpy", "opencl"), integrator=integrator)
 
 
 def test_other_tracers_cubes_and_a_rasteriser_show_it():
