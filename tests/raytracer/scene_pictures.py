@@ -1,8 +1,10 @@
 """A small scene that several files render, and comparisons: of all layers of pictures, of hits, of frames."""
 
+import dataclasses
+
 import numpy as np
 
-from raytracer import Camera, DirectionalLight, Material, PointLight, Renderer, Scene, render
+from raytracer import Camera, DirectionalLight, Material, MetallicRoughness, PointLight, Renderer, Scene, render
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 BACKENDS = ["numpy", "opencl", "glsl"]
@@ -22,6 +24,13 @@ def small(ground=12, **changes):
     ]
     parts = {"meshes": meshes, "lights": LIGHTS, "camera": Camera((1, 2.5, 6), (0, 0.7, 0), fov=45)}
     return Scene(**(parts | changes))
+
+
+def two_balls(left, right, **changes):
+    """Return balls of two materials on a floor under a point light; `changes` replace parts."""
+    balls = [sphere(0.5, material, rings=8, segments=12) for material in (left, right)]
+    meshes = [balls[0].moved((-0.6, 0.5, 0)), floor(4, MetallicRoughness()), balls[1].moved((0.6, 0.5, 0))]
+    return Scene(meshes, **{"lights": [PointLight((2, 4, 3))], "camera": CAMERA, **changes})
 
 
 def same(found, wanted):
@@ -54,6 +63,17 @@ def frames(scenes):
         renderer.show(scene)
         yield renderer.render(SIZE)
     assert renderer.builds <= 3
+
+
+def check_other_numbers(scene, size, **numbers):
+    """Assert that a Renderer shows the first mesh with other numbers of its material, and builds nothing for it."""
+    first, *others = scene.meshes
+    material = dataclasses.replace(first.material, **numbers)
+    changed = dataclasses.replace(scene, meshes=[first.with_material(material), *others])
+    renderer = Renderer(scene, backend="numpy")
+    renderer.show(changed)
+    same(renderer.render(size), render(changed, size, backend="numpy"))
+    assert renderer.builds == 1
 
 
 def turned(angle, offset=(0, 0, 0), scale=(1, 1, 1)):

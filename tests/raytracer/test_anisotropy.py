@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from gltf_files import File
-from scene_pictures import CAMERA, same, same_everywhere
+from scene_pictures import CAMERA, check_other_numbers, same, same_everywhere, two_balls
 from test_file_materials import gltf, obj
 from test_microfacets import check_gains_nothing, furnace
 
@@ -18,7 +18,6 @@ from raytracer import (
     MetallicRoughness,
     Path,
     PointLight,
-    Renderer,
     Scene,
     SceneError,
     Staged,
@@ -37,11 +36,7 @@ PICTURE = Texture(np.random.default_rng(3).random((4, 4, 3)).astype(np.float32),
 
 def metals(**changes):
     wood = MetallicRoughness((0.5, 0.2, 0.1), roughness=0.3, anisotropy=PICTURE, anisotropy_rotation=-30, clearcoat=0.5)
-    meshes = [sphere(0.5, BRUSHED, rings=8, segments=12).moved((-0.6, 0.5, 0)), floor(4, MetallicRoughness())]
-    meshes.append(sphere(0.5, wood, rings=8, segments=12).moved((0.6, 0.5, 0)))
-    return Scene(
-        meshes, **{"lights": [PointLight((2, 4, 3)), EnvironmentLight((0.3,) * 3)], "camera": CAMERA, **changes}
-    )
+    return two_balls(BRUSHED, wood, **{"lights": [PointLight((2, 4, 3)), EnvironmentLight((0.3,) * 3)], **changes})
 
 
 @pytest.mark.sampled(4)
@@ -116,12 +111,7 @@ def test_other_tracers_and_changes():
     scene = metals(lights=[PointLight((2, 4, 3))])
     whole = render(scene, (12, 8), backend="numpy", accel="grid")
     same(render(scene, (12, 8), integrator=Staged(), backend="numpy"), whole)
-    renderer = Renderer(scene, backend="numpy")
-    other = dataclasses.replace(BRUSHED, anisotropy=0.3, anisotropy_rotation=80.0)
-    changed = dataclasses.replace(scene, meshes=[scene.meshes[0].with_material(other), *scene.meshes[1:]])
-    renderer.show(changed)
-    same(renderer.render((12, 8)), render(changed, (12, 8), backend="numpy"))
-    assert renderer.builds == 1
+    check_other_numbers(scene, (12, 8), anisotropy=0.3, anisotropy_rotation=80.0)
     seen = GBuffer(np.zeros((4, 4, 3)), np.ones((4, 4, 3)), np.zeros((4, 4), int), np.zeros((4, 4, 2)))
     with pytest.raises(SceneError, match=r"a GBuffer has no tangents, and mesh 0 .* has an anisotropy"):
         render(scene, (4, 4), primary=seen, backend="numpy")

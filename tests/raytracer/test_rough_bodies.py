@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scene_pictures import CAMERA, same, same_everywhere
+from scene_pictures import CAMERA, check_other_numbers, same_everywhere, two_balls
 from test_file_materials import gltf
 from test_microfacets import check_gains_nothing, error_of, furnace
 
@@ -37,10 +37,7 @@ def bodies(**changes):
         (1, 1, 1), roughness=0.2, transmission=1, thickness=1, ior=1.3, attenuation_color=(0.9, 0.5, 0.1),
         attenuation_distance=0.5, anisotropy=0.6,
     )  # fmt: skip
-    meshes = [BALL.with_material(FROSTED).moved((-0.6, 0.5, 0)), floor(4, MetallicRoughness())]
-    meshes.append(BALL.with_material(amber).moved((0.6, 0.5, 0)))
-    lights = [PointLight((2, 4, 3)), EnvironmentLight((0.3, 0.3, 0.3))]
-    return Scene(meshes, **{"lights": lights, "camera": CAMERA, **changes})
+    return two_balls(FROSTED, amber, **{"lights": [PointLight((2, 4, 3)), EnvironmentLight((0.3,) * 3)], **changes})
 
 
 @pytest.mark.sampled(4)
@@ -140,12 +137,7 @@ def test_other_tracers_cubes_and_changes():
         Renderer(scene, integrator=Staged(), backend="numpy")
     cube = LayeredCube.of(scene, resolution=32, shading="deferred", backend="numpy")
     assert np.isfinite(render(scene, (12, 8), integrator=Whitted(secondary=cube), backend="numpy").pixels).all()
-    renderer = Renderer(scene, backend="numpy")
-    other = dataclasses.replace(FROSTED, base_color=(0.2, 0.9, 0.5), ior=1.4, attenuation_distance=3.0)
-    changed = dataclasses.replace(scene, meshes=[scene.meshes[0].with_material(other), *scene.meshes[1:]])
-    renderer.show(changed)
-    same(renderer.render((12, 8)), render(changed, (12, 8), backend="numpy"))
-    assert renderer.builds == 1
+    check_other_numbers(scene, (12, 8), base_color=(0.2, 0.9, 0.5), ior=1.4, attenuation_distance=3.0)
 
 
 @pytest.mark.slow

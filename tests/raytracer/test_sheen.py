@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scene_pictures import CAMERA, same, same_everywhere
+from scene_pictures import CAMERA, check_other_numbers, same, same_everywhere, two_balls
 from test_file_materials import gltf
 from test_microfacets import check_gains_nothing, error_of, furnace
 
@@ -16,7 +16,6 @@ from raytracer import (
     MetallicRoughness,
     Path,
     PointLight,
-    Renderer,
     Scene,
     SceneError,
     Staged,
@@ -102,16 +101,10 @@ def test_white_fibres_gain_nothing_in_a_furnace(look):
     assert render(whitted, (8, 8), backend="numpy").pixels.max() <= 1.001
 
 
-def cloth(**changes):
-    meshes = [sphere(0.5, VELVET, rings=8, segments=12).moved((-0.6, 0.5, 0)), floor(4, MetallicRoughness())]
-    meshes.append(sphere(0.5, SATIN, rings=8, segments=12).moved((0.6, 0.5, 0)))
-    return Scene(meshes, **{"lights": [PointLight((2, 4, 3))], "camera": CAMERA, **changes})
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Path(samples=2, bounces=3), Whitted(bounces=2)], ids=["Path", "Whitted"])
 def test_every_backend_has_the_same_bits(integrator):
-    same_everywhere(cloth(), (12, 8), integrator=integrator)
+    same_everywhere(two_balls(VELVET, SATIN), (12, 8), integrator=integrator)
 
 
 def test_edges_shine():
@@ -130,17 +123,12 @@ def test_edges_shine():
 
 
 def test_other_tracers_pictures_and_changes():
-    scene = cloth()
+    scene = two_balls(VELVET, SATIN)
     whole = render(scene, (12, 8), backend="numpy", accel="grid")
     same(render(scene, (12, 8), integrator=Staged(), backend="numpy"), whole)
     cube = LayeredCube.of(scene, resolution=32, shading="deferred", backend="numpy")
     assert render(scene, (12, 8), integrator=Whitted(secondary=cube), backend="numpy").pixels.max() > 0
-    renderer = Renderer(scene, backend="numpy")
-    other = dataclasses.replace(VELVET, sheen_color=(0.1, 0.9, 0.2), sheen_roughness=0.7)
-    changed = dataclasses.replace(scene, meshes=[scene.meshes[0].with_material(other), *scene.meshes[1:]])
-    renderer.show(changed)
-    same(renderer.render((12, 8)), render(changed, (12, 8), backend="numpy"))
-    assert renderer.builds == 1
+    check_other_numbers(scene, (12, 8), sheen_color=(0.1, 0.9, 0.2), sheen_roughness=0.7)
 
     def fibres(hit):
         return Surface(sheen_color=0.5 * sh.Color3f(1, 1, 1), sheen_roughness=0.4)
