@@ -209,7 +209,7 @@ def test_peers_have_processes_of_their_own(monkeypatch):
 
 
 def test_a_study_that_raises_ends_no_run(monkeypatch, tmp_path, capsys):
-    """What comes before it is in the file already, and what comes after it is measured."""
+    """Earlier results are in the file by then, and later ones are measured."""
 
     def fails(mesh, quick):
         (unfinished,) = tmp_path.iterdir()
