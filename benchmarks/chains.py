@@ -42,7 +42,6 @@ JACOBI = Work(
     quick=32,
     within=1e-5,
     note="One chain of ours, sh.repeat; all start with an array in the host's memory and end with one.",
-    group="chains",
 )
 PARTICLES = Work(
     "particles",
@@ -55,7 +54,6 @@ PARTICLES = Work(
         "Ours takes sh.argsort, sh.gather and sh.histogram; numpy and JAX their stable argsort and bincount; numba "
         "sorts by counting, which is written by hand. All start with arrays in the host's memory and end with one."
     ),
-    group="chains",
 )
 WORKS = (JACOBI, PARTICLES)
 

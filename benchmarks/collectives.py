@@ -21,7 +21,7 @@ def numbers(size: int) -> tuple[np.ndarray]:
 
 def _work(name: str, title: str, within: float) -> Work:
     title = f"{title} of {{size}} numbers"
-    return Work(name, title, numbers, size=10_000_000, quick=5_000, within=within, group="collectives")
+    return Work(name, title, numbers, size=10_000_000, quick=5_000, within=within)
 
 
 SUM = _work("sum", "Pairwise sum", 1e-3)

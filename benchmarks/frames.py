@@ -47,7 +47,6 @@ def _work(mesh: Mesh, size: int) -> Work:
         share=0.03,
         note="`path` also follows light between the mesh's own parts; the tracer of its own does what ours does.",
     )
-    work.group = "frames"
     work.seen = squares
     slow = ("numpy",) if size == 256 else ()
     work.ours_on("opencl", "plain", "glsl", *slow)(partial(_ours, mesh=mesh))

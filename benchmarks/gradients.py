@@ -80,6 +80,13 @@ def waiting(kernel: Any, streams: list[sh.Stream], out: Any) -> None:
     streams[0].place.space.finish()
 
 
+def timed(ways: dict[str, sh.Program], streams: list[sh.Stream], target: str, quick: bool) -> dict[str, list[float]]:
+    """Return the seconds of each round of programs over the same streams."""
+    kernels = {way: program.compile(target) for way, program in ways.items()}
+    runs = {way: partial(waiting, kernel, streams, kernel(*streams)) for way, kernel in kernels.items()}
+    return {way: times.seconds for way, times in in_turns(runs, 2 if quick else ROUNDS).items()}
+
+
 def gradients(quick: bool) -> Table:
     """Measure each program, and its value with a gradient in three ways, in turns."""
     count, target = (1_000 if quick else ELEMENTS), backend()
@@ -92,15 +99,11 @@ def gradients(quick: bool) -> Table:
             "reverse": program.gradient("p", value=True, mode="reverse"),
             "differences": differences(program),
         }
-        runs: dict[str, Callable[[], Any]] = {}
-        for way, derived in ways.items():
-            kernel = derived.compile(target)
-            runs[way] = partial(waiting, kernel, [points], kernel(points))
-        times = in_turns(runs, 2 if quick else ROUNDS)
-        whole = np.array(times["value"].seconds)
-        ratios = [f"{np.median(np.array(times[way].seconds) / whole):.2f}" for way in list(ways)[1:]]
+        seconds = timed(ways, [points], target, quick)
+        whole, *others = map(np.array, seconds.values())
+        ratios = [f"{np.median(other / whole):.2f}" for other in others]
         rows.append([name, f"{1e9 * np.median(whole) / count:.2f}", *ratios])
-        rounds |= {f"{name}, {way}": t.seconds for way, t in times.items()}
+        rounds |= {f"{name}, {way}": each for way, each in seconds.items()}
     note = f"A value and its gradient by three inputs, {count:,} elements on {target}: medians of ratios to the value."
     head = ["program", "value, ns", "forward", "reverse", "differences"]
     return Table("gradients", note, head, rows, rounds)
@@ -136,16 +139,10 @@ def components(quick: bool) -> Table:
             "value": program,
             **{m: program.gradient(*program.inputs, value=True, mode=m) for m in ("forward", "reverse")},
         }
-        runs = {
-            way: partial(waiting, k, streams, k(*streams))
-            for way, k in ((w, p.compile(target)) for w, p in ways.items())
-        }
-        times = in_turns(runs, 2 if quick else ROUNDS)
-        whole = np.array(times["value"].seconds)
-        rows.append(
-            [str(size), *(f"{np.median(np.array(times[m].seconds) / whole):.1f}" for m in ("forward", "reverse"))]
-        )
-        rounds |= {f"{size}, {way}": t.seconds for way, t in times.items()}
+        seconds = timed(ways, streams, target, quick)
+        whole, *others = map(np.array, seconds.values())
+        rows.append([str(size), *(f"{np.median(other / whole):.1f}" for other in others)])
+        rounds |= {f"{size}, {way}": each for way, each in seconds.items()}
     note = f"A value and its gradient by n numbers, each statement of all of them, {count:,} elements on {target}."
     return Table("components", note, ["n", "forward", "reverse"], rows, rounds)
 

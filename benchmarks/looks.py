@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.rays import mitsuba_sensor
+from benchmarks.rays import mitsuba_mesh, mitsuba_sensor
 from benchmarks.studies import backend
 from benchmarks.tables import Table
 from raytracer import Camera, EnvironmentLight, Material, Mesh, MetallicRoughness, Renderer, Scene, Texture
@@ -174,27 +174,12 @@ def theirs(look: Look, size: int, samples: int, seeds: int) -> np.ndarray:
             properties["emitter"] = mi.load_dict({"type": "area", "radiance": rgb(mesh.material.emission)})
         if interior is not None and mesh.name == "ball":
             properties["interior"] = mi.load_dict(interior)
-        description[mesh.name.replace(" ", "_")] = _mesh(mesh, properties)
+        description[mesh.name.replace(" ", "_")] = mitsuba_mesh(mesh, properties, textured=True)
     kind = "path" if interior is None else "volpath"
     integrator = mi.load_dict({"type": kind, "max_depth": BOUNCES + 1, "rr_depth": BOUNCES + 1})
     built, sensor = mi.load_dict(description), mitsuba_sensor(CAMERA, size)
     pictures = (mi.render(built, sensor=sensor, integrator=integrator, spp=samples, seed=k) for k in range(seeds))
     return np.array([np.asarray(picture, np.float64)[..., :3] for picture in pictures])
-
-
-def _mesh(mesh: Mesh, properties: Any) -> Any:
-    """Return a mesh whose triangles have corners of their own, with uv coordinates, as Mitsuba's."""
-    import mitsuba as mi
-
-    corners = np.asarray(mesh.corners, np.float32).reshape(-1, 3)
-    shape = mi.Mesh(mesh.name, len(corners), len(corners) // 3, has_vertex_texcoords=True, props=properties)
-    parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = corners.ravel()
-    parameters["faces"] = np.arange(len(corners), dtype=np.uint32)
-    uv = np.zeros((len(corners), 2)) if mesh.uv is None else np.asarray(mesh.uv).reshape(-1, 2)
-    parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
-    parameters.update()
-    return shape
 
 
 def looks(quick: bool) -> Table:

@@ -47,7 +47,6 @@ def _work(mesh: Mesh, name: str) -> Work:
         within=1e-3,
         share=1e-3,
         note=EDGES,
-        group="coherent rays" if primary else "incoherent rays",
     )
     ours = ours_primary if primary else ours_given
     work.ours_on("opencl", "plain", "opencl-1", "glsl")(partial(ours, mesh=mesh, any_hit=any_hit))
@@ -144,14 +143,21 @@ def mitsuba_sensor(camera: Camera, size: int) -> Any:
     })  # fmt: skip
 
 
-def mitsuba_mesh(mesh: Mesh, properties: Any = None) -> Any:
-    """Return the mesh as Mitsuba's, with flat faces."""
+def mitsuba_mesh(mesh: Mesh, properties: Any = None, *, textured: bool = False) -> Any:
+    """Return the mesh as Mitsuba's, with flat faces; `textured` with uv coordinates, for corners of each triangle."""
     import mitsuba as mi
 
-    shape = mi.Mesh(mesh.name, len(mesh.vertices), len(mesh.faces), props=properties or mi.Properties())
+    vertices, faces = mesh.vertices, mesh.faces
+    if textured:
+        vertices, faces = mesh.corners.reshape(-1, 3), np.arange(3 * len(mesh)).reshape(-1, 3)
+    properties = properties or mi.Properties()
+    shape = mi.Mesh(mesh.name, len(vertices), len(faces), has_vertex_texcoords=textured, props=properties)
     parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = np.float32(mesh.vertices).ravel()
-    parameters["faces"] = np.uint32(mesh.faces).ravel()
+    parameters["vertex_positions"] = np.float32(vertices).ravel()
+    parameters["faces"] = np.uint32(faces).ravel()
+    if textured:
+        uv = np.zeros((len(vertices), 2)) if mesh.uv is None else mesh.uv
+        parameters["vertex_texcoords"] = np.float32(uv).ravel()
     parameters.update()
     return shape
 
@@ -202,7 +208,7 @@ def mitsuba_eye_rays(mesh: Mesh, size: int) -> Any:
     return mi.Ray3f(mi.Point3f(eye), dr.normalize(corner + column * across + row * down))
 
 
-def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool, coherent: bool | None = None) -> Any:
+def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool) -> Any:
     """All cores, and packets of 16 rays if they are coherent, as those from the eye are; rays are made beforehand."""
     import drjit as dr
     import mitsuba as mi
@@ -211,5 +217,4 @@ def mitsuba(*rays: Any, mesh: Mesh, any_hit: bool, coherent: bool | None = None)
     ray = mitsuba_eye_rays(mesh, rays[0]) if primary else mi.Ray3f(*(a.T for a in rays))
     shape = (rays[0], rays[0]) if primary else (-1,)
     dr.eval(ray)
-    alike = primary if coherent is None else coherent
-    return lambda: _traced(scene, ray, alike, any_hit).reshape(shape)
+    return lambda: _traced(scene, ray, primary, any_hit).reshape(shape)

@@ -54,9 +54,8 @@ class Work:
     `size` and `quick` are what `inputs` is called with. Answers agree if all but the `share` of their elements differ
     from the reference by at most `within`, times the larger of 1 and the reference's magnitude. The reference is what
     the version `masks` gives, or else the first that ran.
-    `group`: what means are taken over; `seen`: what of an answer is compared, which is not timed. `exact`: for sums,
-    whose order is left to each version, what they round, in binary64: an answer that differs from the reference agrees
-    too if it is as near to this.
+    `seen`: what of an answer is compared, which is not timed. `exact`: for sums, whose order is left to each version,
+    what they round, in binary64: an answer that differs from the reference agrees too if it is as near to this.
     """
 
     name: str
@@ -67,7 +66,6 @@ class Work:
     within: float
     share: float = 0.0
     note: str = ""
-    group: str = "kernels"
     seen: Callable[[Any], Any] = np.asarray
     exact: Callable[..., Any] | None = None
     versions: dict[str, Version] = field(default_factory=dict)
