@@ -52,7 +52,7 @@ def render_partitioned(
     """
     started = time.perf_counter()
     width, height = whole_size(size)
-    check_scene(job.scene, job.integrator)
+    check_scene(job.scene)
     check_partitions(job, partitions)
     fine = isqrt(job.integrator.samples)
     layers, layout = canvas(width, height), Layout.of(job.scene, "brute", job.integrator.precision)

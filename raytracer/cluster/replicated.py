@@ -63,7 +63,7 @@ def render_tiles(
     """
     started = time.perf_counter()
     width, height = whole_size(size)
-    check_scene(job.scene, job.integrator)
+    check_scene(job.scene)
     _check_programs(job.scene)
     check_resume(job.integrator, resume)
     layers, tile, done = canvas(width, height), None, 0

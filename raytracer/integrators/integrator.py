@@ -257,8 +257,8 @@ def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
     return kind(**arguments)
 
 
-def check_scene(scene: Scene, integrator: Integrator) -> None:
-    """Raise SceneError unless this is a Scene with a sky that the integrator can show."""
+def check_scene(scene: Scene) -> None:
+    """Raise SceneError unless this is a Scene that can be shown."""
     if not isinstance(scene, Scene):
         raise SceneError(f"pictures show a Scene, such as Scene.framed(mesh), not {scene!r:.60}")
     if not scene.triangles and not isinstance(scene.background, tuple):

@@ -129,7 +129,7 @@ def _check_fits(primary: GBuffer, scene: Any, integrator: Integrator, size: tupl
 def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> list[NDArray[Any]]:
     """Return position, normal, object and uv in the coordinates of the kernel; SceneError for bad numbers."""
     seen = primary.object >= 0
-    _check_objects(primary.object[seen], scene, layout, tracer)
+    _check_objects(primary.object[seen], scene, tracer)
     arrays = []
     for name in ("position", "normal", "uv"):
         array = getattr(primary, name)
@@ -156,7 +156,7 @@ def seen_inputs(primary: GBuffer, scene: Scene, layout: Layout, tracer: Any) -> 
     ]
 
 
-def _check_objects(objects: NDArray[np.int32], scene: Scene, layout: Layout, tracer: Any) -> None:
+def _check_objects(objects: NDArray[np.int32], scene: Scene, tracer: Any) -> None:
     """Raise SceneError for numbers of no mesh, and for meshes whose surface a G-buffer does not describe."""
     if not len(objects):
         return

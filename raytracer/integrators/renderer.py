@@ -80,7 +80,7 @@ class Renderer:
         **options: Unpack[Options],
     ) -> None:
         self.integrator = chosen(integrator, options)
-        check_scene(scene, self.integrator)
+        check_scene(scene)
         self.scene = scene
         self.backend = chosen_backend(backend)
         self.build_seconds = self.record_seconds = self.compile_seconds = 0.0
@@ -179,7 +179,7 @@ class Renderer:
         `builds` counts, and so does a number that needs other code: see docs/raytracer-pictures.md. Raises SceneError
         as a new Renderer does, and then keeps its scene.
         """
-        check_scene(scene, self.integrator)
+        check_scene(scene)
         if self._takes(scene):
             return
         with all_or_nothing(self):

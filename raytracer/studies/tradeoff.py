@@ -256,7 +256,7 @@ def fastest(scene: Scene, max_error: float, backend: str | None, bounces: int) -
 def _measured(
     scene: Scene, max_error: float, backend: str | None, bounces: int, progress: Progress | None
 ) -> tuple[Tradeoff, dict[Variant, Renderer]]:
-    check_scene(scene, Whitted())
+    check_scene(scene)
     if not (isinstance(max_error, int | float | np.number) and max_error > 0):
         raise SceneError(f"max_error is a positive number of 255ths, not {max_error!r}")
     if not scene.triangles:

@@ -72,7 +72,7 @@ def gradient(
         if current_frame() is None:
             return _at_once(derived, args, named)
         what = "sh.gradient"
-        outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
+        outline = outlined(what, f, args, named, _places(f, args, named, wrt))
         check_scalar(what, outline)
         derivatives = gradient_values(outline, what, mode, most, value=value)
         result = tuple(derivatives.gradients) if isinstance(wrt, tuple | list) else derivatives.gradients[0]
@@ -97,7 +97,7 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
         if current_frame() is None:
             return _at_once(derived, args, named)
         what = "sh.jacobian"
-        outline = outlined(what, f, args, named, _places(what, f, args, named, wrt))
+        outline = outlined(what, f, args, named, _places(f, args, named, wrt))
         if not isinstance(outline.layout, Leaf) or len(outline.moved) != 1 or len(outline.moved[0].inputs) != 1:
             raise ShpyTypeError(
                 f"sh.jacobian takes a function that gives one vector, and one vector as the argument; {outline.spoken} "
@@ -179,7 +179,7 @@ def _check_callable(what: str, f: Any) -> None:
         )
 
 
-def _places(what: str, f: Any, args: Sequence[Any], named: Mapping[str, Any], wrt: Any) -> list[Place]:
+def _places(f: Any, args: Sequence[Any], named: Mapping[str, Any], wrt: Any) -> list[Place]:
     """Return the arguments that `wrt` names, as positions among `args` or keywords of `named`."""
     names = parameters(f)
     places: list[Place] = []
