@@ -286,8 +286,7 @@ def _measure(case: TracerCase, renderer: Renderer, size: tuple[int, int], clock:
         seconds = () if renderer.staged is None else tuple(renderer.staged.log.seconds)
         measurement = TracerMeasurement(case, duration, stats.rays, dict(stats.calls), stats.alive, seconds)
         best = measurement if best is None or measurement.seconds < best.seconds else best
-        # OpenCL may try another width of packets within the first picture, which takes a compilation.
-        once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or (duration > _LATE and case.backend != "opencl")
+        once = case.backend == "numpy" or case.at_once == AT_ONCE[0] or duration > _LATE
         if duration > _SOON and (taken_before or once):
             break
     assert best is not None

@@ -163,8 +163,8 @@ def counted_on(backends: Iterable[str]) -> str:
 def machine() -> str:
     """Return the processor, as the system names it, and how many cores this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    tell = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
-    names = [line.partition(":")[2].strip() for line in tell if line.startswith("model name")]
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return f"{[*names, platform.processor() or platform.machine()][0]}, {cores} cores"
 
 

@@ -241,7 +241,7 @@ def tradeoff(
     """Measure every variant of rendering `scene` on one backend.
 
     `max_error` is the root mean square error that is allowed, in 255ths of sRGB; the reference has `bounces`.
-    `progress` is tell how many of the reference's pictures and of the variants are done, and how many there are.
+    `progress(done, total)` is called with the number of the reference's pictures and of the variants that are done.
     Raises SceneError for a scene without triangles, and for an error that is not positive.
     """
     return _measured(scene, max_error, backend, bounces, progress)[0]
