@@ -94,7 +94,7 @@ SHOWN = {
 }
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("name", SHOWN)
 def test_every_backend_shows_the_same_to_the_last_bit(name):
     shown = [SHOWN[name](example(name), backend) for backend in ("numpy", "opencl", "glsl")]
@@ -436,6 +436,7 @@ def test_metals():
     assert sharp > 2 * rough
 
 
+@pytest.mark.slow
 def test_studio():
     """Amber is yellow, paint is red, and the brushed disk has a bright fan, which a program without it has not."""
     m = example("studio")

@@ -49,7 +49,7 @@ def test_every_operation_is_in_the_list() -> None:
     assert found == set(OPS) | set(STRUCTURAL) - MADE_BY_PASSES
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(3)
 @each(CASES)
 def test_targets_agree_with_the_interpreter(case: Case) -> None:
     """Run a case on all targets but OpenCL, which the next tests run; how many are in a tile of numpy does not matter.

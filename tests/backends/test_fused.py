@@ -175,6 +175,7 @@ def decay(x: sh.Attrib1f, v: sh.Attrib1f):
     return {"x": x + v * 0.1, "v": v - x * 0.1}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", STEPPED)
 def test_streams_and_chains(backend):
     x, v = finite(2, 500)
@@ -190,6 +191,7 @@ def test_streams_and_chains(backend):
     assert np.array_equal(chained.streams["v"].numpy(), v)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", STEPPED)
 def test_textures_and_tables(backend):
     texture, table = sh.Texture2D(finite(4, 5), filter="linear"), sh.Table(finite(8), sh.Attrib1f)
@@ -319,6 +321,7 @@ def test_anything_but_a_bool_is_refused():
         horner.compile("numpy", fuse="yes")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("target", ["numpy", "opencl-8", "interpreter"])
 def test_a_program_that_is_watched_computes_the_same(target):
     a, b = finite(2, 20)

@@ -29,7 +29,7 @@ def refused(lanes: int) -> bool:
     return True
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [32])
 @pytest.mark.parametrize("base", "iub")
 def test_every_operation_on_ints_and_bools(lanes: int, base: str) -> None:

@@ -266,6 +266,7 @@ def test_first_values_of_a_loop_are_hidden_from_a_driver_that_misreads_its_exits
         assert zero not in compiled(stepping, backend).source
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", [sh.Attrib1i, sh.Attrib1u, sh.Attrib2i, sh.Attrib1f])
 @pytest.mark.parametrize(("lanes", "math"), [(1, "strict"), (1, "fast"), (8, "strict")])
 def test_what_is_hidden_from_a_driver_that_misreads_exits_changes_no_result(

@@ -164,6 +164,7 @@ def test_lists_of_streams_give_what_all_give(monkeypatch, precision, pays):
     np.testing.assert_array_equal(np.flatnonzero(mask & ~caught.value.result.written.numpy()), stuck)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("moving", [0.01, 100])
 def test_a_list_is_made_where_moving_its_elements_takes_less_time_than_it_saves(monkeypatch, moving):
     """The clock says that an element runs for a second; the first list builds kernels, the second one is timed."""

@@ -68,7 +68,7 @@ def test_the_greatest_of_many_elements(moved):
     check_top_k(moved, 6, 4, sizes=LARGE[:6])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 def test_programs_do_the_same(by_programs):
     check_unique(by_programs, 60, 5)
     check_top_k(by_programs, 60, 6)

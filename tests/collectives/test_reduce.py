@@ -95,7 +95,7 @@ def test_denormals_are_no_zeros(backend, cases):
         assert np.array_equal(along.argmax(axis=0).numpy(), np.argmax(along.numpy(), axis=0))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(6)
 def test_sizes_around_blocks_and_parts(trees):
     for n in AROUND:
         for seed, x in enumerate((columns(n, 21, trees)[:, 3].copy(), specials(n, 22, trees))):
@@ -196,7 +196,7 @@ def vectors(x, target):
 BACKENDS = ("numpy", "opencl", "glsl")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_sums_of_vectors_along_an_axis(backend):
     for n in (1, 2, 3, 17, 33, 257):
@@ -321,7 +321,7 @@ def test_exact_sums_of_doubles_are_those_of_fsum(backend):
             assert found.numpy().dtype == np.float64
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 @pytest.mark.parametrize(("type_", "word"), [(sh.Attrib1d, np.float64), (sh.Attrib1h, np.float16)])
 def test_other_floats_than_the_working_one(backend, type_, word):

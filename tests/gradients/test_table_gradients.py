@@ -86,6 +86,7 @@ def test_the_gradient_is_the_difference_quotient() -> None:
     assert np.isclose(d_gain, sh.value_and_gradient(error, gain)(UV, TARGET, BUMPS, precision="f64")[1], rtol=1e-13)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_same_bits_on_every_backend_and_over_streams(target: str) -> None:
     """Arrays, and streams with a mask; some elements of both are discarded."""
@@ -256,6 +257,7 @@ def test_reads_in_loops() -> None:
             assert np.array_equal(x, y), target
 
 
+@pytest.mark.slow
 def test_reads_in_loops_of_structs_textures_and_streams() -> None:
     """A texture whose four texels a loop reads, a Table of structs, a mask over streams, an element beyond `most`."""
     data = {"center": RNG.random((3, 2)), "turn": RNG.random((3, 2, 2))}

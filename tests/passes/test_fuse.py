@@ -249,6 +249,7 @@ def fused_operations(module: Module) -> int:
     return sum(isinstance(s, Let) and s.op == "fma" for f in module.functions for s in walk(f.body))
 
 
+@pytest.mark.slow
 def test_no_other_pass_finds_more_to_contract():
     """The variables that `promote` turns into values hold no products that the rule did not see."""
     through_variables = 0

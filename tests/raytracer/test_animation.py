@@ -34,6 +34,7 @@ def test_frames_are_the_pictures_of_their_scenes(tmp_path):
         assert np.array_equal(np.asarray(pillow.open(folder / f"{number:04}.png")), expected)
 
 
+@pytest.mark.slow
 def test_another_scene_is_followed_or_built_anew():
     renderer = Renderer(animated(0), backend="numpy")
     scenes = [animated(0.1), animated(0.2)]

@@ -106,6 +106,7 @@ def test_rays_may_walk_together_or_alone(name, query, widths):
         same_arrays(first, other)
 
 
+@pytest.mark.slow
 def test_rays_that_have_nothing_in_common_walk_alone():
     mesh = MESHES["knot"]
     origins, directions = rays(mesh, 1600)

@@ -69,6 +69,7 @@ def test_a_scene_is_compiled_once_in_a_process(client):
     assert_same(again, before)
 
 
+@pytest.mark.slow
 def test_more_samples_go_on_from_a_picture(client, tmp_path):
     scene = Scene.builtin("cornell")
     few = render(scene, (8, 9), integrator=Path(samples=2), backend="numpy", cluster=client)
@@ -243,6 +244,7 @@ def test_workers_that_compute_different_bits_are_refused(client):
         client.run(changed, None)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_its_unfinished_tasks_alone(client):
     scene, given = Scene.builtin("cornell"), {"integrator": Path(samples=5, seed=5), "backend": "numpy"}
     pids = list(client.run(os.getpid).values())

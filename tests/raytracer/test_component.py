@@ -105,7 +105,7 @@ def test_normals_and_uv_are_interpolated(kernel):
     np.testing.assert_allclose(result.normal[result.object == 1], result.face[result.object == 1], atol=1e-6)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["opencl", "glsl"])
 def test_rays_without_a_limit_meet_what_there_is_in_fast_mode(backend, near):
     origins, directions = rays(64)

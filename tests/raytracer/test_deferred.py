@@ -120,6 +120,7 @@ def test_programs_that_make_colours_and_shades_are_kept(backend):
     assert difference(exact, render(plain, SIZE, backend=backend, bounces=2)) > 10
 
 
+@pytest.mark.slow
 def test_samples_follow_objects_that_move_and_colours_that_change():
     turn = np.eye(4)
     turn[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]

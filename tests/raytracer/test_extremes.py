@@ -63,6 +63,7 @@ def at_edges(mesh, count):
     return origins, directions
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_rays_at_the_corners_and_in_the_sides_of_boxes_hit_what_they_hit_without_boxes(backend):
     """Triangles on the sides of a lattice of cubes, so that boxes begin and end where rays run."""
@@ -148,6 +149,7 @@ def slivers(rng, count):
     return triangles, eye, f32(ray / np.where(length > 0, length, 1))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_slivers_are_met_as_rationals_say(backend):
     """Wrong only for rays within 16 roundings of an edge; the distance to within the same of the largest coordinate."""
@@ -223,6 +225,7 @@ def test_rays_that_are_no_rays_miss(backend, accel):
     np.testing.assert_array_equal(met_now[good], met[good])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_triangle_far_smaller_than_the_scene_is_met_as_it_is_alone(backend):
     """10**20 times smaller: the same triangles, at distances that differ by rounding only."""
@@ -363,6 +366,7 @@ class _Cell(NamedTuple):
     steps: sh.Attrib1i
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_walk_through_cells_does_not_drift(backend):
     """2048 cells a side: at most 0.005 % of the cells looked into are none that the exact ray goes through.
@@ -463,6 +467,7 @@ def test_an_object_that_moves_out_of_f16_is_an_error():
     assert renderer.render((8, 6)).pixels.tobytes() == before.pixels.tobytes()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_rays_of_extreme_numbers_end_and_meet_what_every_triangle_tells(backend):
     """Many have an origin or a direction whose sizes overflow, which no walk may follow."""

@@ -276,7 +276,7 @@ def test_statements_of_mtl(tmp_path, text, expected):
 BEYOND = "light beyond what surfaces receive (1)"
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("text", "diffuse", "specular"),
     [

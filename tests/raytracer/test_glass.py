@@ -189,6 +189,7 @@ def test_every_width_agrees(lanes):
     same(first, renderer.render((24, 16)))
 
 
+@pytest.mark.slow
 def test_more_bounces_than_rays_that_may_wait():
     scene = Scene([sphere(1, CLEAR, rings=6, segments=8)], (), Camera((0, 0, 4), (0, 0, 0), fov=40), ambient=0.0)
     for backend, other in itertools.pairwise(BACKENDS):

@@ -122,6 +122,7 @@ def test_hits_are_nearly_as_exact_as_with_binary32(hit, most):
     assert wrong["half"] < wrong["single"] + 0.005
 
 
+@pytest.mark.slow
 def test_a_ray_that_leaves_a_surface_does_not_hit_it():
     ball = sphere(rings=24, segments=48)
     rng = np.random.default_rng(6)
@@ -152,6 +153,7 @@ def test_pictures_moves_and_the_command(tmp_path):
     assert np.sqrt(((moved - exact) ** 2).mean()) < 6
 
 
+@pytest.mark.slow
 def test_samples_with_half_depths_are_shaded():
     scene = Scene.builtin("boxes")
     single, half = (

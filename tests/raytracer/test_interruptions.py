@@ -120,6 +120,7 @@ def test_a_picture_that_cannot_be_continued_is_said(tmp_path, monkeypatch, capsy
     assert "16 of 40 samples, which were written; --resume goes on from .exr or .npy alone" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_passes_of_large_pictures_have_fewer_samples(monkeypatch):
     """An interruption loses a pass at most, which therefore takes seconds, not minutes."""
     renderer = Renderer(Scene.builtin("cornell"), backend="numpy", integrator="path", bounces=1)

@@ -287,6 +287,7 @@ def test_a_ray_that_leaves_a_surface_does_not_hit_it(hit):
     assert found.occluded(places, outward).mean() > 0.2
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("hit", "conservative"), [("plane", False), ("plane", True), ("sample", False)])
 def test_how_near_a_ray_that_leaves_a_surface_hits_another_one(hit, conservative):
     """It takes `CLOSER` texels for planes of triangles that cover the centre of one, and `CLOSE` for other samples."""
@@ -457,6 +458,7 @@ def test_a_floor_that_is_far_larger_takes_no_texels(backend):
     np.testing.assert_array_equal(dark, found.triangle >= 0)
 
 
+@pytest.mark.slow
 def test_a_framed_mesh_has_nearly_its_exact_picture():
     scene = Scene.framed(KNOT)
     exact, through = (

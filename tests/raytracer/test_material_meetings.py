@@ -101,7 +101,7 @@ def places(image):
     return np.asarray(CAMERA.position) + np.where(image.object_id >= 0, image.depth, 0)[..., None] * rays
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", [Whitted(), Path(samples=32, bounces=1)], ids=["Whitted", "Path"])
 def test_spots_shine_through_clear_walls_within_their_cone(integrator):
     """A spot through a pane of half the light: half as bright inside of the cone, and dark outside."""

@@ -158,6 +158,7 @@ def test_glass_that_touches_water_has_one_surface_with_it():
     np.testing.assert_allclose(found, first + (1 - first) ** 2 * second / (1 - first * second), atol=2e-5)
 
 
+@pytest.mark.slow
 def test_a_block_of_glass_stands_on_a_floor():
     """An opaque surface is seen where glass touches it, and nothing below it."""
     block = box((2, 1, 2), tinted(A)).moved((0, 0.5, 0))
@@ -265,6 +266,7 @@ def test_scenes_of_thin_walls_have_no_media():
     assert "media" in Renderer(Scene([box(material=tinted(A)), box()]), backend="numpy").program.tables
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["whitted", "path"])
 def test_the_first_triangle_casts_a_shadow_in_a_scene_with_glass(name):
     """The scene's triangle 0 is opaque and alone; the light of a lamp above falls on the floor beside it only."""
@@ -284,6 +286,7 @@ def test_the_first_triangle_casts_a_shadow_in_a_scene_with_glass(name):
     assert found.pixels[floor_seen & ((x + z) * width > 2 * width)].min() > 0.1
 
 
+@pytest.mark.slow
 def test_a_scene_without_lights_moves_and_is_shown_again_under_path():
     """Only the background shines, of which mirrors show what they see."""
 

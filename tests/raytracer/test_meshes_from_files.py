@@ -31,7 +31,7 @@ def scene(request):
     return Scene.load(path)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 def test_a_real_mesh_is_the_same_picture_on_every_backend(scene):
     assert len(scene.meshes[0]) == TRIANGLES[scene.name]
     images = [Renderer(scene, backend=b, bounces=2).render((96, 96)) for b in ("numpy", "opencl", "glsl")]

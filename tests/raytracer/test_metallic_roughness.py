@@ -195,6 +195,7 @@ def test_whitted_mirrors_in_the_colour_of_a_metal():
     np.testing.assert_allclose(image.pixels, np.broadcast_to(GOLD, (4, 4, 3)), atol=3e-3)
 
 
+@pytest.mark.slow
 def test_alpha_shows_what_lies_behind():
     half = MetallicRoughness((0, 0, 0), specular=0, alpha=0.5)
     for integrator in (Whitted(), Path(samples=512)):

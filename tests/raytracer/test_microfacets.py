@@ -216,7 +216,7 @@ def test_black_plastic_has_the_albedo_of_its_upper_layer():
     assert abs(colors[:, 0].mean() - expected) < 4 * error_of(colors)[0] + 0.004
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.slow
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.5, 1.0])
 def test_white_plastic_loses_nothing_below_its_upper_layer(roughness):
     colors = furnace(MetallicRoughness((1, 1, 1), roughness=roughness))

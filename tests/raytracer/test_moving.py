@@ -224,6 +224,7 @@ def test_a_picture_that_fails_on_the_way_is_drawn_the_next_time(monkeypatch):
     same(renderer.render(SIZE), Renderer(from_scratch(made, there), backend="numpy").render(SIZE))
 
 
+@pytest.mark.slow
 def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
     made = scene()
     renderer = Renderer(made, backend="numpy")
@@ -236,7 +237,7 @@ def test_a_scene_that_grows_beyond_its_scale_is_built_anew():
         assert renderer.builds == builds
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("backend", "first"),
     [

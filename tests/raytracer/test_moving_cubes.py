@@ -50,7 +50,7 @@ def made(monkeypatch):
     return counts
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "opencl", "glsl"])
 @pytest.mark.parametrize("options", [{"bounces": 2}, {"integrator": "path", "samples": 1}], ids=["whitted", "path"])
 def test_rigid_objects_keep_their_cubes_and_the_pictures_are_exact(backend, options, made, exact):

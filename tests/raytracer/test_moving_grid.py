@@ -128,7 +128,7 @@ def rays(count=900, seed=3):
     return origins, targets - origins
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("accel", "backend"),
     [
@@ -159,7 +159,7 @@ def test_hits_after_a_move_are_those_of_a_new_scene(accel, backend):
         np.testing.assert_array_equal(column, expected)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("accel", ["bvh", "grid"])
 def test_counts_lists_and_closest_points_after_a_move(accel):
     shoot, (origins, directions) = Intersector(scene(), accel, "numpy"), rays(200)

@@ -77,7 +77,7 @@ def mirrors():
     return Scene(meshes, lights, background=sky)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [8, 1, 2, 4])
 def test_any_number_of_parts_makes_the_same_picture(client, parts):
     given = {"integrator": Whitted(bounces=2), "backend": "numpy"}

@@ -109,7 +109,7 @@ def test_a_floor_under_a_square_light(side, height):
     agrees(image, 0.4 * 3 * form_factor(side / 2, height))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(("falloff", "sign"), [("square", 1), ("none", -1)])
 def test_point_lights_are_those_of_the_other_integrator(falloff, sign):
     lights = [PointLight((1, 3, 1), (sign * 0.9, sign * 0.6, sign * 0.3), falloff=falloff)]
@@ -123,6 +123,7 @@ def test_point_lights_are_those_of_the_other_integrator(falloff, sign):
     assert difference.mean() < 4e-3  # at edges the samples are others
 
 
+@pytest.mark.slow
 def test_many_lights_are_one_after_the_other():
     ground = floor(9, Material((1, 1, 1), diffuse=0.5, specular=0))
     lights = [
@@ -194,6 +195,7 @@ def test_glass_loses_nothing_but_what_it_absorbs():
     agrees(image, expected)
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_sky_lights_a_floor():
     sky = np.zeros((16, 32, 3))
     sky[3, 20] = 50
@@ -483,6 +485,7 @@ def test_the_command_continues_a_picture(tmp_path, capsys):
     assert "hold all numbers: .exr or .npy" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_there_is_after_an_interruption(tmp_path, capsys, monkeypatch):
     path = tmp_path / "a.npy"
     line = ["render", "cornell", "--integrator", "path", "--size", "4x4", "--bounces", "1", "--backend", "numpy"]

@@ -22,6 +22,7 @@ def small():
     return Renderer(Scene([floor(9), lamp], camera=Camera((2, 1, 2))), backend="numpy", integrator="path", bounces=1)
 
 
+@pytest.mark.slow
 def test_other_pictures_between_two_passes_change_nothing(small):
     """Two progressive pictures from cameras of different kinds, and a smaller picture, by one Renderer in turns."""
     wanted = [small.render((4, 3), camera=camera, samples=40) for camera in CAMERAS]

@@ -100,6 +100,7 @@ def painted():
     return Scene(meshes, [PointLight((3, 6, 4))], Camera((1, 3, 6), (0, 0.5, 0)))
 
 
+@pytest.mark.slow
 def test_materials_are_those_of_the_scene(painted):
     traced, flat = render(painted, SIZE, backend="numpy"), dataclasses.replace(painted, meshes=painted.meshes[:3])
     _, uv = uv_of(painted, SIZE)

@@ -100,7 +100,7 @@ def test_a_ray_through_edges_and_corners_hits_every_triangle_there():
     assert along_diagonals[0] in (3, 4)  # the diagonal of one face or of both
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "opencl"])
 def test_the_range_is_that_of_the_hits(backend):
     origins, directions = rays(500)
@@ -244,7 +244,7 @@ def test_nothing_to_meet_and_nobody_who_asks():
         empty.intersect([[np.nan, 0, 0]], one)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "backend"),
     [

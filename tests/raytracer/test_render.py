@@ -67,6 +67,7 @@ def test_boxes_is_the_oracles(backend):
     near(image.pixels, oracles(SCENES["boxes"], 64, 64, 3))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -290,6 +291,7 @@ def test_cameras_that_see_nothing(wrong):
         Camera(**({"position": (0, 0, 5)} | wrong))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("length", [1e-20, 0.01, 100.0, 1e20])
 def test_normals_of_any_length_give_the_same_light(length):
     """As those of a node that is scaled in a GLB file."""
@@ -307,6 +309,7 @@ def test_where_a_normal_is_zero_the_triangle_has_its_own():
     np.testing.assert_allclose(other.pixels, one.pixels, atol=1e-5)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("scale", [1e-30, 1e-18, 1e-9, 1e12, 1e18, 1e30])
 def test_extreme_scales_change_no_picture(scale):
     """A power of two beside the scale: the very pixels, ids and normals, and the depth times the scale."""

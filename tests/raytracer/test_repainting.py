@@ -143,6 +143,7 @@ def test_black_at_the_vertices_of_an_object_that_moves_builds_anew(way):
         assert renderer.builds == builds
 
 
+@pytest.mark.slow
 def test_a_lamp_more_is_another_number_of_lights():
     renderer = Renderer(plain(emission=(1.0, 1.0, 1.0)), backend="numpy", **WAYS["path"])
     other = with_numbers(plain(emission=(1.0, 2.0, 1.0)), "ground", emission=(0.1, 0.0, 0.0))

@@ -105,6 +105,7 @@ def test_smooth_glass_loses_nothing():
     assert abs(colors.mean() - 1) < 4 * error_of(colors)[0] + 2e-3
 
 
+@pytest.mark.slow
 def test_roughness_blurs_what_is_behind():
     """Stripes behind a plate lose their contrast."""
     stripes = np.tile(np.repeat([[0.0, 1.0]], 2, axis=1), 8)[..., None].repeat(3, axis=2).astype(np.float32)

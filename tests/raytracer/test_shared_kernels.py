@@ -128,6 +128,7 @@ def test_a_feature_that_has_nothing_to_do_costs_nothing(name):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("pair", PAIRS)
 def test_scenes_alike_in_their_features_have_one_text(pair):
     first, second, options = PAIRS[pair]
@@ -150,6 +151,7 @@ def test_a_feature_less_is_another_text(changes):
     assert text(one()) != text(one(**changes))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_second_scene_compiles_nothing_and_shows_itself(backend, monkeypatch):
     share(backend, {}, monkeypatch)

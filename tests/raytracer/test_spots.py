@@ -135,6 +135,7 @@ def lit(light, size=(16, 8), samples=4, backend="numpy"):
     return render(scene, size, integrator=Path(samples=samples, bounces=2), backend=backend)
 
 
+@pytest.mark.slow
 def test_a_picture_turned_by_whole_columns_is_a_picture_that_was_rolled():
     """A quarter turn moves the picture's middle from -z to -x: four of 16 columns to the left."""
     turned = lit(EnvironmentLight(Texture(PIXELS, srgb=False), rotation=90, strength=2.0), samples=1)
@@ -145,6 +146,7 @@ def test_a_picture_turned_by_whole_columns_is_a_picture_that_was_rolled():
     assert repr(EnvironmentLight((1, 1, 1), 450, 2)) == "EnvironmentLight((1.0, 1.0, 1.0), rotation=90, strength=2)"
 
 
+@pytest.mark.slow
 def test_a_program_is_turned_and_a_colour_is_stronger():
     def sky(direction: sh.Vector3f) -> sh.Color3f:
         return sh.Color3f(0.5 + 0.5 * direction.x, 0.5 + 0.5 * direction.y, 0.5 + 0.5 * direction.z)

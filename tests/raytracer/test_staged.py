@@ -31,6 +31,7 @@ def test_the_pictures_are_those_of_the_unified_kernel_for_every_threshold(backen
     assert calls["mask"] == sum(calls[stage] for stage in ("precalculate", "traverse", "intersect", "shade"))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scene", [Scene.builtin("boxes"), Scene.builtin("mixed")], ids=["boxes", "mixed"])
 def test_built_in_scenes(scene):
     unified = render(scene, (16, 12), backend="numpy", bounces=1, accel="grid")
@@ -53,6 +54,7 @@ def test_what_a_scene_lacks_changes_nothing(changes):
     same(render(scene, (20, 16), backend="numpy", bounces=1, tracer="staged", grid=7), unified)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "options",
     [{"samples": 4}, {"precision": "f64"}, {"accel": "brute"}, {"bounces": 0}, {"math": "relaxed"}],

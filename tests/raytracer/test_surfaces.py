@@ -473,6 +473,7 @@ SHADERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "chosen",
     [pytest.param(SHADERS, id="all")]

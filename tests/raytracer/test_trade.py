@@ -202,6 +202,7 @@ def test_the_other_camera_sees_the_scene_too():
     assert 0.7 * seen < other < seen  # from a little farther
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_draws(tmp_path, capsys, monkeypatch):
     keep(monkeypatch, lambda v: (v.precision, v.accel) == ("f32", "bvh") and (v.bounces or v.math == "strict"))
     picture = tmp_path / "t.png"

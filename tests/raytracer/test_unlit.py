@@ -92,6 +92,7 @@ def test_it_lights_nothing():
         np.testing.assert_array_equal(bright.pixels[inside], dark.pixels[inside])
 
 
+@pytest.mark.slow
 def test_pictures_vertex_colours_and_alpha():
     texture = Texture(np.full((1, 1, 3), 0.5), srgb=False)
     square = dataclasses.replace(floor(2, Unlit(texture)), colors=np.tile((1.0, 0.5, 0.0), (4, 1)))

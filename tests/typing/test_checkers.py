@@ -41,6 +41,7 @@ def found(checker: str) -> dict[str, dict[int, str]]:
     return errors
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("checker", COMMANDS)
 def test_a_script_of_every_feature_is_accepted(checker: str) -> None:
     errors = found(checker)

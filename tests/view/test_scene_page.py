@@ -104,6 +104,7 @@ def test_a_drag_turns_the_camera_about_its_target(page):
     assert camera(page) == before
 
 
+@pytest.mark.slow
 def test_the_right_button_moves_the_wheel_zooms_and_keys_do_both(page):
     before, sides = camera(page), [page.locator("#picture").bounding_box()["width"]]
     drag(page, "right")
@@ -224,6 +225,7 @@ def test_a_mistake_shows_with_its_line_and_the_last_good_picture_stays(page, vie
     settles(page, ("blue", True))
 
 
+@pytest.mark.slow
 def test_a_view_that_ends_or_never_had_a_picture_says_so(browser, tmp_path):
     path = tmp_path / "broken.py"
     path.write_text("def scene(time):\n    return nothing\n")

@@ -216,6 +216,7 @@ def test_a_pixel_shows_its_value_and_its_trace(page):
     assert page.is_hidden("#panel")
 
 
+@pytest.mark.slow
 def test_a_lost_question_about_a_pixel_is_followed_by_that_about_the_next_frame(browser, view):
     """A worker that is replaced answers nothing; its successor's frame comes while the page waits for the answer."""
     lost = []
@@ -342,6 +343,7 @@ def test_two_forms_are_compared(page, view):
     page.select_option("#other-math", "strict")
 
 
+@pytest.mark.slow
 def test_a_comparison_that_is_open_says_that_the_file_was_saved_since(page, view):
     page.select_option("#other-backend", "numpy")
     page.click("#compare")
@@ -389,6 +391,7 @@ def test_a_search_is_cancelled_by_its_button_and_by_a_save(page, view):
     shows(page, (71, 36, 0))
 
 
+@pytest.mark.slow
 def test_a_search_is_cancelled_by_closing_its_panel(page, view):
     search_begins(page, view)
     sent = []
@@ -430,6 +433,7 @@ def test_a_chain_runs_on_pauses_steps_and_begins_anew(page, view):
     page.wait_for_selector("text=Pause")
 
 
+@pytest.mark.slow
 def test_tabs_show_one_view(browser, view):
     view.save(EVOLVING)
     context = browser.new_context()
@@ -476,6 +480,7 @@ def test_a_trace_on_a_telephone_shows_each_value_in_a_line_of_its_own(browser, v
     page.close()
 
 
+@pytest.mark.slow
 def test_a_lost_connection_is_seen_wherever_a_telephone_has_scrolled(browser, tmp_path):
     path = tmp_path / "shader.py"
     path.write_text(GOOD.format(gain=1))

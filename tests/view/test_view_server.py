@@ -269,6 +269,7 @@ def test_the_process_that_draws_pauses_while_another_one_records(tmp_path):
         told(socket, "frame")
 
 
+@pytest.mark.slow
 def test_the_process_that_draws_goes_on_while_another_one_records_for_long(tmp_path):
     with paused(tmp_path) as (_, socket, drawing):
         assert any(told(socket, "busy")[0].get("stage") == "recording" for _ in range(20))
@@ -276,12 +277,14 @@ def test_the_process_that_draws_goes_on_while_another_one_records_for_long(tmp_p
         told(socket, "frame")
 
 
+@pytest.mark.slow
 def test_a_paused_process_ends_with_a_server_that_is_killed(tmp_path):
     with paused(tmp_path) as (found, _, drawing):
         found.process.kill()
         wait_until(lambda: state_of(drawing) is None)
 
 
+@pytest.mark.slow
 def test_control_c_ends_it_in_the_moment_when_it_starts(tmp_path):
     path = tmp_path / "wave.py"
     path.write_text(MOVING)
@@ -329,6 +332,7 @@ def test_an_edit_of_a_function_changes_its_gradient(tmp_path):
             assert tuple(pixels[:2]) == slopes
 
 
+@pytest.mark.slow
 def test_files_outside_the_folder_and_missing_ones_are_watched(tmp_path):
     folder = tmp_path / "real"
     folder.mkdir()
