@@ -13,6 +13,7 @@ Every version starts with arrays in the host's memory and gives one after `STEPS
 import numpy as np
 
 import shpy as sh
+from benchmarks.opencl import Device
 from benchmarks.work import Work
 
 STEPS, SORTS = 500, 50
@@ -51,8 +52,9 @@ PARTICLES = Work(
     quick=1 << 10,
     within=0,
     note=(
-        "Ours takes sh.argsort, sh.gather and sh.histogram; numpy and JAX their stable argsort and bincount; numba "
-        "sorts by counting, which is written by hand. All start with arrays in the host's memory and end with one."
+        "Ours takes sh.argsort, sh.gather and sh.histogram; numpy and JAX their stable argsort and bincount; numba and "
+        "OpenCL C sort by counting, which is written by hand. All start with arrays in the host's memory and end with "
+        "one."
     ),
 )
 WORKS = (JACOBI, PARTICLES)
@@ -242,6 +244,78 @@ def particles_by_numba(positions, velocities):
             step(*a, *b, own, counts)
             a, b = b, a
         return a[0]
+
+    return run
+
+
+COUNTING = """
+#define COUNT {count}
+#define PARTS {parts}
+#define CELLS {cells}
+#define SIDE {side}
+#define SHIFT {shift}
+#define MOST {most}
+#define PUSH(before, after) clamp(counts[before] - counts[after], -MOST, MOST)
+
+__kernel void tally(__global const int2 *at, __global int *own) {{
+    int part = get_global_id(0), first = part * (COUNT / PARTS);
+    own += part * CELLS;
+    for (int k = 0; k < CELLS; ++k) own[k] = 0;
+    for (int i = first; i < first + COUNT / PARTS; ++i) ++own[(at[i].y >> SHIFT) * SIDE + (at[i].x >> SHIFT)];
+}}
+
+__kernel void sums(__global int *own, __global int *counts) {{
+    int start = 0;
+    for (int k = 0; k < CELLS; ++k) {{
+        int first = start;
+        for (int part = 0; part < PARTS; ++part) {{
+            int here = own[part * CELLS + k];
+            own[part * CELLS + k] = start;
+            start += here;
+        }}
+        counts[k] = start - first;
+    }}
+}}
+
+__kernel void move(__global const int2 *at, __global const int2 *speed, __global int *own, __global const int *counts,
+                   __global int2 *new_at, __global int2 *new_speed) {{
+    int part = get_global_id(0), first = part * (COUNT / PARTS);
+    own += part * CELLS;
+    for (int i = first; i < first + COUNT / PARTS; ++i) {{
+        int x = at[i].x >> SHIFT, y = at[i].y >> SHIFT, to = own[y * SIDE + x]++;
+        int across = PUSH(y * SIDE + ((x - 1) & (SIDE - 1)), y * SIDE + ((x + 1) & (SIDE - 1)));
+        int down = PUSH(((y - 1) & (SIDE - 1)) * SIDE + x, ((y + 1) & (SIDE - 1)) * SIDE + x);
+        new_speed[to] = speed[i] + (int2)(across, down);
+        new_at[to] = (at[i] + new_speed[to]) & ((SIDE << SHIFT) - 1);
+    }}
+}}
+"""
+
+
+@PARTICLES.version("hand")
+def particles_by_hand(positions, velocities):
+    """Three launches a step; a work item counts and moves a quarter of the particles."""
+    device, parts = Device.opened(), 4
+    text = COUNTING.format(count=len(positions), parts=parts, cells=CELLS, side=SIDE, shift=SHIFT, most=MOST)
+    own, counts = device.empty(4 * parts * CELLS), device.empty(4 * CELLS)
+    old, new = ([device.empty(array.nbytes) for array in (positions, velocities)] for _ in range(2))
+    sums = device.kernel(text, "sums", 1, 1, own, counts)
+    turns = [
+        (device.kernel(text, "tally", parts, 1, a[0], own), device.kernel(text, "move", parts, 1, *a, own, counts, *b))
+        for a, b in ((old, new), (new, old))
+    ]
+
+    def run():
+        for buffer, array in zip(old, (positions, velocities), strict=True):
+            device.copy(buffer, array)
+        for step in range(SORTS):
+            tally, move = turns[step % 2]
+            tally()
+            sums()
+            move()
+        out = np.empty_like(positions)
+        device.copy(out, old[0])
+        return out
 
     return run
 

@@ -50,6 +50,7 @@ class Peer:
 
 PEERS = {
     "masks": Peer("numpy, plain masks"),
+    "hand": Peer("OpenCL C by hand", ("pyopencl",), "pyopencl"),
     "drjit": Peer("Dr.Jit (LLVM)", ("drjit",), "drjit", llvm=True),
     "taichi": Peer("Taichi", ("taichi",), "taichi"),
     "warp": Peer("Warp", ("warp",), "warp-lang"),
