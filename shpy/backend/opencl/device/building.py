@@ -111,12 +111,12 @@ class OpenCLBackend:
 
     def space(self, device: int | None) -> OpenCLSpace:
         """Return the memory of a device."""
-        return _space_of(machine_of(device))
+        return _space_of(device or 0)
 
 
 @once
-def _space_of(machine: Machine) -> OpenCLSpace:
-    return OpenCLSpace(machine, collectives)
+def _space_of(index: int) -> OpenCLSpace:
+    return OpenCLSpace(machine_of(index), collectives)
 
 
 def _built(machine: Machine, module: Module, options: Options, lanes: int) -> OpenCLExecutable:

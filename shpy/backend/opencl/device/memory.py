@@ -160,7 +160,7 @@ def _status_text(word: str) -> str:
 
 def buffer_dtype(type: Type, dtype: np.dtype[Any]) -> np.dtype[Any]:
     """Return the dtype of a component in a buffer: a bool is a byte, and a float of 16 bits takes 32."""
-    return np.dtype(np.float32) if dtype == np.float16 else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
+    return np.dtype(np.float32) if dtype.char == "e" else np.dtype(MEMORY[type.base]) if type.is_bool else dtype
 
 
 class OpenCLSpace:

@@ -6,30 +6,33 @@ inline WORD key(WORD x, uint last) {
 __kernel void count_digits(__global const WORD *given, uint n, uint chunk, uint shift, uint radix, uint last,
                            __global uint *counts) {
     uint first = get_global_id(0) * chunk, end = min(n, first + chunk), i = first;
-    uint found[4][MOST];
+    // A row for each chunk: if the counts of a digit were neighbours, threads would write to the same cache lines.
+    __global uint *own = counts + get_global_id(0) * radix;
+    uint more[3][MOST];
     for (uint d = 0; d < radix; ++d)
-        found[0][d] = found[1][d] = found[2][d] = found[3][d] = 0;
+        own[d] = more[0][d] = more[1][d] = more[2][d] = 0;
     // Equal digits often follow each other: four tables let four be counted at a time.
     for (; i + 4 <= end; i += 4) {
-        ++found[0][(key(given[i], last) >> shift) & (radix - 1)];
-        ++found[1][(key(given[i + 1], last) >> shift) & (radix - 1)];
-        ++found[2][(key(given[i + 2], last) >> shift) & (radix - 1)];
-        ++found[3][(key(given[i + 3], last) >> shift) & (radix - 1)];
+        ++own[(key(given[i], last) >> shift) & (radix - 1)];
+        ++more[0][(key(given[i + 1], last) >> shift) & (radix - 1)];
+        ++more[1][(key(given[i + 2], last) >> shift) & (radix - 1)];
+        ++more[2][(key(given[i + 3], last) >> shift) & (radix - 1)];
     }
     for (; i < end; ++i)
-        ++found[0][(key(given[i], last) >> shift) & (radix - 1)];
+        ++own[(key(given[i], last) >> shift) & (radix - 1)];
     for (uint d = 0; d < radix; ++d)
-        counts[d * get_global_size(0) + get_global_id(0)] = found[0][d] + found[1][d] + found[2][d] + found[3][d];
+        own[d] += more[0][d] + more[1][d] + more[2][d];
 }
 
-// Replace each count by the sum of those before it.
-__kernel void sum_before(__global uint *counts, uint n) {
+// Replace each count by the sum of those of lower digits, and of this digit in the chunks before.
+__kernel void sum_before(__global uint *counts, uint radix, uint chunks) {
     uint sum = 0;
-    for (uint i = 0; i < n; ++i) {
-        uint count = counts[i];
-        counts[i] = sum;
-        sum += count;
-    }
+    for (uint d = 0; d < radix; ++d)
+        for (uint c = 0; c < chunks; ++c) {
+            uint count = counts[c * radix + d];
+            counts[c * radix + d] = sum;
+            sum += count;
+        }
 }
 
 // Move the elements from `first` to before `end` to the places that `at` has for their digits: the words unless only
@@ -53,7 +56,7 @@ __kernel void move_digits(__global const WORD *given, uint n, uint chunk, uint s
     uint first = get_global_id(0) * chunk, end = min(n, first + chunk);
     uint at[MOST];
     for (uint d = 0; d < radix; ++d)
-        at[d] = counts[d * get_global_size(0) + get_global_id(0)];
+        at[d] = counts[get_global_id(0) * radix + d];
     move_chunk(given, first, end, shift, radix, last, at, moved, indices, moved_indices);
 }
 
