@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from dask.distributed import Client, LocalCluster
 from patience import HANGING
 from test_auto import EAGER, X
 
@@ -32,6 +33,7 @@ def work_of_a_child(connection):
     connection.send(machine_of(0).device.max_compute_units)
 
 
+@pytest.mark.slow  # a worker of Dask is such a process
 def test_worker_processes_go_on_with_opencl_on_one_core(monkeypatch):
     for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):
         monkeypatch.delenv(name, raising=False)
@@ -79,14 +81,21 @@ def test_seconds_of_earlier_processes_pay_for_a_compilation(tmp_path, monkeypatc
 
 
 FORKED = """
-import os, numpy as np, shpy as sh
+import os, sys, threading, numpy as np, shpy as sh
 from shpy.run import tiers
 tiers._COLD = tiers._CACHED = (0, 0); tiers._START = tiers._COMPILER = tiers._LOOK = 0; tiers._TRIED = 1000
 @sh.program
 def f(x: sh.Attrib1f):
     return sh.sin(x)
-kernel, x = f.compile(), np.linspace(0, 1, 100_000, dtype=np.float32)
-first = kernel(x)
+kernel, x, results = f.compile(), np.linspace(0, 1, 100_000, dtype=np.float32), []
+threads = [threading.Thread(target=lambda: results.extend(f(x) for _ in range(3))) for _ in range(2)]
+assert "pyopencl" not in sys.modules
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+first = f.compile("numpy")(x)
+assert [result.tobytes() == first.tobytes() for result in [*results, kernel(x)]] == [True] * 7
 assert kernel.runs_on == "opencl"
 child = os.fork()
 if not child:
@@ -101,9 +110,41 @@ print(os.waitpid(child, 0)[1], kernel(x).tobytes() == first.tobytes(), kernel.ru
 """
 
 
-def test_a_forked_child_goes_on_with_numpy():
+def test_threads_make_the_first_calls_of_a_process_and_a_forked_child_goes_on_with_numpy():
     ran = python(FORKED)
     assert (ran.stdout, ran.stderr) == ("0 True opencl\n", "")
+
+
+def calls_in_a_worker(program, x):
+    """Call a program that Dask has sent until OpenCL is in use, and once more; return the results and the backend."""
+    for name, value in EAGER.items():
+        setattr(tiers, name, value)
+    kernel = program.compile("auto")
+    results = [kernel(x)]
+    while "follows where it pays" in kernel.notes[-1]:  # another thread may compile
+        results.append(kernel(x))
+    results.append(kernel(x))
+    return results, kernel.runs_on, machine_of(0).device.max_compute_units
+
+
+def test_a_worker_of_dask_goes_on_with_opencl_on_one_core(monkeypatch):
+    for name in ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT"):
+        monkeypatch.delenv(name, raising=False)
+
+    @sh.program
+    def sent(x: sh.Attrib1f):
+        return sh.sin(x) * 3
+
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=True, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        parts = [X, X[:50_000], -X]  # two threads of the worker share the program's kernel
+        for part, future in [(part, client.submit(calls_in_a_worker, sent, part)) for part in parts]:
+            results, runs_on, cores = future.result(timeout=HANGING)
+            expected = sent.compile("numpy")(part)
+            assert (runs_on, cores) == ("opencl", 1)
+            assert all(result.tobytes() == expected.tobytes() for result in results)
 
 
 WITHOUT = """
