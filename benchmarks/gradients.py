@@ -1,20 +1,23 @@
-"""The cost of derivatives: a value with its gradient by three inputs, beside the value alone and beside differences.
+"""The cost of derivatives: a value with its gradient by three inputs, beside the value alone, differences, and peers.
 
     print(gradients(quick=True).markdown())
 
 The four programs are compiled for OpenCL where there is a device, otherwise for numpy, in strict mode, and read and
-write streams, so that only kernels count. Differences are central ones: six evaluations in one kernel.
+write streams, so that only kernels count. Differences are central ones: six evaluations in one kernel. JAX and Dr.Jit,
+where they are installed, read and write arrays of their own, one for each component, which both are fastest with.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import shpy as sh
+from benchmarks import peers
 from benchmarks.rounds import in_turns
 from benchmarks.studies import backend
 from benchmarks.tables import Table
@@ -23,7 +26,8 @@ from shpy import SH_FOR
 ELEMENTS, ROUNDS = 1_000_000, 9
 STEP = 2.0**-10
 """The step of the differences; none is right for all elements."""
-BODIES = sh.Table(np.random.default_rng(7).normal(size=(12, 3)), sh.Attrib3f)
+PLACES = np.random.default_rng(7).normal(size=(12, 3)).astype(np.float32)
+BODIES = sh.Table(PLACES, sh.Attrib3f)
 
 
 @sh.program
@@ -62,6 +66,110 @@ def nbody(p: sh.Attrib3f) -> sh.Attrib1f:
 PROGRAMS = {"box": box, "Phong": phong, "GGX": ggx, "n-body, 12 bodies": nbody}
 
 
+# The same by components, for peers; `m` has their functions
+
+
+def box_of(m: Any, x: Any, y: Any, z: Any) -> Any:
+    a, b, c = m.abs(x) - 1, m.abs(y) - 0.5, m.abs(z) - 0.25
+    outside = sum(q * q for q in (m.maximum(a, 0), m.maximum(b, 0), m.maximum(c, 0)))
+    return m.sqrt(outside) + m.minimum(m.maximum(a, m.maximum(b, c)), 0)
+
+
+def phong_of(m: Any, x: Any, y: Any, z: Any) -> Any:
+    x, y, z = x - 0.1, y - 0.2, z - 0.3
+    scale, eye = m.rsqrt(x * x + y * y + z * z), np.float32([0.5, 0.25, 1]) / np.float32(np.sqrt(1.3125))
+    shine = m.maximum(scale * (z * float(eye[2]) - x * float(eye[0]) - y * float(eye[1])), 0)
+    return 0.1 + 0.6 * m.maximum(scale * z, 0) + 0.3 * m.power(shine, 20)
+
+
+def ggx_of(m: Any, *p: Any) -> Any:
+    parts = [m.abs(c) - m.floor(m.abs(c)) for c in p]
+    rough, facing, metal = (0.05 + 0.95 * c for c in parts)
+    square = rough * rough * rough * rough
+    around = facing * facing * (square - 1) + 1
+    masked = facing + m.sqrt(square + (1 - square) * facing * facing)
+    fresnel = metal + (1 - metal) * m.power(1 - facing, 5)
+    return square * fresnel / (np.pi * around * around * masked * masked)
+
+
+def nbody_of(m: Any, *p: Any) -> Any:
+    squares = (sum((b - c) * (b - c) for b, c in zip(body, p, strict=True)) for body in PLACES.tolist())
+    return -sum(m.rsqrt(square + 1e-4) for square in squares)
+
+
+def misfit_of(m: Any, sheet: Any, u: Any, v: Any, target: Any) -> Any:
+    """Return the squares of the differences between a texture of 64 x 64, which is a flat array, and the target."""
+    x, y = (m.minimum(m.maximum(c * 64 - 0.5, 0), 63) for c in (u, v))
+    left, top = (m.minimum(m.floor(c), 62) for c in (x, y))
+    a, b, corner = x - left, y - top, m.int(top * 64 + left)
+    rows = (m.take(sheet, corner + k) * (1 - a) + m.take(sheet, corner + k + 1) * a for k in (0, 64))
+    d = next(rows) * (1 - b) + next(rows) * b - target
+    return d * d
+
+
+OF_PEERS = {"box": box_of, "Phong": phong_of, "GGX": ggx_of, "n-body, 12 bodies": nbody_of}
+
+
+def with_jax(f: Any, wrt: slice, arrays: Any) -> Callable[[], Any]:
+    """Return the run of JAX that gives the values of f and the derivatives of their sum by some arguments."""
+    import jax
+    import jax.numpy as jnp
+
+    names = ("abs", "floor", "maximum", "minimum", "sqrt", "power", "take")
+    functions = {n: getattr(jnp, n) for n in names}
+    m = SimpleNamespace(**functions, rsqrt=jax.lax.rsqrt, int=lambda x: x.astype(jnp.int32))
+    arguments = [jnp.asarray(a) for a in arrays]
+
+    @jax.jit
+    def both(*p: Any) -> Any:
+        values, back = jax.vjp(partial(f, m), *p)
+        return values, back(jnp.ones_like(values))[wrt]
+
+    return lambda: jax.block_until_ready(both(*arguments))
+
+
+def with_drjit(f: Any, wrt: slice, arrays: Any) -> Callable[[], Any]:
+    """Return the run of Dr.Jit that gives the values of f and the derivatives of their sum by some arguments."""
+    import drjit as dr
+    from drjit.llvm.ad import Float, Int
+
+    names = ("abs", "floor", "maximum", "minimum", "sqrt", "power", "rsqrt")
+    functions = {n: getattr(dr, n) for n in names}
+    m = SimpleNamespace(**functions, take=lambda a, index: dr.gather(Float, a, index), int=Int)
+    arguments = [Float(np.ascontiguousarray(a)) for a in arrays]
+
+    def both() -> Any:
+        p = [Float(a) for a in arguments]
+        dr.enable_grad(p[wrt])
+        values = f(m, *p)
+        dr.backward(values)
+        slopes = [dr.grad(x) for x in p[wrt]]
+        dr.eval(values, slopes)
+        dr.sync_thread()
+        return values, slopes
+
+    return both
+
+
+def runs_of_peers(f: Any, wrt: slice, arrays: Any) -> dict[str, Callable[[], Any]]:
+    """Return the runs of the peers that are installed, by their labels."""
+    makers = {"jax": with_jax, "drjit": with_drjit}
+    present = peers.available(list(makers))[0]
+    for name in present:
+        peers.start(name)
+    return {peers.PEERS[name].label: makers[name](f, wrt, arrays) for name in present}
+
+
+def check(way: str, values: Any, slopes: Any, own: Any) -> None:
+    """Raise ArithmeticError where a peer's finite numbers are others than ours: another program was timed."""
+    for a, b in zip([values, *slopes], own, strict=True):
+        a = np.asarray(a)
+        with np.errstate(invalid="ignore"):
+            off = np.abs(a - b) > 1e-3 * (1 + np.abs(b))
+        if off.mean() > 1e-3:
+            raise ArithmeticError(f"{way} computes other numbers: {a[off][:3]}, and shpy {b[off][:3]}")
+
+
 def differences(program: sh.Program) -> sh.Program:
     """Return the program of the value and of its central differences along each axis."""
 
@@ -80,18 +188,25 @@ def waiting(kernel: Any, streams: list[sh.Stream], out: Any) -> None:
     streams[0].place.space.finish()
 
 
-def timed(ways: dict[str, sh.Program], streams: list[sh.Stream], target: str, quick: bool) -> dict[str, list[float]]:
-    """Return the seconds of each round of programs over the same streams."""
+def timed(
+    ways: dict[str, sh.Program],
+    streams: list[sh.Stream],
+    target: str,
+    quick: bool,
+    others: Mapping[str, Callable[[], Any]] = MappingProxyType({}),
+) -> dict[str, list[float]]:
+    """Return the seconds of each round of programs over the same streams, and of other runs."""
     kernels = {way: program.compile(target) for way, program in ways.items()}
     runs = {way: partial(waiting, kernel, streams, kernel(*streams)) for way, kernel in kernels.items()}
-    return {way: times.seconds for way, times in in_turns(runs, 2 if quick else ROUNDS).items()}
+    return {way: times.seconds for way, times in in_turns({**runs, **others}, 2 if quick else ROUNDS).items()}
 
 
 def gradients(quick: bool) -> Table:
-    """Measure each program, and its value with a gradient in three ways, in turns."""
+    """Measure each program, and its value with a gradient in three ways and by peers, in turns."""
     count, target = (1_000 if quick else ELEMENTS), backend()
-    points = sh.Stream(np.random.default_rng(3).normal(size=(count, 3)), sh.Attrib3f, target)
-    rows, rounds = [], {}
+    array = np.random.default_rng(3).normal(size=(count, 3)).astype(np.float32)
+    points = sh.Stream(array, sh.Attrib3f, target)
+    rows, rounds, others = [], {}, []
     for name, program in PROGRAMS.items():
         ways = {
             "value": program,
@@ -99,14 +214,20 @@ def gradients(quick: bool) -> Table:
             "reverse": program.gradient("p", value=True, mode="reverse"),
             "differences": differences(program),
         }
-        seconds = timed(ways, [points], target, quick)
-        whole, *others = map(np.array, seconds.values())
-        ratios = [f"{np.median(other / whole):.2f}" for other in others]
-        rows.append([name, f"{1e9 * np.median(whole) / count:.2f}", *ratios])
-        rounds |= {f"{name}, {way}": each for way, each in seconds.items()}
+        others = runs_of_peers(OF_PEERS[name], slice(0, 3), array.T)
+        value, slope = ways["forward"].compile(target)(array)
+        for peer, run in others.items():
+            check(f"{peer}, {name},", *run(), [value, *slope.T])
+        seconds = {way: np.array(each) for way, each in timed(ways, [points], target, quick, others).items()}
+        whole, forward = seconds["value"], seconds["forward"]
+        cells = [f"{np.median(seconds[way] / whole):.2f}" for way in list(ways)[1:]]
+        for peer in others:
+            cells += [f"{1e9 * np.median(seconds[peer]) / count:.2f}", f"{np.median(seconds[peer] / forward):.2f}"]
+        rows.append([name, f"{1e9 * np.median(whole) / count:.2f}", *cells])
+        rounds |= {f"{name}, {way}": each.tolist() for way, each in seconds.items()}
     note = f"A value and its gradient by three inputs, {count:,} elements on {target}: medians of ratios to the value."
-    head = ["program", "value, ns", "forward", "reverse", "differences"]
-    return Table("gradients", note, head, rows, rounds)
+    heads = [h for peer in others for h in (f"{peer}, ns", "of forward")]
+    return Table("gradients", note, ["program", "value, ns", *list(ways)[1:], *heads], rows, rounds)
 
 
 def chained(count: int) -> sh.Program:
@@ -198,6 +319,12 @@ def fitting(quick: bool) -> Table:
         "step, arrays": lambda: step(*arrays, backend=target),
         "step of 256 reads in a loop, streams": lambda: step_through(*streams),
     }
+    value, slopes = step(*streams)
+    of_peers = (SHEET.table.host_array().ravel(), *np.moveaxis(arrays[0], -1, 0), arrays[1])
+    for peer, run in runs_of_peers(misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
+        values, found = run()
+        check(peer, np.sum(values), found, [value, slopes.ravel()])
+        runs[f"step, {peer}"] = run
     for run in runs.values():
         run()
     times = in_turns(runs, 2 if quick else ROUNDS)

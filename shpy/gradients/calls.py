@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from shpy.errors import RecordError
+from shpy.ir.builder import Builder
 from shpy.ir.nodes import Call, Function, Let, Module, Stmt, Value as IrValue, Variable
 from shpy.ir.traverse import is_straight, rewrite, uses, walk
 from shpy.ir.types import Type
@@ -49,14 +50,9 @@ def reverse_call(
     place and a bar for each read of the `tables`; and the function. `first` is the number of the first read in loops
     that it gives. Without `what`, the result need not depend on the inputs.
     """
-    recording = outline.frame.recording
+    frame, recording = outline.frame, outline.frame.recording
     limits = LoopLimits(most, forward=not (rounding or tables))
-    if any(isinstance(p, Variable) for p in outline.function.inputs):
-        raise RecordError(
-            f"reverse mode: {outline.spoken} stores into a value from outside of it, or reads an array from there",
-            loc=here(),
-            cure=limits.cure("values of its own"),
-        )
+    outline, slots = _by_value(outline)
     module = prepared(_module_of(outline, what), tables, defined=rounding)
     originals = {g.name: g for g in outline.reached}
     names = {
@@ -65,15 +61,18 @@ def reverse_call(
     functions = [replace(_with_callees(g, names), name=names.get(g.name, g.name)) for g in module.functions]
     *callees, entry = functions
     by_name = {g.name: g for g in callees}
-    rules = {} if rounding else {names[g.name]: by_name[names[g.tangent]] for g in outline.reached if g.tangent}
+    rules = {} if rounding else {g.name: by_name[g.tangent] for g in callees if g.tangent}
     world = ReverseFunctions(by_name.__getitem__, recording.function_name, rules, limits, rounding, frozenset(tables))
     moving = moving_inputs(outline, entry)
-    reverse = world.reversed(entry, moving, kept, unit=True)
+    stored = range(len(entry.outputs) - len(slots), len(entry.outputs))
+    reverse = world.reversed(entry, moving, (*kept, *stored), unit=True)
     others = [g for g in callees if g.name in originals]
     new = [g for g in callees if g.name not in originals]
     more = () if first is None or len(reverse.function.inputs) == len(outline.arguments) else (first,)
     results = iter(call_derived(outline, others, [*new, *world.callees], reverse.function, more, "reverse"))
     handles = [next(results) for _ in kept]
+    for slot in slots:
+        frame.store(slot, next(results))
     active = world.activities.in_function(entry, moving).inputs
     for v, moves in zip((v for m in outline.moved for v in m.inputs), active, strict=False):
         handles.append(next(results) if moves else zero(outline, v.type))
@@ -92,27 +91,14 @@ def call_derived(
 
     `others` are functions of the recording that these call. `more` are arguments that follow those of the outline.
     """
-    frame = outline.frame
-    recording = frame.recording
+    recording = outline.frame.recording
     name = recording.function_name(derived_name(outline.name, suffix))
     module = optimise(Module("m", (), (), (), (), (*others, *callees, replace(derived, name=name))), fixed=False)
     *callees, derived = module.functions[len(others) :]
     values = not any(isinstance(p, Variable) for p in derived.inputs)
     derived = replace(derived, pure=is_straight(derived.body) and len(derived.outputs) == 1 and values)
     recording.functions += [*callees, derived]
-    args = [*outline.arguments, *more]
-    for port in derived.inputs[len(args) :]:  # the tangents of variables around the function, which it stores into
-        assert isinstance(port, Variable)
-        if port.length is not None:
-            raise RecordError(
-                f"{outline.spoken} stores a value that moves into an array from outside of it",
-                loc=here(),
-                cure=f"the sh.Array inside of {outline.spoken}",
-            )
-        slot = frame.variable(port.type, name=port.name, loc=here())
-        frame.store(slot, zero(outline, port.type))
-        args.append(slot)
-    return frame.call(derived, tuple(args))
+    return outline.frame.call(derived, (*outline.arguments, *more))
 
 
 def moving_inputs(outline: Outline, function: Function) -> tuple[bool, ...]:
@@ -129,6 +115,23 @@ def zero(outline: Outline, type: Type) -> int:
 def derived_name(name: str, suffix: str) -> str:
     """Return the name of a derived function."""
     return f"{name}_{suffix}" if name else suffix
+
+
+def _by_value(outline: Outline) -> tuple[Outline, list[int]]:
+    """Return the outline with the variables around it, but arrays, as values and last outputs; and their ids."""
+    b = Builder(function=outline.function)
+    b.inputs, arguments, slots = [], [], []
+    for port, argument in zip(outline.function.inputs, outline.arguments, strict=True):
+        if isinstance(port, IrValue) or port.length is not None:
+            b.inputs.append(port)
+            arguments.append(argument)
+        else:
+            b.store(port, b.input(port.type, port.name), loc=port.loc)
+            b.outputs.append(port)
+            arguments.append(outline.frame.let("load", (), port.type, argument))
+            slots.append(argument)
+    b.extend(outline.function.body)
+    return replace(outline, function=b.finish(), arguments=arguments), slots
 
 
 def _module_of(outline: Outline, what: str | None) -> Module:
@@ -148,7 +151,7 @@ def _module_of(outline: Outline, what: str | None) -> Module:
 
 
 def _with_callees(function: Function, names: Mapping[str, str]) -> Function:
-    """Return a function whose calls have other names."""
+    """Return a function whose callees, and the rule of its tangent, have other names."""
 
     def renamed(s: Stmt) -> Stmt:
         match s:
@@ -158,4 +161,5 @@ def _with_callees(function: Function, names: Mapping[str, str]) -> Function:
                 return replace(s, function=names.get(name, name))
         return s
 
-    return replace(function, body=rewrite(function.body, renamed))
+    tangent = names.get(function.tangent or "", function.tangent)
+    return replace(function, body=rewrite(function.body, renamed), tangent=tangent)

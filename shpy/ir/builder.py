@@ -69,6 +69,7 @@ class Builder:
         self.variables: list[Variable] = list(function.variables) if function else []
         self.pure = function.pure if function else False
         self.alone = function.alone if function else False
+        self.tangent = function.tangent if function else None
         self.loc = loc
         self._function_loc = function.loc if function else loc
         self._regions: list[list[Stmt]] = [[]]
@@ -278,6 +279,7 @@ class Builder:
             self.pure,
             self._function_loc,
             self.alone,
+            self.tangent,
         )
 
 

@@ -1,7 +1,7 @@
 """Replace parameters by reference: each becomes an input by value, an output, or both.
 
-Stage: improve, for `vectorize`, where a variable may live in several slots. A function that takes an array cannot be
-converted, so `inline` has to come first, which copies such functions to their calls.
+Stage: improve, for `vectorize`, where a variable may live in several slots. Arrays stay references, which the entry
+alone may have: `inline` comes first and copies the other functions that take arrays to their calls.
 
     function advance($p, %v)           |    function advance(%p, %v) -> $p
         %1 = load $p                   |        store $p = %p
@@ -34,10 +34,10 @@ def takes_array(function: Function) -> bool:
 
 
 def pass_by_value(module: Module) -> Module:
-    """Return the module whose functions take values only; TypeError for one that takes an array."""
+    """Return the module whose functions take values, and the entry arrays; TypeError for another that takes one."""
     converted: dict[str, _Conversion] = {}
     for function in module.functions:
-        if takes_array(function):
+        if takes_array(function) and function is not module.entry:
             raise TypeError(f"{function.name} takes an array: it comes after inline")
         converted[function.name] = _convert(function, _Caller(function, converted).run())
     return replace(module, functions=tuple(c.after for c in converted.values()))
@@ -62,7 +62,7 @@ def _convert(before: Function, function: Function) -> _Conversion:
 
     A parameter that is read becomes an input, one that is stored becomes an output.
     """
-    references = [port for port in function.inputs if isinstance(port, Variable)]
+    references = [port for port in function.inputs if isinstance(port, Variable) and port.length is None]
     if not references:
         return _Conversion(before, function)
     stored = stored_in(function.body)
@@ -73,7 +73,7 @@ def _convert(before: Function, function: Function) -> _Conversion:
     b.inputs = []
     b.variables += [v for v in references if v.id not in stored]
     for port in function.inputs:
-        if isinstance(port, Value):
+        if isinstance(port, Value) or port.length is not None:
             b.inputs.append(port)
         elif port.id in read:
             b.store(port, b.input(port.type, port.name, port.loc), loc=port.loc)

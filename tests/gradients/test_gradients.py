@@ -170,15 +170,20 @@ def called(p: Any) -> Any:
 
 
 def stored(p: Any) -> Any:
-    """The function stores into a value around it, which carries the derivative out."""
-    total = sh.Attrib1f(p.x)
+    """The function stores into values and an array around it, which carry the derivative out, in both modes."""
+    total, kept, weights = sh.Attrib1f(p.x), sh.Array(sh.Attrib1f, [1, 2, 3]), sh.Array(sh.Attrib1f, [0.5, 0.25])
+    count = sh.Attrib1i(0)
 
     def add(q: Any) -> Any:
-        nonlocal total
+        nonlocal total, count
         total += q.x * q.y
-        return total * q.y
+        with SH_FOR(0, 4) as k:
+            kept[(k + 1) % 3] = kept[k % 3] * q.y + total * weights[k % 2]
+            count += 1
+        return total * q.y + kept[0] * kept[1]
 
-    return sh.gradient(add)(p).x + total
+    slopes = sh.gradient(add)(p).x + sh.gradient(add, mode="reverse")(p).y
+    return slopes + total + kept[1] * kept[2] + sh.Attrib1f(count)
 
 
 PROGRAMS = {

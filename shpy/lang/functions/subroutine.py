@@ -110,8 +110,9 @@ class Subroutine:
             def root_tangent(x, c, d_c):
                 return d_c / (3 * x * x + 1)
 
-        A Point has a Vector as its tangent. Reverse mode takes rules without blocks: sums of tangents and products of
-        them with other values. `sh.accuracy.roundings` differentiates the body.
+        A Point has a Vector as its tangent. Reverse mode takes rules whose conditions do not depend on tangents, and
+        which compute with these by sums, and products with other values. `sh.accuracy.roundings` differentiates the
+        body.
 
         Raises ShpyTypeError for anything but a function; where the subroutine is recorded, for a rule with other
         parameters or another result, and for arguments or results that have no tangent.

@@ -88,10 +88,10 @@ class Activities:
         rule = self.rules[function.name]
         floats = sum(port.type.is_float for port in function.inputs)
         own = len(rule.inputs) == len(function.outputs) + len(function.inputs) + floats
-        if not own or any(self.in_function(function, (False,) * len(function.inputs)).outputs):
+        if not own or any(any(self.in_function(f, (False,) * len(f.inputs)).outputs) for f in (function, rule)):
             raise RecordError(
-                "this subroutine has a rule of its tangent by its arguments, and reads a Param or a Table that the "
-                "derivative is taken by",
+                "this subroutine has a rule of its tangent by its arguments, and one of the two reads a Param or a "
+                "Table that the derivative is taken by",
                 loc=function.loc,
                 cure="an argument of the subroutine for it",
             )

@@ -11,8 +11,9 @@ another one for the tangent. Control flow stays as it is, so the tangent is that
                                        |      store $d_y = %3
 
 The tangents of inputs and outputs that move follow all inputs and outputs. An input may have a `Seed` in place of
-tangents: constants, of which the zeros vanish. The rules are those of the op table. A call becomes a call of the
-callee's own forward function, one for each set of arguments that move.
+tangents: constants, of which the zeros vanish; and the tangents of variables around that function stay inside. The
+rules are those of the op table. A call becomes a call of the callee's own forward function, one for each set of
+arguments that move.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class ForwardFunctions:
             if name in self.rules:
                 forward = forward_by_rule(function, self.rules[name], moving, self.names)
             else:
-                forward = _ForwardRewriter(function, activity, self, {}).run()
+                forward = _ForwardRewriter(function, activity, self, None).run()
             self._kept[key] = replace(forward, name=self.fresh(f"{name}_forward"))
         return self._kept[key]
 
@@ -82,12 +83,13 @@ class _ForwardRewriter:
     """Rewrites one function."""
 
     def __init__(
-        self, function: Function, activity: Activity, world: ForwardFunctions, seeds: Mapping[int, Seed]
+        self, function: Function, activity: Activity, world: ForwardFunctions, seeds: Mapping[int, Seed] | None
     ) -> None:
         self.function = function
         self.activity = activity
         self.world = world
-        self.seeds = seeds
+        self.seeds = seeds or {}
+        self.called = seeds is None
         self.b = TangentBuilder(function)
         self.tangents: dict[int, tuple[Tangent, ...]] = {}
         self.shadows: dict[int, tuple[Variable, ...]] = {}
@@ -97,8 +99,10 @@ class _ForwardRewriter:
         b, f = self.b, self.function
         for port in f.inputs:
             if isinstance(port, Variable):
-                if port.id in self.activity.variables:
+                if port.id in self.activity.variables and self.called:
                     self._shadow(port, lambda v, name: b.reference(v.type, name, v.length))
+                elif port.id in self.activity.variables:
+                    self._shadow(port, lambda v, name: b.variable(v.type, v.length, name))
             elif port.id in self.seeds:
                 self.tangents[port.id] = tuple(self._seed(port.type, picked) for picked in self.seeds[port.id])
             elif port.id in self.activity.values:

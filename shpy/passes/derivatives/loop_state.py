@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from shpy.errors import RecordError
 from shpy.ir.builder import Builder
 from shpy.ir.nodes import MAX_ARRAY, Break, Function, If, Let, Loop, Region, Store, Value, Variable
-from shpy.ir.traverse import results, uses, walk
+from shpy.ir.traverse import results, uses, variables_of, walk
 from shpy.ir.types import Base, vec
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
@@ -159,7 +159,7 @@ def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int]
     """
     most = limits.iterations(loop)
     changing, steady = _handed_on((*loop.body, *loop.continuing))
-    slots = {v.id: v for v in (*function.variables, *function.outputs)}
+    slots = {v.id: v for v in variables_of(function)}
 
     def new(v: int, ending: str, length: int | None = None) -> Variable:
         return b.variable(slots[v].type, length, f"{slots[v].name or 'state'}_{ending}")

@@ -4,10 +4,10 @@ Stage: improve; for `forward` and `reverse`. A rule takes the outputs, the input
 floats:
 
     function f_forward(%x, %d_x) -> ($y, $d_y)    |    function f_reverse(%x, %y, %bar_y) -> ($bar_x)
-      %1 = call f(%x)                             |      the statements of f_tangent, transposed
+      %1 = call f(%x)                             |      %1 = call f_tangent_reverse(%y, %x, 0, %bar_y)
       %2 = call f_tangent(%1, %x, %d_x)           |
 
-Reverse mode transposes the statements of the rule that depend on tangents, which it checks to be linear.
+The derivative of the rule by its tangents is the same at all tangents, since it is linear in them, which is checked.
 """
 
 from __future__ import annotations
@@ -18,12 +18,10 @@ from typing import NoReturn
 from shpy.errors import RecordError
 from shpy.ir.builder import Builder
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Function, Let, Loc, Region, Store, Value
-from shpy.ir.traverse import Copy, calls_of, uses, walk
-from shpy.passes.derivatives.activity import Moving
-from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense
+from shpy.ir.nodes import Call, Function, Let, Loc, Store, Value
+from shpy.ir.traverse import walk
+from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.loop_state import LoopLimits
-from shpy.passes.derivatives.transposed import Transposition
 
 _FIRST = frozenset({"div", "component", "ldexp", "splat", "swizzle", "convert", "neg"})
 """The operations that are linear in the first operand."""
@@ -57,79 +55,56 @@ def forward_by_rule(
     return b.finish()
 
 
-def reverse_by_rule(
-    function: Function, rule: Function, moving: Moving, functions: Callable[[str], Function], limits: LoopLimits
-) -> Function:
+def reverse_by_rule(function: Function, moving: Moving, reverse: Function, moves: Moving) -> Function:
     """Return the reverse function, which takes the outputs of the function after its inputs, and the bars last.
 
-    Raises RecordError for a rule that is not linear in the tangents, or not seen to be so.
+    It calls `reverse`, the reverse function of the rule by the tangents of the inputs that are `moving`, which takes
+    the bars of the outputs that `moves` names.
     """
-    b = TangentBuilder(Function(function.name, function.inputs, (), (), (), loc=function.loc))
-    arguments = [port for port in function.inputs if isinstance(port, Value)]
+    b = Builder(function.name, loc=function.loc)
+    arguments = [b.input(p.type, p.name) for p in function.inputs]
     values = [b.input(v.type, v.name) for v in function.outputs]
     bars = [b.input(v.type, f"bar_{v.name}") for v in function.outputs]
-    marks = [b.value(v.type) if v.type.is_float else None for v in arguments]
-    copy = Copy(b.value, {name: functions(name) for name in calls_of(rule)})
-    inputs = (*values, *arguments, *(mark for mark in marks if mark is not None))
-    copy.values.update({port.id: v.id for port, v in zip(rule.inputs, inputs, strict=True)})
-    copy.slots.update({v.id: b.variable(v.type, v.length, v.name).id for v in (*rule.outputs, *rule.variables)})
-    body = copy.region(rule.body)
-    placeholders = {mark.id for mark in marks if mark is not None}
-    outputs = [copy.slots[v.id] for v in rule.outputs]
-    changes = _linear_results(body, outputs, placeholders, limits)
-    results: dict[int, Tangent] = {}
-    for value, bar in zip(changes, bars, strict=True):
-        if value is None:
-            continue
-        results[value] = results[value] + Live(b, bar) if value in results else Live(b, bar)
-    statements = [s for s in body if not (isinstance(s, Store) and s.variable in outputs)]
-    transposition = Transposition(b, placeholders)
-    transposition.run(statements, results)
-    for port, mark, moves in zip(arguments, marks, moving, strict=True):
-        if moves:
-            assert mark is not None
-            output = b.output(port.type, f"bar_{port.name}")
-            b.store(output, dense(transposition.bars.get(mark.id, Zero(b, port.type))).value)
+    tangents = [b.const(v.type, [0] * v.type.size) for v in arguments if v.type.is_float]  # any numbers would do
+    results = b.call(reverse, *values, *arguments, *tangents, *(bar for bar, m in zip(bars, moves, strict=True) if m))
+    ports = [port for port, m in zip(function.inputs, moving, strict=True) if m]
+    for port, result in zip(ports, results, strict=True):
+        b.store(b.output(port.type, f"bar_{port.name}"), result)
     return b.finish()
 
 
-def _linear_results(
-    body: Region, outputs: Sequence[int], tangents: Collection[int], limits: LoopLimits
-) -> list[int | None]:
-    """Return the values that a rule stores into its outputs, None for zero.
+def check_linear(
+    function: Function, activity: Activity, activities: Activities, limits: LoopLimits, outputs: Collection[int]
+) -> None:
+    """Raise RecordError unless all values that move are linear in the inputs that do.
 
-    Raises RecordError unless they are linear in the tangents.
+    A variable that holds such a value somewhere has to do so everywhere, and so do `outputs` in any case.
     """
-    linear, zeros = set(tangents), set[int]()
-    stored: dict[int, int] = {}
 
     def fail(loc: Loc | None) -> NoReturn:
         raise RecordError(
             "reverse mode runs this rule of a tangent backwards, and sees no sum of products with tangents here",
             loc=loc,
-            cure=limits.cure("+ and - of tangents, * and / with other values, and sh.cond in place of SH_IF"),
+            cure=limits.cure("+ and - of tangents, * and / with other values, conditions without tangents"),
         )
 
-    for s in body:
+    zeros = set[int]()
+    variables = {*activity.variables, *outputs}
+    for s in walk(function.body):
         match s:
+            case Let(op="call") | Call():
+                args = [a in activity.values or a in activity.variables for a in s.args]
+                if any(args):
+                    name = str(s.attr) if isinstance(s, Let) else s.function
+                    check_linear(activities.functions(name), activities.of(name, args), activities, limits, ())
             case Let(value, op, args, attr):
                 if op == "const" and isinstance(attr, tuple) and not any(decode(value.type, attr)):
                     zeros.add(value.id)
-                if any(a in linear for a in args):
-                    if not (
-                        value.type.is_float and _is_linear(op, [a in linear for a in args], [a in zeros for a in args])
-                    ):
-                        fail(value.loc)
-                    linear.add(value.id)
-            case Store(variable, value, None, None) if variable in outputs and value in linear | zeros:
-                stored[variable] = value
-            case _:
-                inside = tuple(walk((s,)))
-                if any(u in linear for x in inside for u in uses(x)):
-                    fail(s.loc)
-                if any(isinstance(x, Store) and x.variable in outputs for x in inside):
-                    fail(s.loc)
-    return [stored.get(v) for v in outputs]
+                linear = [a in activity.values for a in args]
+                if any(linear) and not _is_linear(op, linear, [a in zeros for a in args]):
+                    fail(value.loc)
+            case Store(variable, value) if variable in variables and value not in activity.values | zeros:
+                fail(s.loc)
 
 
 def _is_linear(op: str, linear: Sequence[bool], zeros: Sequence[bool]) -> bool:

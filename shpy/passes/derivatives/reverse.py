@@ -24,7 +24,8 @@ The backward part reads values of the forward part as follows:
 - A read of a table that moves gives outputs of its own (`table_reads.py`).
 
 The bars of values that inner regions read, and those of variables, are variables themselves. The functions have to be
-`prepared`: structured, with inputs by value.
+`prepared`: structured, with inputs by value, and arrays by reference in the entry alone. After the backward part such
+an array has the contents that the forward part stored.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from shpy.ir.nodes import (
     Variable,
 )
 from shpy.ir.ops import OPS
-from shpy.ir.traverse import results, rewrite, walk
+from shpy.ir.traverse import results, rewrite, variables_of, walk
 from shpy.ir.types import Base, Type, vec
 from shpy.passes.derivatives.activity import Activities, Activity, Moving
 from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder, Zero, dense, tangent_of
@@ -61,7 +62,7 @@ from shpy.passes.derivatives.loop_state import (
     free_values,
     make_loop_state,
 )
-from shpy.passes.derivatives.own_rules import reverse_by_rule
+from shpy.passes.derivatives.own_rules import check_linear, reverse_by_rule
 from shpy.passes.derivatives.places import Place
 from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
@@ -115,18 +116,26 @@ class ReverseFunctions:
         if key not in self._kept:
             original, activity = self.functions(name), self.activities.of(name, moving)
             if name in self.rules:
-                function = reverse_by_rule(original, self.rules[name], moving, self.functions, self.limits)
-                reverse = Reverse(function, (), Reads())
+                reverse = Reverse(self._by_rule(original, moving), (), Reads())
             else:
                 reverse = _ReverseRewriter(original, activity, self, ()).run(unit=False)
             function = replace(reverse.function, name=self.fresh(f"{name}_reverse"), pure=False)
             self._kept[key] = replace(reverse, function=function)
         return self._kept[key]
 
+    def _by_rule(self, function: Function, moving: Moving) -> Function:
+        """Return the reverse function of one with a rule."""
+        rule = self.rules[function.name]
+        directions = [m for m, port in zip(moving, function.inputs, strict=True) if port.type.is_float]
+        tangents = (*[False] * (len(rule.inputs) - len(directions)), *directions)
+        activity = self.activities.of(rule.name, tangents)
+        check_linear(rule, activity, self.activities, self.limits, {v.id for v in rule.outputs})
+        return reverse_by_rule(function, moving, self.of(rule.name, tangents).function, activity.outputs)
+
     def reversed(self, function: Function, moving: Moving, kept: Sequence[int], *, unit: bool) -> Reverse:
         """Return the reverse function, with the outputs `kept`, by position, and the bars of the inputs that move.
 
-        The bars of the outputs that move are its last inputs; with `unit` they are 1.
+        The bars of the outputs that move are its last inputs; with `unit` that of the first is 1, of the others 0.
         """
         return _ReverseRewriter(function, self.activities.in_function(function, moving), self, kept).run(unit)
 
@@ -140,7 +149,7 @@ class _ReverseRewriter:
         self.world = world
         self.kept = kept
         slots = (*function.variables, *function.outputs)
-        self.b = TangentBuilder(replace(function, outputs=(), variables=slots, pure=False))
+        self.b = TangentBuilder(replace(function, outputs=(), variables=slots, pure=False, tangent=None))
         self.env: dict[int, int] = {}
         self.spills: dict[int, Variable] = {}
         """The variables that keep values of branches."""
@@ -163,24 +172,31 @@ class _ReverseRewriter:
         b, f = self.b, self.function
         top = Place(None)
         for port in f.inputs:
-            assert isinstance(port, Value), "a prepared function takes values"
-            self.env[port.id] = port.id
-            top.visible.add(port.id)
-            top.own.add(port.id)
-        for v in (*f.variables, *f.outputs):
+            if isinstance(port, Value):
+                self.env[port.id] = port.id
+                top.visible.add(port.id)
+                top.own.add(port.id)
+        for v in variables_of(f):
             if v.id in self.activity.variables:
                 self.shadows[v.id] = b.variable(v.type, v.length, _bar(v.name))
-        moving = [v for v in f.outputs if v.id in self.activity.variables]
+        moving = [v for v in (f.outputs[:1] if unit else f.outputs) if v.id in self.activity.variables]
         seeds = [b.const(v.type, [1] * v.type.size) if unit else b.input(v.type, _bar(v.name)) for v in moving]
         self.forward(f.body, top, keep=True)
+        restored = [p for p in f.inputs if isinstance(p, Variable) and p.id in self.restored]
+        contents = [(p, b.variable(p.type, p.length, p.name)) for p in restored]
         primals = [(b.output(f.outputs[k].type, f.outputs[k].name), f.outputs[k]) for k in self.kept]
-        bars = [(port, b.output(port.type, _bar(port.name))) for port in f.inputs if port.id in self.activity.values]
+        values = [p for p in f.inputs if isinstance(p, Value)]
+        bars = [(p, b.output(p.type, _bar(p.name))) for p in values if p.id in self.activity.values]
         if not self._ended():  # a function that always discards has no backward part
             for slot, seed in zip(moving, seeds, strict=True):
                 b.store(self.shadows[slot.id], seed)
             for output, slot in primals:
                 b.store(output, b.load(slot))
+            for array, stored in contents:
+                _copy_array(b, array, stored)
             self.backward(f.body, top)
+            for array, stored in contents:
+                _copy_array(b, stored, array)
             for port, output in bars:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
             b.outputs += self.errors.values()
@@ -483,6 +499,18 @@ class _ReverseRewriter:
             b.variables.pop()  # it becomes an output
         slot = self.errors[loc]
         b.store(slot, (Live(b, b.load(slot)) + share).value)
+
+
+def _copy_array(b: TangentBuilder, source: Variable, target: Variable) -> None:
+    """Append a loop that copies an array."""
+    step = b.variable(_INT, None, "step")
+    b.store(step, b.const(_INT, [0]))
+    with b.loop(turns=source.length) as loop:
+        at = b.load(step)
+        b.store(target, b.load(source, at), index=at)
+        following = b.let("add", at, b.const(_INT, [1]))
+        b.store(step, following)
+        loop.until(b.let("ge", following, b.const(_INT, [source.length or 0])))
 
 
 def _bar(name: str | None) -> str:
