@@ -190,6 +190,11 @@ def stored_in(region: Region) -> Set:
     return frozenset(s.variable for s in walk(region) if isinstance(s, Store))
 
 
+def live_before(region: Region) -> Set:
+    """Return the variables live before the region if none is after it: those that it may load before it stores them."""
+    return _members(_live(region, 0, _Targets(0, 0, 0, 0)))
+
+
 @dataclass(slots=True)
 class _Leaving:
     """The variables that are dirty at the exits and at the Continues of a loop's body."""

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,17 +23,16 @@ import numpy as np
 from shpy.chains.chain import Chain
 from shpy.display.png import png
 from shpy.display.screen import pixels
-from shpy.errors import ShpyError, ShpyTypeError
-from shpy.files import check_writable, replacing
+from shpy.errors import ShpyTypeError
+from shpy.files import replacing
 from shpy.ir.nodes import Loc, Module
 from shpy.ir.text import lines
 from shpy.ir.traverse import walk
 from shpy.lang.recording.location import here
-from shpy.lang.recording.text import written
 from shpy.passes.modes import REPRODUCIBLE
 from shpy.programs import Program
 from shpy.testing import defaults
-from shpy.testing.chained import assert_golden_chain, check_streams
+from shpy.testing.chained import UPDATE, assert_golden_chain, check_streams, first_change, load, save
 from shpy.testing.equivalence import Agreement, Comparison
 from shpy.testing.observers import Setting
 from shpy.testing.reference import split_options, targets
@@ -43,7 +41,6 @@ from shpy.testing.runs import Run, run
 _NAME: Final = re.compile(r"[\w-][\w.-]*")
 _LARGEST: Final = 1 << 26
 """The most bytes of results that a file takes: a repository keeps each version of it."""
-_UPDATE: Final = "pytest --shpy-update or update=True"
 
 
 def assert_golden(
@@ -78,7 +75,7 @@ def assert_golden(
         arguments = named | ({} if shape is None else {"shape": shape})
         if backends is None and defaults.backends is not None:
             backends = [target.partition("-")[0] for target in defaults.backends]
-        return assert_golden_chain(program, path, updates, _UPDATE, backends, arguments)
+        return assert_golden_chain(program, path, updates, backends, arguments)
     inputs_by_name, options = split_options(named, program)
     mode = options.get("math", "strict")
     if mode not in REPRODUCIBLE:
@@ -88,12 +85,12 @@ def assert_golden(
     setting = Setting(program, inputs, inputs_by_name, shape, options)
     targets_ = targets(backends if backends is not None else defaults.backends)
     if not updates:
-        golden = Golden.load(path)
+        golden = load(path, Golden.read)
         return _compare(golden, setting, [run(setting, target) for target in targets_])
     runs = [run(setting, target) for target in targets_]
     agreement = Comparison(setting, runs).check()
     golden = Golden.of(setting, runs[0])
-    if not path.exists() or not golden.is_like(Golden.load(path)):
+    if not path.exists() or not golden.is_like(load(path, Golden.read)):
         golden.save(path, _picture(setting, runs[0]))
     return agreement
 
@@ -133,29 +130,19 @@ class Golden:
         return cls(result, _digest(setting), "\n".join(_texts(setting.program.ir)), __version__)
 
     @classmethod
-    def load(cls, path: Path) -> Golden:
-        """Read a file; raise AssertionError where it is missing, ShpyError where it holds something else."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                count = sum(name.startswith("output") for name in file)
-                outputs = tuple(file[f"output{n}"] for n in range(count))
-                notes = tuple(map(str, file["notes"]))
-                result = Run("golden", outputs, file["written"], int(file["stopped"]), notes)
-                return cls(result, *(str(file[name]) for name in ("inputs", "text", "version")))
-        except FileNotFoundError:
-            raise AssertionError(f"there is no golden result {path}; {_UPDATE} writes it") from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise ShpyError(f"{path} holds no golden result: {error}", loc=here(), cure=_UPDATE) from None
+    def read(cls, file: Mapping[str, Any]) -> Golden:
+        """Return what a file holds; raise KeyError where it is not of a program."""
+        count = sum(name.startswith("output") for name in file)
+        outputs = tuple(file[f"output{n}"] for n in range(count))
+        result = Run("golden", outputs, file["written"], int(file["stopped"]), tuple(map(str, file["notes"])))
+        return cls(result, *(str(file[name]) for name in ("inputs", "text", "version")))
 
     def save(self, path: Path, picture: bytes | None) -> None:
         """Write the file, and the picture beside it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        check_writable(path)
         r = self.result
         parts: dict[str, Any] = {f"output{n}": output for n, output in enumerate(r.outputs)}
         parts |= {"written": r.written, "stopped": r.stopped, "notes": np.array(r.notes, np.str_)}
-        with replacing(path) as file:
-            np.savez_compressed(file, **parts, inputs=self.inputs, text=self.text, version=self.version)
+        save(path, {**parts, "inputs": self.inputs, "text": self.text, "version": self.version})
         if picture is not None:
             with replacing(path.with_suffix(".png")) as file:
                 file.write_bytes(picture)
@@ -172,38 +159,24 @@ def _compare(golden: Golden, setting: Setting, runs: list[Run]) -> Agreement:
     if _shape(golden.result) != _shape(runs[0]):
         raise AssertionError(
             f"{setting.program.name}: the golden result has {_shape(golden.result)}, and the run {_shape(runs[0])}; "
-            f"{_UPDATE} writes it anew"
+            f"{UPDATE} writes it anew"
         )
 
     def explain(other: Run, element: int) -> Iterator[str]:
         yield from _change(golden, setting)
-        yield f"  {_UPDATE} takes the new bits"
+        yield f"  {UPDATE} takes the new bits"
 
     return Comparison(setting, [golden.result, *runs], explain=explain).check()
 
 
 def _change(golden: Golden, setting: Setting) -> Iterator[str]:
     """Yield the first statement that is not that of the file, or else what is the same and what is not."""
-    today = list(_located(setting.program.ir))
-    before = golden.text.splitlines()
-    texts = [text for text, _ in today]
-    if texts != before:
-        place = next(
-            (n for n, (a, b) in enumerate(zip(before, texts, strict=False)) if a != b), min(len(before), len(texts))
-        )
-        loc = today[place][1] if place < len(today) else None
-        yield f"the first statement that changed{f', at {loc}' if loc else ''}:"
-        if loc and written(loc):
-            yield f"    {written(loc)}"
-        yield f"  golden       {before[place].strip() if place < len(before) else 'no more statements'}"
-        yield f"  now          {texts[place].strip() if place < len(texts) else 'no more statements'}"
+    changes = list(first_change(golden.text, list(_located(setting.program.ir))))
+    if changes:
+        yield from changes
         return
     inputs = "so are the inputs" if _digest(setting) == golden.inputs else "the inputs, or a Param, are not"
     yield f"the recorded program is that of the file; {inputs}"
-    yield from _versions(golden)
-
-
-def _versions(golden: Golden) -> Iterator[str]:
     from shpy import __version__
 
     if golden.version != __version__:

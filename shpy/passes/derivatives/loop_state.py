@@ -16,6 +16,7 @@ from shpy.ir.builder import Builder
 from shpy.ir.nodes import MAX_ARRAY, Break, Function, If, Let, Loop, Region, Store, Value, Variable
 from shpy.ir.traverse import results, uses, variables_of, walk
 from shpy.ir.types import Base, vec
+from shpy.passes.liveness import live_before, stored_in
 
 _INT, _BOOL = vec(Base.I), vec(Base.B)
 
@@ -158,14 +159,15 @@ def make_loop_state(b: Builder, function: Function, loop: Loop, arrays: set[int]
     Raises RecordError for a loop without a bound, with too large a one, and with too many stores into an array.
     """
     most = limits.iterations(loop)
-    changing, steady = _handed_on((*loop.body, *loop.continuing))
+    body = (*loop.body, *loop.continuing)
+    read, stored = live_before(body), stored_in(body)
     slots = {v.id: v for v in variables_of(function)}
 
     def new(v: int, ending: str, length: int | None = None) -> Variable:
         return b.variable(slots[v].type, length, f"{slots[v].name or 'state'}_{ending}")
 
-    kept = {v: new(v, "kept", most) for v in sorted(changing) if slots[v].length is None}
-    before = {v: new(v, "before") for v in sorted(steady) if slots[v].length is None}
+    kept = {v: new(v, "kept", most) for v in sorted(read & stored) if slots[v].length is None}
+    before = {v: new(v, "before") for v in sorted(read - stored) if slots[v].length is None}
     bounded = all(s.turns is not None for s in walk((loop,)) if isinstance(s, Loop))
     over = None if bounded else b.variable(_BOOL, None, "over")
     logs: dict[int, ArrayLog] = {}
@@ -196,31 +198,3 @@ def free_values(body: Region) -> list[int]:
     """Return the values that statements read from outside."""
     own = {v.id for s in walk(body) for v in results(s)}
     return list(dict.fromkeys(u for s in walk(body) for u in uses(s) if u not in own))
-
-
-def _handed_on(body: Region) -> tuple[set[int], set[int]]:
-    """Return the variables that iterations hand on and store, and those that they only read."""
-    stored = {s.variable for s in walk(body) if isinstance(s, Store)}
-    first: set[int] = set()
-    _read_first(body, set(), first)
-    return first & stored, first - stored
-
-
-def _read_first(region: Region, whole: set[int], first: set[int]) -> None:
-    """Enter the variables that a region loads before it has stored the whole variable, as those of `whole` are."""
-    for s in region:
-        match s:
-            case Let(op="load", attr=int(variable)) if variable not in whole:
-                first.add(variable)
-            case Store(variable, _, components, index):
-                if components is None and index is None:
-                    whole.add(variable)
-                elif variable not in whole:
-                    first.add(variable)
-            case If(_, then, orelse):
-                one, other = set(whole), set(whole)
-                _read_first(then, one, first)
-                _read_first(orelse, other, first)
-                whole |= one & other
-            case Loop(body, continuing):
-                _read_first((*body, *continuing), set(whole), first)
