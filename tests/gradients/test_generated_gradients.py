@@ -46,8 +46,8 @@ def moderate() -> list[Any]:
 INPUTS = dict(zip("avnh", moderate(), strict=True))
 
 
-def derivative(tree: Tree, mode: str) -> sh.Program | None:
-    """Return the gradient of the sum of a program's floats; None where there is none."""
+def derivative(tree: Tree) -> sh.Program | None:
+    """Return the program of the gradient of the sum of a program's floats, in both modes; None where there is none."""
     program = record(tree)
     names = list(program.inputs)
     wrt = tuple(n for n in names if n in ("a", "v"))
@@ -66,9 +66,10 @@ def derivative(tree: Tree, mode: str) -> sh.Program | None:
     total.inputs = program.inputs  # type: ignore[attr-defined]
     annotated = ", ".join(f"{n}: T_{n}" for n in names)
     space: dict[str, Any] = {"sh": sh, "total": total, **{f"T_{n}": t for n, t in program.inputs.items()}}
-    call = f"sh.gradient(total, {wrt}, mode={mode!r}, most={COUNT})({', '.join(f'{n}={n}' for n in names)})"
+    args = ", ".join(f"{n}={n}" for n in names)
+    calls = (f"*sh.gradient(total, {wrt}, mode={mode!r}, most={COUNT})({args})" for mode in ("forward", "reverse"))
     try:
-        exec(f"@sh.program\ndef slopes({annotated}):\n    return {call}\n", space)
+        exec(f"@sh.program\ndef slopes({annotated}):\n    return {', '.join(calls)}\n", space)
     except sh.RecordError as error:
         if "does not depend on" not in error.message:
             raise
@@ -88,29 +89,28 @@ def outputs_of(program: sh.Program, target: str, **options: Any) -> tuple[list[A
 
 def check_modes(tree: Tree) -> None:
     """Compare the gradients of both modes at f64."""
-    modes = [derivative(tree, mode) for mode in ("forward", "reverse")]
-    forward, reverse = (p and outputs_of(p, "numpy", precision="f64") for p in modes)
-    if forward is None or reverse is None:
-        assert forward is reverse, source(tree)
+    program = derivative(tree)
+    if program is None:
         return
-    for a, b in zip(forward[0], reverse[0], strict=True):
+    results, written = outputs_of(program, "numpy", precision="f64")
+    half = len(results) // 2
+    for a, b in zip(results[:half], results[half:], strict=True):
         with np.errstate(all="ignore"):
-            counts = np.isfinite(a) & np.isfinite(b) & np.reshape(forward[1], (-1,) + (1,) * (a.ndim - 1))
+            counts = np.isfinite(a) & np.isfinite(b) & np.reshape(written, (-1,) + (1,) * (a.ndim - 1))
             error = np.abs(a - b) / (1 + np.abs(a) + np.abs(b))
         assert (error[counts] < 1e-13).all(), f"forward {a[counts]}, reverse {b[counts]}\n{source(tree)}"
 
 
 def check_bits(tree: Tree, target: str) -> None:
-    """Compare the gradients of each mode on a target and on numpy."""
-    for mode in ("forward", "reverse"):
-        program = derivative(tree, mode)
-        if program is None:
-            continue
-        expected, _ = outputs_of(program, "numpy")
-        for a, b in zip(outputs_of(program, target)[0], expected, strict=True):
-            with np.errstate(all="ignore"):
-                flushed = np.abs(a.astype(np.float64) - b) < 1e-30
-            assert not (differs(a, b) & ~flushed).any(), f"{mode} on {target}\n{source(tree)}"
+    """Compare the gradients on a target and on numpy."""
+    program = derivative(tree)
+    if program is None:
+        return
+    expected, _ = outputs_of(program, "numpy")
+    for k, (a, b) in enumerate(zip(outputs_of(program, target)[0], expected, strict=True)):
+        with np.errstate(all="ignore"):
+            flushed = np.abs(a.astype(np.float64) - b) < 1e-30
+        assert not (differs(a, b) & ~flushed).any(), f"output {k} on {target}\n{source(tree)}"
 
 
 @pytest.mark.sampled(400)
@@ -124,8 +124,8 @@ def test_both_modes_agree(shard: int) -> None:
     seed(f"gradients {shard}")(run_one)()
 
 
-@pytest.mark.sampled(400)
-@pytest.mark.parametrize("shard", range(400))
+@pytest.mark.sampled(100)
+@pytest.mark.parametrize("shard", range(100))
 def test_gradients_have_the_same_bits(shard: int) -> None:
     target = ("opencl-1", "glsl", "opencl-8", "glsl", "opencl-16")[shard % 5]
 
