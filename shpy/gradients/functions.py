@@ -23,7 +23,7 @@ from shpy.ir.nodes import Discard, Function, Variable
 from shpy.ir.types import Base, Type, vec
 from shpy.lang.data.tables import Table
 from shpy.lang.programs.outline import DerivedArgument, Outline, Place, called, outlined, parameters
-from shpy.lang.programs.record import record_body
+from shpy.lang.programs.record import call_explained, record_body
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import current_frame, recording
 from shpy.lang.values import arithmetic
@@ -131,6 +131,9 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
     Raises ShpyTypeError for tangents that do not fit, and as `sh.gradient` does.
     """
     _check_callable("sh.jvp", f)
+    if not isinstance(primals, list | tuple) or not isinstance(tangents, list | tuple):
+        text = "sh.jvp takes a list of arguments and a list of their tangents"
+        raise ShpyTypeError(text, loc=here(), cure="sh.jvp(f, [x], [dx])")
     if current_frame() is None:
         both = _at_once(lambda *args: jvp(f, args[: len(primals)], args[len(primals) :]), (*primals, *tangents), {})
         return both[0], both[1]
@@ -342,7 +345,7 @@ def _at_once(derived: Callable[..., Any], args: Sequence[Any], named: Mapping[st
     layouts = []
 
     def body(arguments: Any) -> Any:
-        result = derived(*args, **named)
+        result = call_explained(derived, args, named)
         layouts.append(layout_from(result, "a derivative"))
         return tuple(flatten(layouts[0], result, "a derivative"))
 

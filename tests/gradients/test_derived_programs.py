@@ -199,6 +199,8 @@ MISTAKES = {
         "sh.jvp(f, [x, y], [dx, None])",
     ),
     "sh.jvp(doubled, [x], [sh.vec2(1, 2)])": ("the tangent of x takes one component, not 2", "pick one, as in v.x"),
+    "sh.jvp(doubled, x, x)": ("sh.jvp takes a list of arguments and a list of their tangents", "sh.jvp(f, [x], [dx])"),
+    "sh.detach(x)": ("shpy has no 'detach'", "x computed outside of f, where it stays"),
     "sh.grad(doubled)(x)": ("shpy has no 'grad'", 'sh.gradient(f)(x), or program.gradient("x")'),
     "sh.fwd_diff(doubled)(x)": ("shpy has no 'fwd_diff'", 'sh.jvp(f, [x], [dx]), or program.jvp("x")'),
 }
@@ -227,6 +229,10 @@ def test_mistakes_of_programs() -> None:
         other.gradient("k")
     with pytest.raises(sh.RecordError, match="does not follow the Param gain"):
         sh.gradient(lambda x: x * GAIN)(1.0)
+    for f in (np.sin, lambda x: np.sin(x)):
+        with pytest.raises(sh.RecordError) as numpys:
+            sh.gradient(f)(1.0)
+        assert str(numpys.value.cure).endswith(("sh.sin(x) for np.sin(x)", "sh.sin(x)"))
 
 
 def test_a_block_that_the_derivative_is_in() -> None:

@@ -47,6 +47,7 @@ _SHADING = {
     **dict.fromkeys(("grad", "autodiff", "backward", "bwd_diff"), "gradient(f)(x), or program.gradient(\"x\")"),
     **dict.fromkeys(("fwd_diff", "forward_diff", "pushforward"), "jvp(f, [x], [dx]), or program.jvp(\"x\")"),
     **dict.fromkeys(("custom_jvp", "custom_vjp"), "subroutine above f, and @f.tangent above its rule"),
+    **dict.fromkeys(("vjp", "pullback"), "gradient(f, mode=\"reverse\", value=True)(x)"),
     "value_and_grad": "gradient(f, value=True)(x), or sh.value_and_gradient(program, params)",
     **dict.fromkeys(("jacfwd", "jacrev"), "jacobian(f)(x)"),
     "hessian": "jacobian(sh.gradient(f))(x)", "derivative": "gradient(f)(x)",
@@ -65,6 +66,8 @@ _PLAIN = {
     "frexp": "e = sh.Attrib1i(sh.bits_from_float(x) >> 23 & 255) - 126, and sh.ldexp(x, -e)",
     "ilogb": "sh.Attrib1i(sh.bits_from_float(x) >> 23 & 255) - 127",
     "ddx": "sh.dFdx(x)", "ddy": "sh.dFdy(x)", "fwidth": "abs(sh.dFdx(x)) + abs(sh.dFdy(x))",
+    **dict.fromkeys(("stop_gradient", "detach", "no_diff", "no_grad"), "x computed outside of f, where it stays"),
+    **dict.fromkeys(("requires_grad", "set_grad_enabled", "enable_grad"), "sh.gradient(f, wrt=(0, \"light\"))(x, …)"),
     "lookAt": "sh.library.look_at", "textureCube": "sh.library.TextureCube", "texture3D": "sh.library.Texture3D",
 }  # fmt: skip
 _VECTORS = {

@@ -28,7 +28,7 @@ from shpy.lang.data.textures import Texture
 from shpy.lang.functions.array import Array
 from shpy.lang.mistakes.explain import conversion_of
 from shpy.lang.mistakes.expressions import named
-from shpy.lang.recording.location import is_users, loc_in
+from shpy.lang.recording.location import here, is_users, loc_in
 from shpy.lang.recording.text import text_of, written
 from shpy.lang.values.matrix import Matrix
 from shpy.lang.values.structure import Struct
@@ -75,9 +75,10 @@ def explain_python_error(
         return error.__cause__
     places = list(traceback.walk_tb(error.__traceback__))
     place = next((p for p in reversed(places) if is_users(p[0].f_code.co_filename)), None)
+    text = str(error)
     if place is None:
-        return None
-    loc, text = loc_in(place[0].f_code, place[1]), str(error)
+        return _of_numpy(here()) if "does not support ufuncs" in text else None
+    loc = loc_in(place[0].f_code, place[1])
     if isinstance(error, NameError):
         itself = error.name == recorded  # the name is bound when the recording is done
         return RecordError(f"{recorded} calls itself: {_ENDLESS}", loc=loc, cure=_STACK) if itself else None
@@ -88,15 +89,16 @@ def explain_python_error(
         if isinstance(call, ast.Call) and loc.text is not None and isinstance(named(call.func, place[0]), np.ufunc):
             message, cure = conversion_of(call, loc.text, place[0])
             return RecordError(message, loc=loc, cure=cure)
-        return RecordError(
-            "numpy's functions cannot take values of the language",
-            loc=loc,
-            cure="the function of the same name in shpy, sh.sin(x) for np.sin(x)",
-        )
+        return _of_numpy(loc)
     if places[-1] is not place:  # raised inside a library
         return None
     explanation = _call(text, loc) or _container(text, loc) or _tuple(text, loc) or _operands(text, loc)
     return explanation or _arguments(error, loc)
+
+
+def _of_numpy(loc: Loc | None) -> RecordError:
+    cure = "the function of the same name in shpy, sh.sin(x) for np.sin(x)"
+    return RecordError("numpy's functions cannot take values of the language", loc=loc, cure=cure)
 
 
 def _recursion(error: RecursionError) -> ShpyError | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import CodeType
 from typing import Any
@@ -165,8 +165,13 @@ def _called(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
         for name, p in inspect.signature(function).parameters.items()
         if p.kind is not p.POSITIONAL_ONLY and name in arguments
     }
+    return call_explained(function, positional, named)
+
+
+def call_explained(function: Callable[..., Any], args: Sequence[Any], named: Mapping[str, Any]) -> Any:
+    """Call a function; raise shpy's own error for one of Python or numpy about values of the language."""
     try:
-        return function(*positional, **named)
+        return function(*args, **named)
     except Exception as error:
         hide_frames()
         if isinstance(error, ShpyError) or not isinstance(error, _EXPLAINED):
