@@ -63,23 +63,17 @@ def gradient(
     Raises ShpyTypeError for a function of another type and for an argument of ints or bools, RecordError where f does
     not depend on the argument.
     """
-    _check_callable("sh.gradient", f)
+    what = "sh.gradient"
     if mode not in ("forward", "reverse"):
-        raise ShpyTypeError(f"sh.gradient does not take mode={mode!r}", loc=here(), cure='mode="forward" or "reverse"')
+        raise ShpyTypeError(f"{what} does not take mode={mode!r}", loc=here(), cure='mode="forward" or "reverse"')
 
-    @functools.wraps(f, updated=())
-    def derived(*args: Any, **named: Any) -> Any:
-        if current_frame() is None:
-            return _at_once(derived, args, named)
-        what = "sh.gradient"
-        outline = outlined(what, f, args, named, _places(f, args, named, wrt))
+    def derive(outline: Outline) -> Any:
         check_scalar(what, outline)
         derivatives = gradient_values(outline, what, mode, most, value=value)
         result = tuple(derivatives.gradients) if isinstance(wrt, tuple | list) else derivatives.gradients[0]
         return (derivatives.results[0], result) if value else result
 
-    derived.__name__ = derived.__qualname__ = derived_name(called(f), "gradient")
-    return derived
+    return _derived(what, f, wrt, derive)
 
 
 def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
@@ -90,18 +84,13 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
 
     Raises as `sh.gradient` does.
     """
-    _check_callable("sh.jacobian", f)
+    what = "sh.jacobian"
 
-    @functools.wraps(f, updated=())
-    def derived(*args: Any, **named: Any) -> Any:
-        if current_frame() is None:
-            return _at_once(derived, args, named)
-        what = "sh.jacobian"
-        outline = outlined(what, f, args, named, _places(f, args, named, wrt))
+    def derive(outline: Outline) -> Any:
         if not isinstance(outline.layout, Leaf) or len(outline.moved) != 1 or len(outline.moved[0].inputs) != 1:
             raise ShpyTypeError(
-                f"sh.jacobian takes a function that gives one vector, and one vector as the argument; {outline.spoken} "
-                f"has other types",
+                f"{what} takes a function that gives one vector, and one vector as the argument; {outline.spoken} has "
+                f"other types",
                 loc=here(),
                 cure="sh.gradient for a float by several arguments, sh.jvp for structs",
             )
@@ -118,8 +107,7 @@ def jacobian(f: Callable[..., Any], wrt: Any = 0) -> Callable[..., Any]:
         same = cls.size == len(columns)
         return MATRICES[f"Matrix{cls.size}f"].from_columns(*columns) if same else tuple(columns)
 
-    derived.__name__ = derived.__qualname__ = derived_name(called(f), "jacobian")
-    return derived
+    return _derived(what, f, wrt, derive)
 
 
 def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
@@ -171,6 +159,20 @@ def jvp(f: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]) 
             iter([arithmetic.make_value(k, c.type, frame, v) for k, c, v in zip(kinds, classes, changes, strict=True)]),
         ),
     )
+
+
+def _derived(what: str, f: Callable[..., Any], wrt: Any, derive: Callable[[Outline], Any]) -> Callable[..., Any]:
+    """Return the function that calls f with the arguments `wrt` symbolic, and derives the outline of that."""
+    _check_callable(what, f)
+
+    @functools.wraps(f, updated=())
+    def derived(*args: Any, **named: Any) -> Any:
+        if current_frame() is None:
+            return _at_once(derived, args, named)
+        return derive(outlined(what, f, args, named, _places(f, args, named, wrt)))
+
+    derived.__name__ = derived.__qualname__ = derived_name(called(f), what.removeprefix("sh."))
+    return derived
 
 
 def _check_callable(what: str, f: Any) -> None:
