@@ -175,6 +175,10 @@ def called(x: Any, c: Any, d_c: Any) -> Any:
     return sh.subroutine(squares)(d_c, d_c) + d_c
 
 
+def stepped(x: Any, c: Any, d_c: Any) -> Any:
+    return sh.Attrib1f(sh.Attrib1i(d_c))
+
+
 def added(x: Any, c: Any, d_c: Any) -> Any:
     return d_c + x
 
@@ -183,7 +187,7 @@ def constant(x: Any, c: Any, d_c: Any) -> Any:
     return 2 * x
 
 
-@pytest.mark.parametrize("rule", [nearly, squared, decided, called, added, constant])
+@pytest.mark.parametrize("rule", [nearly, squared, decided, called, stepped, added, constant])
 def test_reverse_mode_refuses_rules_that_it_cannot_transpose(rule: Any) -> None:
     @sh.subroutine
     def half(c: sh.Attrib1f) -> sh.Attrib1f:
@@ -197,7 +201,15 @@ def test_reverse_mode_refuses_rules_that_it_cannot_transpose(rule: Any) -> None:
     cure = "+ and - of tangents, * and / with other values, conditions without tangents; or"
     assert e.value.cure == f'{cure} mode="forward"'
     assert e.value.loc is not None
-    lines = ["sh.cond(d_c > 0, d_c, 2 * d_c)", "d_c * d_c", "with SH_IF(d_c > 1):", "d_c * factor", "d_c + x", "2 * x"]
+    lines = [
+        "sh.cond(d_c > 0, d_c, 2 * d_c)",
+        "d_c * d_c",
+        "with SH_IF(d_c > 1):",
+        "sh.Attrib1f(sh.Attrib1i(d_c))",
+        "d_c * factor",
+        "d_c + x",
+        "2 * x",
+    ]
     assert Path(__file__).read_text().splitlines()[e.value.loc.line - 1].strip().removeprefix("return ") in lines
 
 

@@ -93,7 +93,7 @@ def check_linear(
     for s in walk(function.body):
         match s:
             case Let(op="call") | Call():
-                args = [a in activity.values or a in activity.variables for a in s.args]
+                args = [a in activity.values for a in s.args]
                 if any(args):
                     name = str(s.attr) if isinstance(s, Let) else s.function
                     check_linear(activities.functions(name), activities.of(name, args), activities, limits, ())
@@ -101,7 +101,8 @@ def check_linear(
                 if op == "const" and isinstance(attr, tuple) and not any(decode(value.type, attr)):
                     zeros.add(value.id)
                 linear = [a in activity.values for a in args]
-                if any(linear) and not _is_linear(op, linear, [a in zeros for a in args]):
+                sums = value.type.is_float and _is_linear(op, linear, [a in zeros for a in args])
+                if any(linear) and not sums:
                     fail(value.loc)
             case Store(variable, value) if variable in variables and value not in activity.values | zeros:
                 fail(s.loc)
