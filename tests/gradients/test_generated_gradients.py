@@ -7,6 +7,7 @@ which differ by 1.7e-14 at most. Only one of the two is finite in 1,964.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -47,29 +48,40 @@ INPUTS = dict(zip("avnh", moderate(), strict=True))
 
 
 def derivative(tree: Tree) -> sh.Program | None:
-    """Return the program of the gradient of the sum of a program's floats, in both modes; None where there is none."""
+    """Return the program of the gradient of the sum of a program's floats, in both modes; None where there is none.
+
+    The sum goes through a variable and an array around the function, whose contents are outputs too.
+    """
     program = record(tree)
     names = list(program.inputs)
     wrt = tuple(n for n in names if n in ("a", "v"))
     if not wrt or not any(cls.type.is_float for cls in program.outputs.values()):
         return None
 
-    def total(**arguments: Any) -> Any:
+    def total(kept: Any, last: Any, **arguments: Any) -> Any:
         results = program(**arguments)
         sum_ = sh.Attrib1f(0)
         for x in results if isinstance(results, tuple) else (results,):
             if type(x).type.is_float:
                 for component in [x] if type(x).size == 1 else list(x):
                     sum_ = sum_ + sh.Attrib1f(component)
-        return sum_
+        kept[1] = sum_ * 0.5 + kept[0]
+        last[:] = last + kept[1]
+        return sum_ + last
 
-    total.inputs = program.inputs  # type: ignore[attr-defined]
+    def derived(mode: str, arguments: dict[str, Any]) -> list[Any]:
+        kept, last = sh.Array(sh.Attrib1f, [1, 2]), sh.Attrib1f(0)
+        f = functools.partial(total, kept, last)
+        f.inputs = program.inputs  # type: ignore[attr-defined]
+        slopes = sh.gradient(f, wrt, mode=mode, most=COUNT)(**arguments)  # type: ignore[arg-type]
+        return [*slopes, kept[0], kept[1], last]
+
     annotated = ", ".join(f"{n}: T_{n}" for n in names)
-    space: dict[str, Any] = {"sh": sh, "total": total, **{f"T_{n}": t for n, t in program.inputs.items()}}
-    args = ", ".join(f"{n}={n}" for n in names)
-    calls = (f"*sh.gradient(total, {wrt}, mode={mode!r}, most={COUNT})({args})" for mode in ("forward", "reverse"))
+    space: dict[str, Any] = {"sh": sh, "derived": derived, **{f"T_{n}": t for n, t in program.inputs.items()}}
+    args = f"dict({', '.join(f'{n}={n}' for n in names)})"
+    text = f"return (*derived('forward', {args}), *derived('reverse', {args}))"
     try:
-        exec(f"@sh.program\ndef slopes({annotated}):\n    return {', '.join(calls)}\n", space)
+        exec(f"@sh.program\ndef slopes({annotated}):\n    {text}\n", space)
     except sh.RecordError as error:
         if "does not depend on" not in error.message:
             raise

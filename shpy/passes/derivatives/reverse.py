@@ -201,7 +201,8 @@ class _ReverseRewriter:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
             b.outputs += self.errors.values()
             b.outputs += self.reads.finish()
-            self._poison()
+            stored_around = {output.id for output, slot in primals if slot is not f.outputs[0]}
+            self._poison([v for v in b.outputs if v.id not in stored_around])
         reverse = b.finish()
         function = replace(reverse, body=rewrite(reverse.body, self._spilled))
         return Reverse(function, tuple(self.errors), self.reads.reads)
@@ -215,13 +216,13 @@ class _ReverseRewriter:
         """Return whether the open region ends with an exit."""
         return bool(self.b.region) and isinstance(self.b.region[-1], EXITS)
 
-    def _poison(self) -> None:
-        """Make the results NaN where a loop took more iterations than are kept."""
+    def _poison(self, outputs: Sequence[Variable]) -> None:
+        """Make the outputs NaN where a loop took more iterations than are kept."""
         b = self.b
         for state in self.loops.values():
             if state.over is not None:
                 with b.when(b.load(state.over)):
-                    for slot in b.outputs:
+                    for slot in outputs:
                         if slot.type.is_float:
                             b.store(slot, b.const(slot.type, [float("nan")] * slot.type.size))
 
