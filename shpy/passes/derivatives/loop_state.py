@@ -198,3 +198,15 @@ def free_values(body: Region) -> list[int]:
     """Return the values that statements read from outside."""
     own = {v.id for s in walk(body) for v in results(s)}
     return list(dict.fromkeys(u for s in walk(body) for u in uses(s) if u not in own))
+
+
+def copy_array(b: Builder, source: Variable, target: Variable) -> None:
+    """Append a loop that copies an array."""
+    step = b.variable(_INT, None, "step")
+    b.store(step, b.const(_INT, [0]))
+    with b.loop(turns=source.length) as loop:
+        at = b.load(step)
+        b.store(target, b.load(source, at), index=at)
+        following = b.let("add", at, b.const(_INT, [1]))
+        b.store(step, following)
+        loop.until(b.let("ge", following, b.const(_INT, [source.length or 0])))

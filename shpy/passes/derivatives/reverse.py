@@ -59,12 +59,13 @@ from shpy.passes.derivatives.loop_state import (
     LoopLimits,
     LoopState,
     arrays_to_restore,
+    copy_array,
     free_values,
     make_loop_state,
 )
 from shpy.passes.derivatives.own_rules import check_linear, reverse_by_rule
 from shpy.passes.derivatives.places import Place
-from shpy.passes.derivatives.rounding import is_rounded, is_scale, rounding_error
+from shpy.passes.derivatives.rounding import LineErrors, is_rounded, is_scale, rounding_error
 from shpy.passes.derivatives.structured import head_of
 from shpy.passes.derivatives.table_reads import Reads, TableReads
 from shpy.passes.derivatives.transposed import Transposition, spread
@@ -163,7 +164,7 @@ class _ReverseRewriter:
         """The element that a store into such an array overwrites, by the id of the statement, as a value."""
         self.logs: dict[int, ArrayLog] = {}
         """The logs, by array, of the loop whose state is being kept."""
-        self.errors: dict[Loc | None, Variable] = {}
+        self.errors = LineErrors(self.b)
         self.scales = {s.value.id for s in walk(function.body) if isinstance(s, Let) and is_scale(s)}
         self.reads = TableReads(self.b)
 
@@ -193,19 +194,19 @@ class _ReverseRewriter:
             for output, slot in primals:
                 b.store(output, b.load(slot))
             for array, stored in contents:
-                _copy_array(b, array, stored)
+                copy_array(b, array, stored)
             self.backward(f.body, top)
             for array, stored in contents:
-                _copy_array(b, stored, array)
+                copy_array(b, stored, array)
             for port, output in bars:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
-            b.outputs += self.errors.values()
+            b.outputs += self.errors.slots.values()
             b.outputs += self.reads.finish()
             stored_around = {output.id for output, slot in primals if slot is not f.outputs[0]}
             self._poison([v for v in b.outputs if v.id not in stored_around])
         reverse = b.finish()
         function = replace(reverse, body=rewrite(reverse.body, self._spilled))
-        return Reverse(function, tuple(self.errors), self.reads.reads)
+        return Reverse(function, tuple(self.errors.slots), self.reads.reads)
 
     def _spilled(self, s: Stmt) -> Any:
         """Return a statement, followed by stores of its values that the backward part reads."""
@@ -425,7 +426,7 @@ class _ReverseRewriter:
         if self.world.rounding and is_rounded(let):
             error = rounding_error(let, bar, self.need(let.value.id, place), lambda a: self.need(a, place), self.scales)
             if error is not None:
-                self._add_error(let.value.loc, error)
+                self.errors.add(let.value.loc, error)
         match let.op:
             case "load":
                 self._load(let, bar, place)
@@ -471,7 +472,7 @@ class _ReverseRewriter:
             self.add(a, Live(b, v), place)
         rest = iter(derived[len(moving) :])
         for loc in reverse.lines:
-            self._add_error(loc or b.loc, Live(b, next(rest)))
+            self.errors.add(loc or b.loc, Live(b, next(rest)))
         for table in reverse.reads.tables:
             self.reads.add(table, next(rest), next(rest))
 
@@ -492,26 +493,6 @@ class _ReverseRewriter:
         transposition.run(b.since(count), {tangent.value.id: bar})
         for a, v in marks.items():
             self.add(a, transposition.bars.get(v.id, Zero(b, v.type)), place)
-
-    def _add_error(self, loc: Loc | None, share: Live) -> None:
-        b = self.b
-        if loc not in self.errors:
-            self.errors[loc] = b.variable(share.type, None, f"error_{len(self.errors)}", loc)
-            b.variables.pop()  # it becomes an output
-        slot = self.errors[loc]
-        b.store(slot, (Live(b, b.load(slot)) + share).value)
-
-
-def _copy_array(b: TangentBuilder, source: Variable, target: Variable) -> None:
-    """Append a loop that copies an array."""
-    step = b.variable(_INT, None, "step")
-    b.store(step, b.const(_INT, [0]))
-    with b.loop(turns=source.length) as loop:
-        at = b.load(step)
-        b.store(target, b.load(source, at), index=at)
-        following = b.let("add", at, b.const(_INT, [1]))
-        b.store(step, following)
-        loop.until(b.let("ge", following, b.const(_INT, [source.length or 0])))
 
 
 def _bar(name: str | None) -> str:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from shpy.ir.constants import decode
-from shpy.ir.nodes import Let
+from shpy.ir.nodes import Let, Loc, Variable
 from shpy.ir.ops import OPS
 from shpy.ir.types import Base
-from shpy.passes.derivatives.linear import Live, Tangent
+from shpy.passes.derivatives.linear import Live, Tangent, TangentBuilder
 
 _HALF_UNITS = {Base.H: 2.0**-11, Base.F: 2.0**-24, Base.D: 2.0**-53}
 """The largest relative error of a rounding to a float."""
@@ -59,3 +59,19 @@ def rounding_error(
     for k in range(1, share.size):
         total = total + share[k]
     return total
+
+
+class LineErrors:
+    """The errors of lines, which are outputs of the function that `b` builds: `slots` by line."""
+
+    def __init__(self, b: TangentBuilder) -> None:
+        self.b = b
+        self.slots: dict[Loc | None, Variable] = {}
+
+    def add(self, loc: Loc | None, share: Live) -> None:
+        """Append statements that add to the error of a line."""
+        b = self.b
+        if loc not in self.slots:
+            self.slots[loc] = b.variable(share.type, None, f"error_{len(self.slots)}", loc)
+            b.variables.pop()  # it becomes an output
+        b.store(self.slots[loc], (Live(b, b.load(self.slots[loc])) + share).value)
