@@ -41,8 +41,11 @@ for _ in range({count}):
     increment(numbers)
 print(time.process_time())
 """
-COMMAND = "import sys; from raytracer.cli import main; sys.exit(main())"
-RENDER = ["-c", COMMAND, "render", "boxes", "--size", "256x256", "--backend", "{backend}", "-o", "{out}"]
+COMMAND = "import sys, shpy_start; sys.exit(shpy_start.raytracer())"
+RENDERS = {
+    "{}": ["boxes", "--size", "256x256"],
+    "{}, a path traced scene": ["mixed", "--integrator", "path", "--samples", "1", "--size", "64x48"],
+}
 
 
 def straight(count: int) -> sh.Program:
@@ -129,16 +132,19 @@ def compiling(mesh: Mesh, quick: bool) -> Table:
 
 
 def starting(mesh: Mesh, quick: bool) -> Table:
-    """`raytracer render boxes` in a new process, cold and then warm."""
+    """`raytracer render` of a simple scene and of one with everything, in a new process, cold and then warm."""
     rows, rounds = [], {}
-    for backend in ["numpy"] if quick else _backends():
+    cases = [(*case, backend) for case in RENDERS.items() for backend in _backends()]
+    for name, words, backend in cases[:1] if quick else cases:
         with tempfile.TemporaryDirectory() as cache:
-            command = [part.format(backend=backend, out=os.path.join(cache, "boxes.png")) for part in RENDER]
+            command = ["-c", COMMAND, "render", *words, "--backend", backend, "-o", os.path.join(cache, "out.png")]
             cold, *warm = [_run(command, cache)[1] for _ in range(2 if quick else 4)]
-        rows.append([backend, f"{cold:.2f}", f"{min(warm):.2f}"])
-        rounds[backend] = [cold, *warm]
-    note = "Seconds of `raytracer render boxes --size 256x256` in a new process, Python's own start included."
-    return Table("starting", note, ["target", "cold", "warm"], rows, rounds)
+        rows.append([name.format(backend), f"{cold:.2f}", f"{min(warm):.2f}"])
+        rounds[name.format(backend)] = [cold, *warm]
+    note = "Seconds of `raytracer render` in a new process, Python's own start included: " + "; ".join(
+        f"`{' '.join(words)}`" for words in RENDERS.values()
+    )
+    return Table("starting", f"{note}.", ["target", "cold", "warm"], rows, rounds)
 
 
 def session(largest: int) -> None:

@@ -9,6 +9,8 @@ command, and Ctrl-C is quiet from the import of this package on.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import importlib
 import os
 import signal
@@ -32,13 +34,22 @@ class _Leave:
 
 
 def start(name: str, module: str) -> int:
-    """Import a module and call its `main`; return the exit status. `name` is the command's."""
+    """Import a module and call its `main`; return the exit status. `name` is the command's.
+
+    The cycle collector does not walk over the objects of imports, nor over all objects at the end, when the system
+    takes back the memory: a path-traced `raytracer render mixed` of 64 x 48 takes 1.92 s of CPU for 2.12, compiled
+    before.
+    """
     _be_quiet(name)
+    gc.disable()
     try:
         main = importlib.import_module(module).main
     finally:
         if isinstance(signal.getsignal(signal.SIGINT), _Leave):
             signal.signal(signal.SIGINT, signal.default_int_handler)
+    gc.freeze()
+    gc.enable()
+    atexit.register(gc.freeze)
     status: int = main()
     return status
 
