@@ -1,4 +1,4 @@
-"""Measure how time grows with triangles, pixels, bounces and lights.
+"""Measure how time grows with triangles, pixels, bounces, lights and instances.
 
     print(STUDIES["lights"](mesh, quick=False))
 
@@ -8,17 +8,22 @@ OpenCL where there is a device, otherwise on numpy.
 
 from __future__ import annotations
 
+import time
+import tracemalloc
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 import shpy as sh
 from benchmarks import frames, peers, rays
 from benchmarks.rounds import in_turns
 from benchmarks.tables import Table
-from raytracer import Mesh, Scene
+from raytracer import Instance, Mesh, PointLight, Scene
 from raytracer.integrators.renderer import Renderer
 from raytracer.meshes.shapes import knot
+from raytracer.scene.layout import Layout
 
 ROUNDS = 5
 
@@ -97,9 +102,61 @@ def lights(mesh: Mesh, quick: bool) -> Table:
     return _frames("lights", f"{mesh.name} on a mirror, {size} x {size} pixels, one bounce.", "lights", cases)
 
 
+def instances(mesh: Mesh, quick: bool) -> Table:
+    """Measure the layout and frames of knots that share their triangles, beside knots with triangles of their own."""
+    size, counts = (16, (2, 4)) if quick else (256, (10, 100, 766))
+    knotted = knot(segments=10 if quick else 250, sides=4 if quick else 20)
+    rows, rounds = [], {}
+    for count in counts:
+        seconds, peak, tables, scene = _laid_out(knotted, count)
+        kinds = {"instances": "instances"} | ({"own": "bvh"} if count < 500 else {})
+        renderers = {name: Renderer(scene, backend=backend(), accel=accel) for name, accel in kinds.items()}
+        times = in_turns({name: partial(r.render, (size, size)) for name, r in renderers.items()}, ROUNDS)
+        frame_times = [
+            f"{1e3 * min(times[name].seconds):.1f}" if name in times else "" for name in ("instances", "own")
+        ]
+        numbers = [f"{seconds:.2f}", f"{peak / 1e6:.0f}", f"{tables / 1e6:.1f}"]
+        rows.append([f"{count:,}", f"{scene.triangles:,}", *numbers, *frame_times])
+        rounds |= {f"{count}, {name}": t.seconds for name, t in times.items()}
+    note = f"Knots of {len(knotted):,} triangles, described and laid out; frames of {size} x {size} on {backend()}."
+    head = ["instances", "triangles", "CPU s", "peak MB", "MB of tables", "ms of a frame", "ms, triangles of their own"]
+    return Table("instances", note, head, rows, rounds)
+
+
+def _laid_out(mesh: Mesh, count: int) -> tuple[float, int, int, Scene]:
+    """Return the CPU time of a scene of instances and its layout, the largest memory, that of tables, and the scene."""
+
+    def run() -> tuple[Scene, Layout]:
+        scene = Scene(_scattered(mesh, count, np.random.default_rng(count)), [PointLight((0, 50, 0))])
+        return scene, Layout.of(scene, "instances")
+
+    started = time.process_time()
+    run()
+    seconds = time.process_time() - started
+    tracemalloc.start()
+    scene, layout = run()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    rows = [rows for rows in (layout.triangles, layout.normals, layout.uvs) if rows is not None]
+    in_binary32 = sum(array.nbytes // 2 for array in rows)
+    return seconds, peak, layout.structure.bytes + in_binary32, scene
+
+
+def _scattered(mesh: Mesh, count: int, random: np.random.Generator) -> list[Instance]:
+    """Return instances of a mesh, turned at random, in a square that grows with their number."""
+    placed = []
+    for _ in range(count):
+        place = np.eye(4)
+        place[:3, :3], _ = np.linalg.qr(random.normal(size=(3, 3)))
+        place[:3, 3] = random.uniform(-1, 1, 3) * (2 * count**0.5, 0.5, 2 * count**0.5)
+        placed.append(Instance(mesh, place))
+    return placed
+
+
 STUDIES: dict[str, Callable[[Mesh, bool], Table]] = {
     "triangles": triangles,
     "pixels": pixels,
     "bounces": bounces,
     "lights": lights,
+    "instances": instances,
 }

@@ -33,6 +33,7 @@ from raytracer.kernels.walk import SEVERAL, QueryWalks, Structure, Way, lanes_of
 from raytracer.layered.cube import LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
+from raytracer.meshes.mesh import check_expansion
 from raytracer.moved import Geometry, MovedObjects
 from raytracer.rays import AllHits, Closest, Frame, Hits, Pose, Rays, alike, check_streams, is_stream, triples
 from raytracer.scene.scene import Scene
@@ -101,6 +102,7 @@ class Intersector:
         """Return the triangles as they were given, and build the accelerator over them."""
         source, precision = self._source, self._precision
         meshes = tuple(source.meshes) if isinstance(source, Scene) else (source,)
+        check_expansion(source.name, meshes)
         parts = [mesh.corners for mesh in meshes if len(mesh)]
         corners, origin, scale = to_kernel(np.concatenate([np.zeros((0, 3, 3)), *parts]), precision)
         rows, structure = triangle_rows(corners), self._accelerator(corners, backend) if parts else None

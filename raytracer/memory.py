@@ -15,6 +15,8 @@ PIXEL = 36
 
 TRIANGLE = 500
 """Bytes that a triangle takes at least in a scene and its tables: corners, normals and a part of the accelerator."""
+INSTANCE = 4
+"""Triangles whose memory an instance takes at least, in a scene and its tables."""
 
 _GROUPS = (
     ("/sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),

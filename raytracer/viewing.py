@@ -28,6 +28,7 @@ from raytracer.integrators.integrator import TRACERS
 from raytracer.layered.cube import is_layered
 from raytracer.scene.animated_file import AnimatedFile
 from raytracer.scene.camera import Camera
+from raytracer.scene.instanced import INSTANCES
 from raytracer.scene.lights import EnvironmentLight
 from raytracer.scene.loading import load_contents
 from raytracer.scene.scene import Background, Scene, furnished
@@ -249,7 +250,7 @@ def _skies(options: argparse.Namespace) -> tuple[EnvironmentLight, ...]:
 
 def _accel(text: str) -> str:
     try:
-        if not is_layered(text):
+        if not is_layered(text) and text != INSTANCES:
             check_structure(text)
     except SceneError as error:
         raise argparse.ArgumentTypeError(str(error)) from None

@@ -11,7 +11,7 @@ import pytest
 from patience import HANGING
 
 import shpy as sh
-from raytracer import Camera, Intersector, Path, Scene, render
+from raytracer import Camera, Intersector, Path, Renderer, Scene, render
 from raytracer.meshes.shapes import box, floor
 
 BOXES = Scene.builtin("boxes")
@@ -91,6 +91,7 @@ SHOWN = {
     "whitted": lambda m, backend: m.tracer_of(BOXES, (24, 18), backend=backend).compile(backend)(shape=(18, 24)),
     "metals": lambda m, backend: render(m.metals(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
     "studio": lambda m, backend: render(m.studio(), (12, 8), integrator=Path(samples=1), backend=backend).pixels,
+    "meadow": lambda m, backend: render(m.meadow(30), (12, 8), accel="instances", backend=backend).pixels,
 }
 
 
@@ -434,6 +435,13 @@ def test_metals():
     assert blue[2] > 1.3 * blue[0]
     sharp, rough = (image.pixels[image.object_id == 1 + 5 * row].max() for row in (0, 2))
     assert sharp > 2 * rough
+
+
+@pytest.mark.slow
+def test_meadow():
+    """Tufts, poppies and stones share triangles."""
+    renderer = Renderer(example("meadow").meadow(), backend="numpy")
+    assert len(renderer.layout.triangles) < 10**5 < 10**7 < renderer.scene.triangles
 
 
 @pytest.mark.slow

@@ -80,7 +80,7 @@ class Forest:
         self.past_objects = END
         if self.still is not None:
             self.past_objects = int(roots[-1])
-            _put(self.bvh, self.still, self.past_objects, int(places[-1]), END)
+            put_part(self.bvh, self.still, self.past_objects, int(places[-1]), END)
             items[places[-1] :] = still[self.still.items]
         self.join()
         self.clear()
@@ -140,7 +140,7 @@ class _Object:
     def put(self, built: Bvh) -> None:
         """Copy a hierarchy that was built for the object alone into the object's place in the joined one."""
         self.count = len(built.low)
-        _put(self.bvh, built, self.root, self.item, END)
+        put_part(self.bvh, built, self.root, self.item, END)
         self.bvh.items[self.item : self.item + len(built.items)] = built.items + self.first
         first, past = built.links[0].T.astype(np.int64)
         inner = first >= 0
@@ -236,7 +236,7 @@ class _Top:
         return successors
 
 
-def _put(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:
+def put_part(bvh: Bvh, part: Bvh, root: int, item: int, past: int) -> None:
     """Copy the nodes of a hierarchy to `root` and on; `past` is the node to visit after it, `item` its first item."""
     span = slice(root, root + len(part.low))
     bvh.low[span], bvh.high[span] = part.low, part.high

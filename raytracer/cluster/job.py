@@ -70,8 +70,10 @@ def fingerprint(renderer: Renderer) -> str:
     if layout is None:
         return ""
     tables = layout.triangles, layout.normals, layout.colors, layout.uvs, layout.material_rows, layout.cones
+    instanced = layout.instanced
+    places = () if instanced is None else (instanced.meshes, instanced.levels.rows)
     numbers = layout.sheens, layout.glass, layout.layers, layout.mirrors, layout.lights, renderer.levels_around
-    return probed(renderer.backend, renderer.integrator, *tables, *numbers)
+    return probed(renderer.backend, renderer.integrator, *tables, *places, *numbers)
 
 
 def probed(backend: str, integrator: Integrator, *tables: Any) -> str:

@@ -25,6 +25,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.shares import MIN_CONTRIBUTION
 from raytracer.kernels.stages import AT_ONCE
 from raytracer.layered.cube import LayeredCube, is_layered
+from raytracer.scene.instanced import INSTANCES, obstacle_of, shares_many
 from raytracer.scene.scene import Scene
 
 THRESHOLD: Final = 0.2
@@ -44,7 +45,8 @@ MOST_SAMPLES: Final = 1 << 24
 class Integrator:
     """The options that every integrator has.
 
-    `accel` is "bvh", "grid" or "brute", which differ only in time; None chooses the one that suits the integrator. A
+    `accel` is "bvh", "grid" or "brute", which differ only in time; None chooses the one that suits the integrator.
+    With "instances" the instances of a mesh share its triangles: see docs/raytracer-files.md. A
     grid has `grid` cells along each axis; None chooses the number from the triangles. `precision`, `math` and `fuse`
     are those of `Program.compile`. Raises SceneError for options out of range, and for options that exclude each other.
     """
@@ -72,7 +74,10 @@ class Integrator:
             raise SceneError(f"fuse is True or False, not {self.fuse!r}")
         if self.fuse and self.math not in REPRODUCIBLE:
             raise SceneError(f'math={self.math!r} contracts by itself: fuse=True is for "strict" and "portable"')
-        check(self.structure)
+        if self.structure != INSTANCES:
+            check(self.structure)
+        elif self.precision != "f32":
+            raise SceneError(f'accel="instances" works at precision="f32", not {self.precision!r}')
         if self.grid is None:
             return
         if not is_whole(self.grid, 1, MAX_PER_SIDE):
@@ -149,7 +154,7 @@ class Staged(Integrator):
         if self.accel is not None and is_layered(self.accel):
             raise SceneError(_NO_CUBE)
         super().__post_init__()
-        if self.structure == "bvh":
+        if self.structure in ("bvh", INSTANCES):
             raise SceneError(
                 f'the staged tracer goes through cells of a grid: accel="grid" or "brute", not "{self.structure}"'
             )
@@ -255,6 +260,19 @@ def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
         if name not in option_names:
             raise TypeError(f"{kind.__name__} has no option {name!r}: its options are {', '.join(option_names)}")
     return kind(**arguments)
+
+
+def structure_of(integrator: Integrator, scene: Scene) -> str:
+    """Return the accelerator of the eye rays in a scene: of many instances two levels, unless the user chose another.
+
+    Raises SceneError for a scene that cannot be laid out in the two levels that the user chose.
+    """
+    if integrator.structure == INSTANCES and (obstacle := obstacle_of(scene)):
+        raise SceneError(f'accel="instances" is for scenes without {obstacle}: choose accel="bvh"')
+    suits = not isinstance(integrator, Staged) and integrator.accel is None and integrator.precision == "f32"
+    if suits and getattr(integrator, "secondary", None) is None and shares_many(scene):
+        return INSTANCES
+    return integrator.structure
 
 
 def check_scene(scene: Scene) -> None:

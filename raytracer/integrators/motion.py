@@ -19,12 +19,10 @@ from raytracer.integrators.integrator import Integrator
 from raytracer.layered.cube import HasMeshes, LayeredCube, cube_of, is_layered
 from raytracer.layered.placed import Meshes, PlacedCubes
 from raytracer.meshes.folder import named
-from raytracer.meshes.mesh import Mesh, affine
+from raytracer.meshes.mesh import Mesh, affine, flattens
 from raytracer.scene.layout import Change, Layout
 
 _AT_VERTICES = ("normals", "colors", "uv")
-_FLAT = 2.0**-20
-"""The determinant below which a matrix, its largest entry 1, flattens an object: there is no way back to its cube."""
 
 
 class Motion:
@@ -231,7 +229,6 @@ def _pose(motion: Motion, number: int) -> tuple[Mesh, NDArray[np.float64]]:
     A transform that flattens the mesh has no inverse: then the mesh is transformed first, and the pose is the identity.
     """
     matrix = motion.transform(number)
-    turn = matrix[:3, :3]
-    if abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) < _FLAT:
+    if flattens(matrix):
         return motion.meshes[number], np.eye(4)
     return motion.untransformed[number], matrix

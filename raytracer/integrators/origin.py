@@ -25,8 +25,10 @@ from raytracer.errors import SceneError
 from raytracer.integrators.integrator import REPRODUCIBLE, Path
 from raytracer.kernels.appearance import Appearance
 from raytracer.kernels.path import PathTracer
+from raytracer.meshes.mesh import unplaced
 from raytracer.scene.camera import Camera
-from raytracer.scene.layout import Layout, cone_rows, light_rows
+from raytracer.scene.layout import Layout
+from raytracer.scene.light_tables import cone_rows, light_rows
 from raytracer.scene.scene import Scene
 
 GENERATION: Final = "4"
@@ -82,10 +84,15 @@ def _of_scene(scene: Scene, layout: Layout, tracer: PathTracer) -> dict[str, str
         around += [] if examined is None else _recorded(examined)
         light = environment.light
         around += [repr((light.rotation, light.strength))] if (light.rotation, light.strength) != (0, 1) else []
-    return {
+    instanced = layout.instanced
+    meshes, places = scene.meshes, {}
+    if instanced is not None:
+        meshes = [unplaced(mesh) for mesh in meshes]
+        places = {"instances": _digest(instanced.meshes, instanced.levels.rows)}
+    return places | {
         "triangles": _digest(layout.origin, repr(layout.scale), layout.triangles, layout.object_of),
         "normals": _digest(layout.normals),
-        "vertex-colors": _digest(*(mesh.colors for mesh in scene.meshes if len(mesh))),
+        "vertex-colors": _digest(*(mesh.colors for mesh in meshes if len(mesh))),
         "uv-coordinates": _digest(layout.uvs),
         "materials": _digest(repr(materials), layout.material_of),
         "surface-programs": _digest(*(part for surface in appearance.examined for part in _recorded(surface))),

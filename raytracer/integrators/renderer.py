@@ -25,7 +25,7 @@ from raytracer.accel.choice import MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
 from raytracer.image import ALPHA, LAYERS, Image, Stats
-from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen
+from raytracer.integrators.integrator import Choice, Options, Path, Staged, check_scene, chosen, structure_of
 from raytracer.integrators.layers import (
     Progress,
     check_rows,
@@ -129,7 +129,8 @@ class Renderer:
     def _laid_out(self, before: Any) -> Layout:
         """Return the tables of the scene, with the cubes for secondary rays, some of them those of `before`."""
         chosen = self.integrator
-        layout = Layout.of(self.scene, chosen.structure, chosen.precision, chosen.grid, self._moving, self.backend)
+        structure = structure_of(chosen, self.scene) if not self._moving else chosen.structure
+        layout = Layout.of(self.scene, structure, chosen.precision, chosen.grid, self._moving, self.backend)
         if not has_cubes(chosen):
             return layout
         if self._moving:
@@ -188,8 +189,10 @@ class Renderer:
 
     def _takes(self, scene: Scene) -> bool:
         """Switch to a scene if the kernels and accelerators fit it; otherwise change nothing and return False."""
+        if self.layout is None or self.layout.instanced is not None:
+            return False
         alike = scene.environment is self.scene.environment
-        if self.layout is None or not alike or not self._motion.suit(scene.meshes, still=self._obstacle is not None):
+        if not alike or not self._motion.suit(scene.meshes, still=self._obstacle is not None):
             return False
         painted = self.layout.painted(scene)
         if painted is None or not self._tracer.repaint(*painted, scene):
@@ -324,6 +327,8 @@ class Renderer:
             aim = functools.partial(self._aim_paths, camera, width, height, transparent)
             *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
+        if primary is not None and self.layout.instanced is not None:
+            raise SceneError('a GBuffer does not tell instances apart: choose accel="bvh", or leave primary out')
         fine = isqrt(samples)
         seen = [] if primary is None else seen_inputs(primary, self.scene, self.layout, self._tracer)
         self._aim(camera, width * fine, height * fine, primary is not None)

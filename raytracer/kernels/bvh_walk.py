@@ -91,11 +91,7 @@ class BvhIntersector(Walk):
     def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:
         """Go through all nodes whose boxes are met no farther than `reach`."""
         test = TriangleTest(ray, eye, self.bound)
-        octant = sh.Attrib1i(0)
-        for axis in range(3):
-            with SH_IF(self.vote(ray[axis] < 0)):
-                octant += 1 << axis
-        links = octant * self.nodes
+        links = self.octant_of(ray) * self.nodes
         node = sh.Attrib1i(0)
         with SH_DO():
             # All rays go on to a leaf, or to the end, before any tries triangles.
@@ -115,6 +111,14 @@ class BvhIntersector(Walk):
                 try_leaf(self.leaves, leaf, near, test, hit)
                 reach[:] = farther(hit.l)
             SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))
+
+    def octant_of(self, ray: Any) -> Any:
+        """Return the octant in whose order a ray visits nodes: that of its direction, or of some ray of a packet."""
+        octant = sh.Attrib1i(0)
+        for axis in range(3):
+            with SH_IF(self.vote(ray[axis] < 0)):
+                octant += 1 << axis
+        return octant
 
     def meets(self, box: BoxTest, node: Any, reach: Any) -> Any:
         """Return True if the ray meets a node's box before `reach`."""
@@ -148,16 +152,20 @@ def box_rows(low: Any, high: Any) -> Any:
 
 
 class BoxTest:
-    """The constants of a ray for tests against many boxes, with a margin for rounding."""
+    """The constants of a ray for tests against many boxes, with a margin for rounding.
+
+    `eye` is where it starts for the lower sides of boxes, and `beyond` for the upper ones.
+    """
 
     def __init__(self, ray: Any, eye: Any, near: Any, margin: float, steepest: float) -> None:
         self.inverse = sh.clamp(1 / ray, -steepest, steepest)  # finite, so that 0 times it is 0
         self.eye, self.near, self.margin = eye, near, margin
+        self.beyond = eye
         self.forward = isinstance(near, float | int) and near >= 0
 
     def __call__(self, low: Any, high: Any, reach: Any) -> Any:
         """Return True if the ray meets the box before `reach`."""
-        t0, t1 = (low - self.eye) * self.inverse, (high - self.eye) * self.inverse
+        t0, t1 = (low - self.eye) * self.inverse, (high - self.beyond) * self.inverse
         first, last = lower(t0, t1), higher(t0, t1)
         enter = higher(higher(self.near, first.x), higher(first.y, first.z))
         soon = enter * (1 - self.margin) if self.forward else enter - self.margin * abs(enter)

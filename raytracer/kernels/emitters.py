@@ -88,9 +88,7 @@ class Emitters:
 
     def _choices(self, layout: Layout) -> Choices:
         """Return what can be chosen: the placed lights, the triangles that shine, what is around."""
-        # Each column by itself: a twentieth of the time, which every frame of objects that move takes.
-        columns = [layout.triangles[:, axis] for axis in range(3)]
-        low, high = (np.array([end(column) for column in columns], np.float64) for end in (np.min, np.max))
+        low, high = layout.box
         size = float(np.linalg.norm(high - low))
         fading = layout.lights[1::2, 3] > 0
         shining, areas, glows = shining_triangles(layout, glow_rows(layout, self.surfaces.appearance))
@@ -249,7 +247,7 @@ def shining_triangles(layout: Layout, glow: Rows) -> tuple[NDArray[np.int64], ND
 
     `glow` are the rows of `glow_rows`.
     """
-    glows = glow[layout.material_of, 3]
+    glows = glow[layout.material_of[: layout.settled], 3]  # instances do not shine
     shining = np.flatnonzero(glows > 0)
     corners = layout.triangles[:, :3].reshape(-1, 3, 3)[shining]
     a, b, c = corners.astype(np.float64).swapaxes(0, 1)

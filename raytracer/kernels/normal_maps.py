@@ -20,12 +20,15 @@ def direction_of_u(surfaces: Any, hit: RayHit | SeenHit) -> tuple[Any, Any, Any]
 
     Between them is 1 where v grows to the left of it, seen from the front, and -1 where v grows to the right.
     """
-    a, b, c = (corner.xyz for corner in surfaces.triangles[hit.id])
+    a, b, c = (corner.xyz for corner in surfaces.triangles.corners_of(hit))
     start, to_b, to_c = rows_of(surfaces.uvs, hit)
     to_b, to_c = to_b - start, to_c - start
     area = to_b.x * to_c.y - to_c.x * to_b.y
     hand = sh.cond(area > 0, 1.0, -1.0)
     along = sh.Vector3f(hand * ((b - a) * to_c.y - (c - a) * to_b.y))
+    instances = surfaces.triangles.instances
+    if instances is not None and hit.instance is not None:
+        hand = hand * instances[hit.instance].hand
     return along, hand, area
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import shpy as sh
 from raytracer.accel.bounds import highest
-from raytracer.kernels.triangle import CandidateHit, PlaneView, RayHit, Triangles
+from raytracer.kernels.triangle import CandidateHit, RayHit, Triangles
 
 ROUNDINGS = 7
 """The largest distance of a triangle's point from its plane, in roundings of its coordinates: 2 as the weights may not
@@ -18,6 +18,8 @@ sum to 1, 3 of their products and sums, and 2 of moving it off the plane (Pharr,
 PLANE_ROUNDINGS = 12
 """The same of a point of the ray at the distance of the plane, in roundings of the plane's level, of the eye and of the
 way: 5 of the eye's height and 3 of the slope, 2 of the point, and 2 of moving it."""
+INSTANCED = 6
+"""Factor of `PlaneView.beside`, which counts sixths."""
 
 
 class SeenHit(NamedTuple):
@@ -27,6 +29,7 @@ class SeenHit(NamedTuple):
     id: Any
     uv: Any
     texcoord: Any
+    instance: Any = None
 
 
 def place_of(
@@ -38,12 +41,14 @@ def place_of(
     more exact. `roundoff` is the largest relative error of one rounding.
     """
     sizes = barylerp(hit, *(abs(place) for place in places))
-    plane = PlaneView(face, triangles.levels[hit.id], ray, eye)
+    plane = triangles.plane_of(hit, face, ray, eye)
     far = plane.is_better(hit.l, highest(*sizes))
     t = plane.height / plane.slope
     point = sh.cond(far, eye + t * ray, barylerp(hit, *places))
     beside = PLANE_ROUNDINGS * roundoff * plane.error_at(t)
-    return point, sh.cond(far, beside, ROUNDINGS * roundoff * sh.dot(abs(face), sizes))
+    if plane.beside is None:
+        return point, sh.cond(far, beside, ROUNDINGS * roundoff * sh.dot(abs(face), sizes))
+    return point, sh.cond(far, beside, roundoff * (ROUNDINGS * sh.dot(abs(face), sizes) + INSTANCED * plane.beside))
 
 
 def curved_normal(hit: RayHit, normals: Sequence[Any], side: Any, facing: Any) -> Any:

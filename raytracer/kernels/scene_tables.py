@@ -19,7 +19,8 @@ from raytracer.kernels.interactions import Interaction
 from raytracer.kernels.sky import Sky
 from raytracer.kernels.surfaces import SurfaceTables
 from raytracer.kernels.walk import Scattered, renew_walk, scene_walk
-from raytracer.scene.layout import Change, Layout, kinds_of
+from raytracer.scene.layout import Change, Layout
+from raytracer.scene.light_tables import kinds_of
 from raytracer.scene.scene import Background, Scene
 
 

@@ -86,6 +86,10 @@ class SurfaceTables:
         if self.glows:
             self.emissions = sh.Table(self.glow, sh.Attrib4f, "emissions")
         self.object_of = sh.Table(layout.object_of, sh.Attrib1i, "object_of") if layout.object_of.any() else None
+        self.instanced_meshes: Any = None  # the mesh, material and first triangle of each instance
+        if layout.instanced is not None:
+            self.instanced_meshes = sh.Table(layout.instanced.meshes, sh.Attrib3i, "instanced_meshes")
+            self.numbers = sh.Table(layout.instanced.numbers, sh.Attrib1i, "numbers")
         self.sampled: Any = None  # the SampledSurfaces of a layered depth cube (`kernels.deferred`)
 
     @property
@@ -163,7 +167,7 @@ class SurfaceTables:
 
     def arrive(self, hit: RayHit, ray: Any, eye: Any, surface: Interaction, emission: Any = None) -> Any:
         """Fill in `surface` for a hit, and `emission` in a scene that glows; return the reflectivity."""
-        corners = self.triangles[hit.id]
+        corners = self.triangles.corners_of(hit)
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         side = sh.cond(sh.dot(face, ray) > 0, -1.0, 1.0)
         facing = side * face
@@ -200,7 +204,10 @@ class SurfaceTables:
         """Set the surface's normal to the interpolated one, if there are normals at the corners."""
         if self.normals is None:
             return
-        normals = rows_of(self.normals, hit)
+        normals: Any = rows_of(self.normals, hit)
+        if self.instanced_meshes is not None and hit.instance is not None:
+            placement = self.triangles.instances[hit.instance]
+            normals = [placement.normal(normal) for normal in normals]
         surface.normal[:] = curved_normal(hit, normals, side, facing)
         surface.inter -= curve_depth(hit, normals, point, places, side)
 
@@ -270,7 +277,7 @@ class SurfaceTables:
 
     def behind(self, hit: RayHit, ray: Any, eye: Any) -> Any:
         """Return the point that was hit, moved off the surface to the side on which the ray leaves."""
-        corners = self.triangles[hit.id]
+        corners = self.triangles.corners_of(hit)
         face = sh.Normal3f(corners[0].w, corners[1].w, corners[2].w)
         point, bound = self.place(hit, tuple(corner.xyz for corner in corners), face, ray, eye)
         return point + bound * sh.cond(sh.dot(face, ray) > 0, face, -face)
@@ -344,7 +351,7 @@ class SurfaceTables:
 
     def comes_from_inside(self, hit: RayHit, ray: Any) -> Any:
         """Return whether a ray hits a triangle from behind."""
-        corners = self.triangles[hit.id]
+        corners = self.triangles.corners_of(hit)
         return sh.dot(sh.Normal3f(corners[0].w, corners[1].w, corners[2].w), ray) > 0
 
     def place(self, hit: RayHit, places: Any, face: Any, ray: Any, eye: Any) -> tuple[Any, Any]:
@@ -353,7 +360,7 @@ class SurfaceTables:
 
     def material_at(self, hit: RayHit | CandidateHit | SeenHit) -> Any:
         """Return the number of the material that was hit."""
-        return 0 if self.material_of is None else self.material_of[hit.id]
+        return 0 if self.material_of is None else self._of_instance(hit, self.material_of[hit.id], 1)
 
     def glow_at(self, hit: RayHit | SeenHit) -> Any:
         """Return the emission of the material that was hit, and its expected brightness; see `glow_rows`."""
@@ -401,7 +408,7 @@ class SurfaceTables:
                 "uv": lambda: self.uv_at(hit),
                 "color": lambda: self.vertex_color(hit),
                 "object": lambda: self.object_at(hit),
-                "triangle": lambda: hit.id if self.numbers is None else self.numbers[hit.id],
+                "triangle": lambda: self.triangle_at(hit),
                 "distance": lambda: hit.l / self.scale,
                 "outside": lambda: side > 0,
             }
@@ -425,7 +432,17 @@ class SurfaceTables:
 
     def object_at(self, hit: RayHit | SeenHit) -> Any:
         """Return the number of the mesh that was hit."""
-        return 0 if self.object_of is None else self.object_of[hit.id]
+        return self._of_instance(hit, 0 if self.object_of is None else self.object_of[hit.id], 0)
+
+    def triangle_at(self, hit: RayHit | SeenHit) -> Any:
+        """Return the number of the triangle that was hit among those of all meshes."""
+        return self._of_instance(hit, hit.id if self.numbers is None else self.numbers[hit.id], 2)
+
+    def _of_instance(self, hit: RayHit | CandidateHit | SeenHit, number: Any, column: int) -> Any:
+        """Add the number of the instance that was hit in a column of their table."""
+        if self.instanced_meshes is None or hit.instance is None:
+            return number
+        return number + self.instanced_meshes[hit.instance][column]
 
     def lights_seen(self, surface: Interaction, count: Any) -> Any:
         """Return the number of lights that show on the surface: 0 on a perfect mirror, which needs no shadow rays."""

@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -55,6 +55,7 @@ class CandidateHit(NamedTuple):
 
     id: Any
     uv: Any
+    instance: Any = None
 
 
 Accept = Callable[[CandidateHit], Any]
@@ -66,10 +67,12 @@ class RayHit:
 
     `kernels.queries` has other classes with this interface: a walk searches up to the distance `l`, reads `id`, and
     offers each triangle that the ray meets. With `accept` only points that pass this filter become hits. `sample` is
-    the number of the shaded sample of a layered depth cube, -1 for no sample; None where no cube is shaded.
+    the number of the shaded sample of a layered depth cube, -1 for no sample; None where no cube is shaded. `instance`
+    is that of the triangle; None for a triangle that lies in the scene's coordinates.
     """
 
     sample: Any = None
+    instance: Any = None
 
     def __init__(self, limit: Any, accept: Accept | None = None) -> None:
         l = sh.Attrib1f(limit)  # noqa: E741 - the paper's name
@@ -217,7 +220,8 @@ class Triangles:
 
     `numbers` is the table of their numbers, if these are not their places. `levels` are computed from
     `rows` if they are not given. `given` are the arrays of which the tables were made. With `copy=False` the table
-    shares `rows`, which are read-only (see `sh.Table`); levels are always shared.
+    shares `rows`, which are read-only (see `sh.Table`); levels are always shared. `instances` are the places of
+    triangles whose rows are in coordinates of their own, None where none are.
     """
 
     def __init__(
@@ -233,6 +237,7 @@ class Triangles:
         self.rows = sh.Table(rows, sh.Attrib4f, name, copy=copy, unique=False)
         self.levels = sh.Table(self.sources[1], sh.Attrib1f, f"levels_of_{name}", copy=False, unique=False)
         self.numbers = numbers
+        self.instances: Any = None
 
     @classmethod
     def of(cls, triangles: NDArray[Any] | Triangles, dtype: DTypeLike = np.float64) -> Triangles:
@@ -267,6 +272,30 @@ class Triangles:
         """Return the three rows of triangle `k`."""
         return [self.rows[3 * k + corner] for corner in range(3)]
 
+    def plane(self, k: Any, rows: Sequence[Any], ray: Any, eye: Any) -> tuple[Sequence[Any], PlaneView]:
+        """Return the unit normal of triangle `k`, whose rows these are, and its plane as a ray sees it."""
+        normal = [row.w for row in rows]
+        plane = PlaneView(normal, self.levels[k], ray, eye)
+        return normal, plane
+
+    def corners_of(self, hit: Any) -> Sequence[Any]:
+        """Return the rows of the triangle that was hit, in the scene's coordinates."""
+        rows = self[hit.id]
+        if self.instances is None or hit.instance is None:
+            return rows
+        placement = self.instances[hit.instance]
+        normal = placement.normal([row.w for row in rows])
+        return [sh.Attrib4f(placement.point(row), normal[axis]) for axis, row in enumerate(rows)]
+
+    def plane_of(self, hit: Any, face: Any, ray: Any, eye: Any) -> PlaneView:
+        """Return the plane of the triangle that was hit, whose unit normal is `face`, as a ray sees it."""
+        if self.instances is None or hit.instance is None:
+            plane = PlaneView(face, self.levels[hit.id], ray, eye)
+            return plane
+        normal = [row.w for row in self[hit.id]]
+        _, placed = self.instances[hit.instance].plane(normal, self.levels[hit.id], ray, eye)
+        return cast(PlaneView, placed)
+
     def number(self, k: Any) -> Any:
         """Return the number of the triangle at place `k`."""
         return k if self.numbers is None else self.numbers[k]
@@ -276,15 +305,19 @@ class PlaneView:
     """A triangle's plane as a ray sees it, from its unit normal and its level, given by components.
 
     `slope` is how fast the ray comes nearer to it, `height` how far the eye is from it, both along the normal; `pace`
-    and `size` are what their roundings are parts of.
+    and `size` are what their roundings are parts of. `beside`, a part of `size`, is for corners of an instance, which
+    are rounded by themselves; None for others.
     """
 
-    def __init__(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> None:
+    def __init__(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any, beside: Any = None) -> None:
         self.slope = product(normal, ray)
         self.height = level - product(normal, eye)
         size = [abs(n) for n in normal]
         self.pace = product(size, [abs(ray[k]) for k in range(3)])
         self.size = abs(level) + product(size, [abs(eye[k]) for k in range(3)])
+        self.beside = beside
+        if beside is not None:
+            self.size = self.size + beside
 
     def improve(self, t: Any, large: Any) -> Any:
         """Return the distance to the plane; or `t`, a mean of corners within `large`, if that is not far worse."""
@@ -345,8 +378,7 @@ class TriangleTest:
         wa, wb, wc = sight.edges(a, b, c)
         whole = wa + wb + wc
         with SH_IF(same_side(wa, wb, wc) & (whole != 0)):
-            normal = [row.w for row in rows]
-            plane = PlaneView(normal, triangles.levels[k], self.ray, self.eye)
+            normal, plane = triangles.plane(k, rows, self.ray, self.eye)
             enter, leave = sight.span(a, b, c)
             t = within(enter, leave, sight.distance((wa, wb, wc), whole, (a[2], b[2], c[2]), plane))
             met = (t >= near) & meets(enter, leave, near)
@@ -377,6 +409,8 @@ class AheadBound:
         doubt = 6 * self.roundoff
         away = product(normal, corner)
         size = product([abs(n) for n in normal], [abs(corner[k]) for k in range(3)])
+        if plane.beside is not None:
+            size = size + plane.beside
         toward = sh.cond(plane.slope < 0, -1.0, 1.0)
         if self.start:
             ahead = toward * plane.height > (doubt + self.start * self.roundoff) * plane.size

@@ -7,6 +7,7 @@ Stage: kernel. Takes what `accel.choice.build` gives; gives a `Walk`, which a ke
 | grid, brute         | all                                         | GridIntersector                          |
 | grid beside objects | all                                         | GridBeside: the hierarchy, then the grid |
 | grid                | queries for several hits, closest points    | those of a hierarchy built for them      |
+| instances           | all                                         | InstanceIntersector, on OpenCL in packets |
 | bvh                 | all that are named in no other row          | BvhIntersector, on OpenCL in packets     |
 | bvh                 | queries for alike rays, on OpenCL in f32    | PacketIntersector                        |
 | bvh                 | scattered, on OpenCL in f32; closest points | WideIntersector, each ray alone          |
@@ -34,8 +35,10 @@ from raytracer.accel.forest import Forest
 from raytracer.accel.grid import Grid
 from raytracer.accel.ploc import build_bvh
 from raytracer.accel.space import WORKING, Rows
+from raytracer.accel.two_levels import TwoLevels
 from raytracer.kernels.bvh_walk import BvhIntersector
 from raytracer.kernels.grid_walk import GridBeside, GridIntersector
+from raytracer.kernels.instances import InstanceIntersector
 from raytracer.kernels.layered_walk import LayeredIntersector
 from raytracer.kernels.packet_walk import PacketIntersector
 from raytracer.kernels.triangle import Accept, AheadBound, RayHit, TouchingHit, Triangles, Walk
@@ -45,7 +48,7 @@ from raytracer.layered.placed import PlacedCubes
 from raytracer.scene.layout import Change, Layout
 from shpy import SH_ELSE, SH_IF
 
-Structure = Grid | Bvh | LayeredCube | PlacedCubes
+Structure = Grid | Bvh | TwoLevels | LayeredCube | PlacedCubes
 
 TOGETHER = frozenset({"opencl"})
 """Backends on which rays that run side by side share their traversal: packets of up to 16, not numpy's tiles."""
@@ -155,6 +158,8 @@ def walk_with(
     """
     if isinstance(structure, LayeredCube | PlacedCubes):
         return LayeredIntersector(structure, triangles, bound)
+    if isinstance(structure, TwoLevels):
+        return InstanceIntersector(structure, triangles, together=backend in TOGETHER, bound=bound)
     if isinstance(structure, Bvh):
         return BvhIntersector(structure, triangles, together=backend in TOGETHER, bound=bound)
     if forest is not None:

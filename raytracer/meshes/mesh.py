@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from os import PathLike
 from typing import Any, Final
 
@@ -24,7 +26,7 @@ from raytracer.appearance.materials import PLAIN, Triple
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import array_of, finite_number, finite_triple, numbers
 from raytracer.errors import SceneError, warn
-from raytracer.memory import TRIANGLE, check_triangles
+from raytracer.memory import INSTANCE, TRIANGLE, check_triangles
 from raytracer.meshes.smoothing import normals_at_corners
 
 Floats = NDArray[np.float64]
@@ -42,7 +44,7 @@ _AT_ONCE = 1 << 12
 LOADERS: dict[str, Callable[..., Mesh]] = {}
 """The functions behind `Mesh.load` and `Mesh.from_trimesh`, which need Mesh: their modules enter them."""
 MANY: Final = 1 << 20
-"""Triangles of instances from which on a warning says that each instance gets its own."""
+"""Triangles of instances from which on a scene is laid out in two levels, or a warning says that it is not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,8 +339,8 @@ class Instance:
     """A mesh that is moved into place by `transform`.
 
     `transform` (4, 4) multiplies columns (x, y, z, 1); it may scale, shear and mirror. `name` is the mesh's own if none
-    is given. A `Scene` keeps a moved copy of the mesh's triangles for each of its instances, so instances save no
-    memory. Raises SceneError for arguments of other types and shapes.
+    is given. Many instances of a mesh share its triangles and its accelerator in pictures: see docs/raytracer-files.md.
+    Raises SceneError for arguments of other types and shapes.
     """
 
     mesh: Mesh
@@ -352,22 +354,117 @@ class Instance:
 
     @property
     def placed(self) -> Mesh:
-        """The transformed mesh, with the name of the instance if it has one."""
-        moved = self.mesh.transformed(self.transform)
-        return moved if self.name in (None, moved.name) else replace(moved, name=self.name)
+        """The transformed mesh, with the name of the instance if it has one.
+
+        Its arrays are computed when they are first read, but where the transform flattens the mesh.
+        """
+        mesh, source, transform = self.mesh, unplaced(self.mesh), self.transform
+        if isinstance(mesh, PlacedMesh):
+            transform = transform @ mesh.transform
+        name = mesh.name if self.name is None else self.name
+        if not flattens(transform) and _stays_near(source, transform):
+            return PlacedMesh.of(source, transform, name, mesh.material)
+        moved = mesh.transformed(self.transform)
+        return moved if name == moved.name else replace(moved, name=name)
 
 
-def placed_all(name: str, parts: Iterable[Mesh | Instance]) -> list[Mesh]:
-    """Return meshes as they are, and instances in their places; `name` is that of the scene or file.
+class PlacedMesh(Mesh):
+    """The mesh of an `Instance` in its place: `source`, moved by `transform`.
 
-    An sh.ShpyWarning announces the memory that many instances take. Raises SceneError where the triangles exceed the
-    memory.
+    Its arrays are computed when they are first read, and kept from then on. Another material or name leaves it a
+    PlacedMesh; any other change makes a Mesh of its own.
+    """
+
+    source: Mesh
+    transform: Floats
+
+    def __new__(cls, *arguments: Any, **fields: Any) -> Mesh:  # type: ignore[misc]
+        """Return a Mesh: `dataclasses.replace` makes a copy with other arrays by the class of the original."""
+        return Mesh(*arguments, **fields)
+
+    @classmethod
+    def of(cls, source: Mesh, transform: Floats, name: str, material: AnyMaterial) -> PlacedMesh:
+        """Return a mesh in the place to which a matrix (4, 4) with an inverse moves it."""
+        mesh: PlacedMesh = object.__new__(cls)
+        vars(mesh).update(source=source, transform=transform, name=name, material=material)
+        return mesh
+
+    @functools.cached_property
+    def _moved(self) -> Mesh:
+        return self.source.transformed(self.transform)
+
+    vertices = property(attrgetter("_moved.vertices"))
+    faces = property(attrgetter("_moved.faces"))
+    normals = property(lambda self: None if self.source.normals is None else self._moved.normals)
+    colors = property(lambda self: None if self.source.colors is None else self._moved.colors)
+    uv = property(lambda self: None if self.source.uv is None else self._moved.uv)
+
+    def __len__(self) -> int:
+        """Return the number of triangles."""
+        return len(self.source)
+
+    def __reduce__(self) -> Any:
+        return PlacedMesh.of, (self.source, self.transform, self.name, self.material)
+
+    @property
+    def used_vertices(self) -> Floats:
+        """The vertices (N, 3) that triangles have, each once. They are not kept."""
+        return product(self.source.used_vertices, self.transform[:3, :3].T) + self.transform[:3, 3]
+
+    @property
+    def has_area(self) -> bool:
+        """Return True if any triangle has an area above 0."""
+        return self.source.has_area
+
+    def _with(self, **values: Any) -> Mesh:
+        if values.keys() - {"material", "name"}:
+            return self._moved._with(**{"material": self.material, "name": self.name} | values)
+        mesh: PlacedMesh = object.__new__(PlacedMesh)
+        vars(mesh).update(vars(self) | values)
+        return mesh
+
+
+FLAT: Final = 2.0**-20
+"""The determinant below which a matrix, its largest entry 1, is taken for one that has no inverse."""
+
+
+def flattens(matrix: Floats) -> bool:
+    """Return whether a matrix (4, 4) flattens what it moves, so that there is no way back."""
+    turn = matrix[:3, :3]
+    with np.errstate(all="ignore"):
+        return not abs(np.linalg.det(turn / (np.abs(turn).max() or 1))) >= FLAT
+
+
+def _stays_near(mesh: Mesh, matrix: Floats) -> bool:
+    """Return whether all vertices have places that `Mesh` accepts after a matrix has moved them."""
+    largest = np.abs(mesh.vertices).max(axis=0, initial=0.0)
+    with np.errstate(all="ignore"):
+        return bool((np.abs(matrix[:3, :3]) @ largest + np.abs(matrix[:3, 3]) <= FARTHEST).all())
+
+
+def unplaced(mesh: Mesh) -> Mesh:
+    """Return the mesh that an instance places elsewhere; other meshes unchanged."""
+    return mesh.source if isinstance(mesh, PlacedMesh) else mesh
+
+
+def placed_all(parts: Iterable[Mesh | Instance]) -> list[Mesh]:
+    """Return meshes as they are, and instances in their places.
+
+    Raises SceneError where the triangles exceed the memory, of which those of instances count once.
     """
     parts = list(parts)
-    instances = [part for part in parts if isinstance(part, Instance)]
-    shared = {id(part.mesh): len(part.mesh) for part in instances}
-    total, different = sum(len(part.mesh) for part in instances), sum(shared.values())
-    check_triangles(total + sum(len(part) for part in parts if isinstance(part, Mesh)))
+    sources = [unplaced(part.mesh if isinstance(part, Instance) else part) for part in parts]
+    meshes = {id(source): source for source in sources}
+    check_triangles(INSTANCE * len(parts) + sum(map(len, meshes.values())))
+    return [part.placed if isinstance(part, Instance) else part for part in parts]
+
+
+def check_expansion(name: str, meshes: Sequence[Mesh]) -> None:
+    """Warn where many triangles of instances are about to get places of their own; SceneError beyond the memory."""
+    instances = [mesh for mesh in meshes if isinstance(mesh, PlacedMesh)]
+    check_triangles(sum(map(len, meshes)))
+    shared = {id(mesh.source): len(mesh) for mesh in instances}
+    total, different = sum(map(len, instances)), sum(shared.values())
     if total >= MANY and total >= 2 * different:
         plural = "" if len(shared) == 1 else "es"
         warn(
@@ -375,4 +472,3 @@ def placed_all(name: str, parts: Iterable[Mesh | Instance]) -> list[Mesh]:
             f"{total:,} where {different:,} are different: they take {total * TRIANGLE / 2**30:.1f} GiB of memory or "
             "more, and are prepared one by one"
         )
-    return [part.placed if isinstance(part, Instance) else part for part in parts]

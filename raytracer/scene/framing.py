@@ -64,10 +64,11 @@ def bounds_of(meshes: Sequence[Mesh], turn: Matrix) -> tuple[Matrix, Matrix]:
 
     Without triangles it is the unit cube about the origin.
     """
-    used = [product(mesh.used_vertices, turn) for mesh in meshes if len(mesh)]
-    if not used:
+    used = (product(mesh.used_vertices, turn) for mesh in meshes if len(mesh))
+    boxes = np.array([(vertices.min(axis=0), vertices.max(axis=0)) for vertices in used])
+    if not len(boxes):
         return np.full(3, -0.5), np.full(3, 0.5)
-    return np.stack([u.min(axis=0) for u in used]).min(axis=0), np.stack([u.max(axis=0) for u in used]).max(axis=0)
+    return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
 
 
 def key_and_fill(name: str, low: Matrix, high: Matrix, turn: Matrix) -> tuple[Light, Light]:
@@ -111,8 +112,9 @@ def free_ways(meshes: Sequence[Mesh], eye: Matrix, ways: Matrix) -> Matrix:
     """
     distances = np.full(len(ways), np.inf)
     for mesh in meshes:
+        corners = mesh.corners
         for first in range(0, len(mesh), _AT_ONCE):
-            a, b, c = np.moveaxis(mesh.corners[first : first + _AT_ONCE] - eye, 1, 0)
+            a, b, c = np.moveaxis(corners[first : first + _AT_ONCE] - eye, 1, 0)
             sides = np.stack([np.cross(p, q) @ ways.T for p, q in ((a, b), (b, c), (c, a))])
             normals = np.cross(b - a, c - a)
             with np.errstate(all="ignore"):

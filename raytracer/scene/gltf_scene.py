@@ -22,7 +22,7 @@ from raytracer.appearance.materials import PLAIN
 from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.arrays import is_whole
 from raytracer.errors import SceneError
-from raytracer.memory import OutOfMemory, check_triangles
+from raytracer.memory import INSTANCE, OutOfMemory, check_triangles
 from raytracer.meshes.appearance import CLAY, restored
 from raytracer.meshes.folder import BadEntry, Fault, Notices, named, shown
 from raytracer.meshes.gltf import BROKEN, Document, needed, reason_of, rows, table
@@ -143,8 +143,8 @@ class GltfScene:
             where = ("mesh", node.entry["mesh"]) if node.number < 0 else ("node", node.number)
             with self._entry(NODE, place_of(*where)):
                 parts = list(self._instances_of(node, matrices))
-            self._placed += sum(len(part.mesh) for part in parts)
-            check_triangles(self._placed)
+            self._placed += len(parts)
+            check_triangles(self._built + INSTANCE * self._placed)
             instances += parts
         return instances
 
@@ -164,7 +164,7 @@ class GltfScene:
                 with self._entry(_SHAPE, f"primitive {k} of node {node.number}"):
                     part = self._in_shape((node.number, k), deformation, amounts, joints if skinned else None)
                 placed = [np.eye(4)] if skinned else places  # joints place it: section 3.7.3.3
-            check_triangles(self._placed + len(part) * len(placed))
+            check_triangles(self._built + INSTANCE * (self._placed + len(placed)))
             called = f"{name}_{k}" if k else name
             yield from (Instance(part, place, called) for place in placed)
 
@@ -199,7 +199,7 @@ class GltfScene:
             return [np.eye(4)]
         if len({len(values) for values in rows.values()}) > 1:
             raise SceneError(f"the attributes of {_INSTANCING} are of several lengths")
-        check_triangles(len(next(iter(rows.values()))))  # each instance has a triangle, and takes more than that
+        check_triangles(INSTANCE * len(next(iter(rows.values()))))
         lists = {key: values.tolist() for key, values in rows.items()}
         return [local_matrix(dict(zip(lists, row, strict=True))) for row in zip(*lists.values(), strict=True)]
 

@@ -23,14 +23,17 @@ from raytracer.accel.forest import Forest, still_of
 from raytracer.accel.grid import Grid, build_part
 from raytracer.accel.planes import copy_columns
 from raytracer.accel.shape import Shape
-from raytracer.accel.space import WORKING, Rows, placed, rounded, to_kernel, triangle_rows
+from raytracer.accel.space import WORKING, Rows, frame_of, rounded, to_kernel, triangle_rows
+from raytracer.accel.two_levels import TwoLevels
 from raytracer.appearance.metallic_roughness import AnyMaterial, MetallicRoughness
 from raytracer.appearance.textures import Texture
 from raytracer.errors import SceneError
 from raytracer.layered.cube import LayeredCube
 from raytracer.layered.placed import PlacedCubes
 from raytracer.meshes import Mesh
-from raytracer.scene.lights import DirectionalLight, PlacedLight, SpotLight
+from raytracer.meshes.mesh import check_expansion, unplaced
+from raytracer.scene.instanced import INSTANCES, Instanced, Parts
+from raytracer.scene.light_tables import cone_rows, kinds_of, light_rows
 from raytracer.scene.scene import Scene
 
 
@@ -66,11 +69,14 @@ class Layout:
 
     `forest` is the hierarchy of moving objects, of which `structure` is the joined one, or beside which `structure` is
     the grid of the other triangles; None if none moves. Where one does, rows are held in the working precision.
+
+    `instanced` are the instances of a layout in two levels, which are its `structure`: then `triangles` and the other
+    tables hold distinct triangles alone, each part's in coordinates of its own. None for other layouts.
     """
 
     origin: NDArray[np.float64]
     scale: float
-    structure: Grid | Bvh
+    structure: Grid | Bvh | TwoLevels
     dtype: np.dtype[Any]
     triangles: Rows
     normals: Rows | None
@@ -85,6 +91,7 @@ class Layout:
     secondary: LayeredCube | PlacedCubes | None = None
     forest: Forest | None = None
     cones: Rows | None = None
+    instanced: Instanced | None = None
 
     @classmethod
     def of(
@@ -100,7 +107,10 @@ class Layout:
 
         `moving` are the numbers of the meshes that `put` may replace, where the accelerator is a hierarchy or a grid.
         """
+        if accel == INSTANCES:
+            return cls._in_two_levels(scene, backend)
         meshes = [mesh for mesh in scene.meshes if len(mesh)]
+        check_expansion(scene.name, meshes)
         corners = np.concatenate([mesh.corners for mesh in meshes])
         corners, origin, scale = to_kernel(corners, precision)
         materials, index = _materials(meshes)
@@ -118,24 +128,52 @@ class Layout:
         else:
             structure = build(accel, corners, precision, across, backend)
         layout = cls(
-            origin=origin,
-            scale=scale,
             structure=structure,
-            dtype=dtype,
-            triangles=triangle_rows(corners),
-            normals=normal_rows(meshes),
-            colors=_colors(meshes),
-            material_rows=_material_rows(materials),
             material_of=np.repeat(index, sizes).astype(np.int32),
             object_of=object_of,
-            lights=light_rows(scene.placed_lights, origin, scale, dtype),
-            materials=materials,
             without_uv=_without_uv(meshes, index, len(materials)),
-            uvs=uv_rows(meshes) if any(m.textures or m.surface or _is_brushed(m) for m in materials) else None,
             forest=forest,
-            cones=cone_rows(scene.placed_lights, scale),
+            **_tables(scene, corners, meshes, (origin, scale), dtype, materials),
         )
         return layout if forest is None else layout.in_working_precision()
+
+    @classmethod
+    def _in_two_levels(cls, scene: Scene, backend: str) -> Layout:
+        """Return the layout of a scene whose instances share their triangles, for kernels that work at f32."""
+        parts = Parts.of(scene)
+        materials, index = _materials(scene.meshes)
+        check_range(scene, materials)
+        origin, scale = frame_of(*scene.bounds, "f32")
+        settled = [scene.meshes[number] for number in parts.settled]
+        corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in settled)])
+        corners, instanced = parts.placed(rounded((corners - origin) * scale, "f32"), origin, scale, backend, index)
+        meshes, sizes = parts.meshes, list(map(len, settled))
+        own = np.zeros((2, len(corners)), np.int32)
+        own[0, : sum(sizes)] = np.repeat([index[number] for number in parts.settled], sizes)
+        own[1, : sum(sizes)] = np.repeat(parts.settled, sizes)
+        return cls(
+            structure=instanced.levels,
+            material_of=own[0],
+            object_of=own[1],
+            without_uv=_without_uv(list(map(unplaced, scene.meshes)), index, len(materials)),
+            instanced=instanced,
+            **_tables(scene, corners, meshes, (origin, scale), np.dtype(np.float32), materials),
+        )
+
+    @property
+    def settled(self) -> int:
+        """The number of triangles, the first ones, whose rows are in the scene's coordinates."""
+        return len(self.material_of) if self.instanced is None else self.instanced.settled
+
+    @property
+    def box(self) -> tuple[Rows, Rows]:
+        """The corners of the box round all triangles, in the kernel's coordinates."""
+        if isinstance(self.structure, TwoLevels):
+            return self.structure.bvh.low[0].astype(np.float64), self.structure.bvh.high[0].astype(np.float64)
+        # Each column by itself: a twentieth of the time, which every frame of objects that move takes.
+        columns = [self.triangles[:, axis] for axis in range(3)]
+        low, high = (np.array([end(column) for column in columns], np.float64) for end in (np.min, np.max))
+        return low, high
 
     def in_working_precision(self) -> Layout:
         """Return the layout with rows in the form of tables: rows of objects that move are computed often."""
@@ -150,7 +188,11 @@ class Layout:
         corners = self.triangles[:, :3].astype(np.float64).reshape(-1, 3, 3)
         uvs = None if self.uvs is None else uv_rows(meshes)
         return replace(
-            self, triangles=triangle_rows(corners), normals=normal_rows(meshes), colors=_colors(meshes), uvs=uvs
+            self,
+            triangles=triangle_rows(corners),
+            normals=normal_rows(meshes),
+            colors=_colors(meshes, self.materials),
+            uvs=uvs,
         )
 
     def put(self, moving: Sequence[int], meshes: Mapping[int, tuple[Mesh, Mesh]], precision: str) -> list[Change]:
@@ -213,8 +255,10 @@ class Layout:
 
         The meshes are as many, of as many triangles. The layout comes with the ranges of triangles (first, past) whose
         rows of `colors` differ. Return None for other textures, programs or kinds of lights, for meshes that share
-        their materials otherwise, and for colours that the working precision cannot hold.
+        their materials otherwise, for colours that the working precision cannot hold, and in two levels.
         """
+        if self.instanced is not None:
+            return None
         places = [place for place, mesh in enumerate(scene.meshes) if len(mesh)]
         meshes = [scene.meshes[place] for place in places]
         materials, index = _materials(meshes)
@@ -275,6 +319,31 @@ class Layout:
         return np.array([(*material.mirror, 0.0) for material in self.materials], dtype=np.float64).reshape(-1, 4)
 
 
+def _tables(
+    scene: Scene,
+    corners: Rows,
+    meshes: Sequence[Mesh],
+    frame: tuple[Rows, float],
+    dtype: np.dtype[Any],
+    materials: tuple[AnyMaterial, ...],
+) -> dict[str, Any]:
+    """Return the tables of corners in a frame, of their meshes, and of the materials and lights of a scene."""
+    origin, scale = frame
+    return {
+        "origin": origin,
+        "scale": scale,
+        "dtype": dtype,
+        "triangles": triangle_rows(corners),
+        "normals": normal_rows(meshes),
+        "colors": _colors(meshes, materials),
+        "material_rows": _material_rows(materials),
+        "materials": materials,
+        "lights": light_rows(scene.placed_lights, origin, scale, dtype),
+        "cones": cone_rows(scene.placed_lights, scale),
+        "uvs": uv_rows(meshes) if any(map(_may_read_uv, materials)) else None,
+    }
+
+
 def check_range(scene: Scene, materials: Sequence[AnyMaterial]) -> None:
     """Raise SceneError for a number of a material, a light or the background that a pixel, in binary32, cannot hold."""
     entries: list[tuple[str, Any]] = [
@@ -296,48 +365,6 @@ def check_range(scene: Scene, materials: Sequence[AnyMaterial]) -> None:
 
 def _out_of_range(what: str, number: float) -> SceneError:
     return SceneError(f"{what} is {number:.3g}, out of the range of binary32: choose smaller numbers")
-
-
-def light_rows(lights: Sequence[PlacedLight], origin: NDArray[np.float64], scale: float, dtype: np.dtype[Any]) -> Rows:
-    """Return (2L, 4): position from `origin` times `scale` and 1, or unit direction to the light and 0; then colour.
-
-    The colour is followed by 1 where the light falls off by the square of the distance, by 0 where it does not. Raises
-    SceneError for a position that `dtype` does not hold.
-    """
-    rows = np.zeros((2 * len(lights), 4))
-    for k, light in enumerate(lights):
-        if isinstance(light, DirectionalLight):
-            rows[2 * k, :3] = -_unit(light.direction)
-        else:
-            rows[2 * k] = *placed("the light", light.position, origin, scale, dtype), 1
-            rows[2 * k + 1, 3] = light.falloff == "square"
-        rows[2 * k + 1, :3] = light.color
-    return rows
-
-
-def _unit(direction: Sequence[float]) -> NDArray[np.float64]:
-    """Return a vector of length 1; it is divided by its largest component first, so that squares fit into f64."""
-    near = np.asarray(direction) / np.abs(direction).max()
-    unit: NDArray[np.float64] = near / np.linalg.norm(near)
-    return unit
-
-
-def cone_rows(lights: Sequence[PlacedLight], scale: float) -> Rows | None:
-    """Return (2L, 4), see `Layout.cones`, with ranges multiplied by `scale`; None without cones and ranges."""
-    rows = np.zeros((2 * len(lights), 4))
-    rows[1::2, 1] = 1  # without a cone the light is the same in all directions
-    for k, light in enumerate(lights):
-        if isinstance(light, SpotLight):
-            rows[2 * k, :3], rows[2 * k + 1, :2] = _unit(light.direction), light.ramp
-        if not isinstance(light, DirectionalLight) and light.range is not None:
-            rows[2 * k, 3] = 1 / (light.range * scale)
-    return rows if rows[::2].any() else None
-
-
-def kinds_of(lights: Rows) -> tuple[int, bool, bool, bool]:
-    """Return the features of a kernel: how many lights, and if any has a place, a direction, a falloff."""
-    points, fades = lights[::2, 3] > 0, lights[1::2, 3] > 0
-    return len(points), bool(points.any()), bool((~points).any()), bool(fades.any())
 
 
 def _range(object_of: NDArray[np.int32], number: int) -> tuple[int, int]:
@@ -390,10 +417,9 @@ def _corner_normals(mesh: Mesh) -> NDArray[np.float64]:
     return np.asarray(normals)
 
 
-def _colors(meshes: Sequence[Mesh]) -> Rows | None:
+def _colors(meshes: Sequence[Mesh], materials: Sequence[AnyMaterial]) -> Rows | None:
     if all(mesh.colors is None for mesh in meshes):
         return None
-    materials, _ = _materials(meshes)
     return _corner_rows([_corner_colors(mesh, materials) for mesh in meshes])
 
 
@@ -411,6 +437,11 @@ def is_programmed(material: AnyMaterial) -> bool:
 def _is_body(material: AnyMaterial) -> bool:
     """Return whether what is clear of a material is rough, and tinted by its colour."""
     return isinstance(material, MetallicRoughness) and material.is_body
+
+
+def _may_read_uv(material: AnyMaterial) -> bool:
+    """Return whether a material may need uv coordinates."""
+    return bool(material.textures or material.surface or _is_brushed(material))
 
 
 def _is_brushed(material: AnyMaterial) -> bool:

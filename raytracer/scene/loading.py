@@ -188,7 +188,7 @@ def _gltf(
     document = Document(data, Folder(path))
     choices: dict[str, Any] = {"variant": variant, "multiscatter": multiscatter}
     scene = GltfScene(document, path.stem, notices, materials=materials, **choices)
-    meshes = placed_all(path.name, scene.instances())
+    meshes = placed_all(scene.instances())
     if not materials or not any(map(len, meshes)):
         return Contents(meshes, materials=len(scene.document.all("materials")))
     low, high = bounds_of(meshes, np.eye(3))

@@ -254,7 +254,7 @@ def placed(things: Any) -> tuple[Mesh, ...]:
     if not single and (isinstance(things, str | bytes) or not isinstance(things, Iterable)):
         raise _stranger(things)
     parts = [part for thing in ([things] if single else things) for part in _parts(thing)]
-    return tuple(placed_all("the scene", parts))
+    return tuple(placed_all(parts))
 
 
 def _parts(thing: Any) -> Iterator[Mesh | Instance]:

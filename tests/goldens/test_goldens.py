@@ -27,6 +27,7 @@ DRAWN = {
     "metals": "`render` makes its programs",
     "fabrics": "`render` makes its programs",
     "studio": "`render` makes its programs",
+    "meadow": "`render` makes its programs",
 }
 """Files of examples/ without a program of their own, and why."""
 

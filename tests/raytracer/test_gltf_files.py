@@ -332,8 +332,8 @@ def test_too_many_instances_are_refused_before_they_are_made(tmp_path, monkeypat
     monkeypatch.setattr("raytracer.memory.free_bytes", lambda: 10**8)
     file = File()
     mesh = file.mesh({"attributes": {"POSITION": file.array(np.zeros((3000, 3)))}})
-    for _ in range(300):
-        file.node(mesh=mesh)
+    attributes = {"TRANSLATION": file.array(np.zeros((60_000, 3)))}
+    file.node(mesh=mesh, extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
     with pytest.raises(SceneError, match=r"triangles take .* bytes of memory or more"):
         Scene.load(file.save(tmp_path / "many.glb"))
 

@@ -13,6 +13,7 @@ from raytracer import (
     Camera,
     DirectionalLight,
     Instance,
+    Intersector,
     Material,
     Mesh,
     PointLight,
@@ -24,6 +25,7 @@ from raytracer import (
 )
 from raytracer.meshes import mesh as meshing
 from raytracer.meshes.shapes import box, floor, icosahedron, sphere
+from raytracer.scene.layout import Layout
 
 TRIANGLE = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="sail")
 
@@ -236,14 +238,18 @@ def test_materials_are_replaced_by_the_names_of_meshes():
     assert repr(many).endswith("sail and 10 more; 30 triangles, 0 lights>")
 
 
-def test_many_instances_are_announced_before_they_are_made(monkeypatch):
+def test_many_instances_are_announced_where_they_get_triangles_of_their_own(monkeypatch):
     leaf = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="leaf")
     leaves = [Instance(leaf, np.eye(4), f"leaf {k}") for k in range(8)]
     monkeypatch.setattr(meshing, "MANY", 8)
-    said = "the scene: each of 8 instances of 1 mesh gets triangles of its own, 8 where 1 are different"
-    with pytest.warns(sh.ShpyWarning, match=said):
-        assert Scene(leaves).triangles == 8
+    expected = "scene: each of 8 instances of 1 mesh gets triangles of its own, 8 where 1 are different"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Scene(leaves[:7])
-        Scene([Instance(Mesh(leaf.vertices, leaf.faces), np.eye(4)) for _ in range(8)])
+        scene = Scene(leaves)
+        assert scene.triangles == 8
+        Layout.of(scene, "instances")
+        Layout.of(Scene(leaves[:7]))
+        Layout.of(Scene([Instance(Mesh(leaf.vertices, leaf.faces), np.eye(4)) for _ in range(8)]))
+    for expand in (Layout.of, Intersector):
+        with pytest.warns(sh.ShpyWarning, match=expected):
+            expand(scene)

@@ -1,0 +1,240 @@
+"""The walk through two levels of hierarchies: a ray enters an instance, and meets its triangles in the scene's place.
+
+Stage: kernel. The boxes of a part are met by the ray in the part's coordinates. The corners of a triangle are moved to
+the scene's coordinates instead, where the test is that of all other triangles: so neighbours share their corners to the
+bit, no ray slips between them, and a ray that starts from a triangle is known to be off it. A ray in the part's
+coordinates starts a rounding of the scene's size beside the triangle, which may be many times the part's size.
+
+The boxes are met with a margin for the roundings of the ray. Whether they are decides alone which triangles a ray
+tries, so the hits are the same however many rays walk together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Final
+
+import shpy as sh
+from raytracer.accel.bvh import COUNT_BITS, END
+from raytracer.accel.two_levels import ROWS, TwoLevels
+from raytracer.kernels.bvh_walk import BoxTest, BvhIntersector, try_leaf
+from raytracer.kernels.triangle import (
+    AheadBound,
+    CandidateHit,
+    PlaneView,
+    RayHit,
+    Triangles,
+    TriangleTest,
+    farther,
+    product,
+)
+from shpy import SH_BREAK, SH_DO, SH_ELSE, SH_IF, SH_UNTIL, SH_WHILE
+
+ROUNDOFF: Final = 2.0**-24
+"""The largest relative error of one rounding."""
+RAY: Final = 10.0
+"""The largest error of a ray in the coordinates of a part, in roundings of its way: 5 of the origin, 4 of the
+direction, and one more. A rounding of the reach is for the corners of triangles."""
+BESIDE: Final = 1 / 3
+"""The largest distance of corners from their triangle's plane: a rounding of the reach for each of two corners, of
+which a bound takes 6 (`AheadBound`). The reach counts products 8 times, enough for the 8 roundings of the normal."""
+
+
+class InstanceHit(RayHit):
+    """A `RayHit` of the triangle `id` of an `instance`; `order` is its place among the triangles of all instances.
+
+    `inside` is the instance in which the walk is, and `shift` the order of its triangles less their numbers.
+    """
+
+    def __init__(self, limit: Any, accept: Any = None) -> None:
+        super().__init__(limit, accept)
+        instance, order = sh.Attrib1i(-1), sh.Attrib1i(-1)
+        inside, shift = sh.Attrib1i(0), sh.Attrib1i(0)
+        self.instance, self.order, self.inside, self.shift = instance, order, inside, shift
+
+    def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
+        """Take the triangle `number` of the instance if it is `met` at a distance `t` less than `l`.
+
+        Of triangles at the same distance the first one in the order is taken.
+        """
+        order = number + self.shift
+        with (
+            SH_IF(met & ((t < self.l) | ((t == self.l) & (order < self.order)))),
+            self.accepting(number, weights),
+        ):
+            wb, wc, whole = weights
+            self.l[:] = t
+            self.uv[:] = sh.TexCoord2f(wb, wc) / whole
+            self.id[:] = number
+            self.instance[:] = self.inside
+            self.order[:] = order
+
+    def accepting(self, number: Any, weights: Sequence[Any]) -> AbstractContextManager[Any]:
+        """Open a branch for the points that pass the filter; open none without a filter."""
+        if self.accept is None:
+            return nullcontext()
+        wb, wc, whole = weights
+        return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole, self.inside)))
+
+
+class Instances:
+    """The tables of instances; see `TwoLevels`."""
+
+    def __init__(self, levels: TwoLevels) -> None:
+        self.rows = sh.Table(levels.rows, sh.Attrib4f, "instances", unique=False)
+        self.numbers = sh.Table(levels.numbers, sh.Attrib2i, "instance_numbers", unique=False)
+
+    def __getitem__(self, k: Any) -> Placement:
+        """Return the place of instance `k`."""
+        return Placement(self.rows, ROWS * k)
+
+
+class Placement:
+    """The place of an instance, whose rows begin at `first`; `matrix` are the first three of them."""
+
+    def __init__(self, rows: Any, first: Any, matrix: Sequence[Any] | None = None) -> None:
+        self.rows, self.first = rows, first
+        self.matrix = [rows[first + axis] for axis in range(3)] if matrix is None else matrix
+
+    def point(self, corner: Any) -> Any:
+        """Return where a corner of the part lies in the scene."""
+        return sh.Point3f(*(product(row, corner) + row.w for row in self.matrix))
+
+    def normal(self, normal: Any) -> Any:
+        """Return a unit normal of the part in the scene."""
+        return sh.Normal3f(*self._turned(normal)[0])
+
+    @property
+    def hand(self) -> Any:
+        """Return -1 where the instance is mirrored, so that corners go round triangles the other way; otherwise 1."""
+        return self.rows[self.first + 8].w
+
+    def _turned(self, normal: Any) -> tuple[list[Any], Any, list[Any]]:
+        """Return a unit normal in the scene, the length that it had before, and the matrix's rows."""
+        rows = [self.rows[self.first + 3 + axis] for axis in range(3)]
+        turned = [product(row, normal) for row in rows]
+        length = sh.sqrt(product(turned, turned))
+        # The normals of what is not moved stay as they are, to the bit.
+        kept = (length == 0) | (self.rows[self.first + 7].w > 0)
+        length = sh.cond(kept, 1.0, length)
+        return [component / length for component in turned], length, rows
+
+    def plane(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> tuple[list[Any], PlaneView]:
+        """Return the unit normal in the scene of a triangle of the part, and its plane."""
+        turned, length, rows = self._turned(normal)
+        level = self.rows[self.first + 6].w * level / length + product(turned, [row.w for row in self.matrix])
+        steep = [product([abs(row[k]) for k in range(3)], [abs(n) for n in normal]) / length for row in rows]
+        return turned, PlaneView(turned, level, ray, eye, BESIDE * product(steep, [row.w for row in rows]))
+
+    def ray(self, ray: Any, eye: Any) -> tuple[Any, Any, Any]:
+        """Return a ray in the part's coordinates, its origin, and how far it may be off along each axis."""
+        back = [self.rows[self.first + 6 + axis] for axis in range(3)]
+        way = [eye[axis] - self.matrix[axis].w for axis in range(3)]
+        reach = [RAY * abs(way[axis]) + self.rows[self.first + 3 + axis].w for axis in range(3)]
+        slack = [ROUNDOFF * product([abs(row[k]) for k in range(3)], reach) for row in back]
+        direction, origin = ([product(row, vector) for row in back] for vector in (ray, way))
+        return sh.Vector3f(*direction), sh.Point3f(*origin), sh.Vector3f(*slack)
+
+
+class PlacedLeaves:
+    """The triangles of leaves as `TriangleTest` reads them, in the place of the instance in which a walk is."""
+
+    def __init__(self, leaves: Triangles, placement: Placement) -> None:
+        self.leaves, self.placement = leaves, placement
+
+    def __getitem__(self, k: Any) -> list[Any]:
+        """Return the corners of the triangle at place `k`, in the scene."""
+        return [self.placement.point(row) for row in self.leaves[k]]
+
+    def plane(self, k: Any, rows: Sequence[Any], ray: Any, eye: Any) -> tuple[Sequence[Any], PlaneView]:
+        """Return the unit normal of the triangle at place `k`, and its plane, in the scene."""
+        return self.placement.plane([row.w for row in self.leaves[k]], self.leaves.levels[k], ray, eye)
+
+    def number(self, k: Any) -> Any:
+        """Return the number of the triangle at place `k`."""
+        return self.leaves.number(k)
+
+
+class LevelBoxTest(BoxTest):
+    """A `BoxTest` whose ray is that in the coordinates of the level in which the walk is."""
+
+    def __init__(self, ray: Any, eye: Any, near: Any, margin: float, steepest: float) -> None:
+        super().__init__(ray, eye, near, margin, steepest)
+        inverse, before, beyond = sh.Vector3f(self.inverse), sh.Point3f(eye), sh.Point3f(eye)
+        self.inverse, self.eye, self.beyond = inverse, before, beyond
+        self.steepest = steepest
+
+    def take(self, ray: Any, eye: Any, slack: Any = 0) -> None:
+        """Go on with another ray, which may be off by `slack` along each axis."""
+        self.inverse[:] = sh.clamp(1 / ray, -self.steepest, self.steepest)
+        self.eye[:] = eye + slack
+        self.beyond[:] = eye - slack
+
+
+class InstanceIntersector(BvhIntersector):
+    """The tables of two levels over `triangles`, each part's in coordinates of its own, and the walk.
+
+    Rays go on to the next leaf of either level. In packets a ray meets triangles only of instances whose boxes it meets
+    itself. The other arguments are those of `BvhIntersector`.
+    """
+
+    def __init__(self, levels: TwoLevels, triangles: Any, together: bool, bound: AheadBound | None = None) -> None:
+        super().__init__(levels.bvh, triangles, together, bound)
+        self.triangles.instances = self.instances = Instances(levels)
+
+    def __call__(self, ray: Any, eye: Any, near: Any, limit: Any, any_hit: Any) -> RayHit:
+        """Find the nearest hit at a distance in [near, limit); where `any_hit` holds, the first that is found."""
+        hit = InstanceHit(limit, self.accept)
+        self._collect_before(limit, hit, ray, eye, near, near, any_hit)
+        return hit
+
+    def walk(self, ray: Any, eye: Any, near: Any, any_hit: Any, box: BoxTest, reach: Any, hit: Any) -> None:
+        """Go through all nodes of both levels whose boxes are met no farther than `reach`."""
+        test = TriangleTest(ray, eye, self.bound)
+        box = LevelBoxTest(ray, eye, box.near, self.margin, self.steepest)
+        matrix = [sh.Attrib4f(0, 0, 0, 0) for _ in range(3)]
+        first = sh.Attrib1i(0)
+        leaves: Any = PlacedLeaves(self.leaves, Placement(self.instances.rows, first, matrix))
+        top_links = sh.Attrib1i(self.octant_of(ray) * self.nodes)
+        links = sh.Attrib1i(top_links)
+        node, after = sh.Attrib1i(0), sh.Attrib1i(END)
+        meets_instance = sh.Attrib1b(True)
+        with SH_DO():
+            # All rays go on to a leaf, or to the end, before any tries triangles.
+            leaf = sh.Attrib1i(-1)
+            there = sh.Attrib1i(0)
+            with SH_WHILE(lambda: node >= 0):
+                there[:] = node
+                node[:] = self.past[links + there]
+                with SH_IF(self.vote(meets_instance & self.meets(box, there, reach))):
+                    link = self.first[links + there]
+                    with SH_IF(link < 0):
+                        leaf[:] = -1 - link
+                        SH_BREAK()
+                    node[:] = link
+            with SH_IF((leaf >= 0) & ((leaf & ((1 << COUNT_BITS) - 1)) == 0)):
+                meets_instance[:] = self.meets(box, there, reach)
+                hit.inside[:] = leaf >> COUNT_BITS
+                placement = self.instances[hit.inside]
+                first[:] = placement.first
+                for row, read in zip(matrix, placement.matrix, strict=True):
+                    row[:] = read
+                direction, origin, slack = placement.ray(ray, eye)
+                box.take(direction, origin, slack)
+                links[:] = self.octant_of(direction) * self.nodes
+                numbers = self.instances.numbers[hit.inside]
+                hit.shift[:] = numbers.y
+                after[:] = node
+                node[:] = numbers.x
+            with SH_ELSE():
+                with SH_IF((leaf > 0) & meets_instance & self.meets(box, there, reach)):
+                    try_leaf(leaves, leaf, near, test, hit)
+                    reach[:] = farther(hit.l)
+                with SH_IF(node < 0):
+                    node[:] = after
+                    after[:] = END
+                    meets_instance[:] = True
+                    box.take(ray, eye)
+                    links[:] = top_links
+            SH_UNTIL((node < 0) | (any_hit & (hit.id >= 0)))

@@ -1,0 +1,168 @@
+"""The meshes of a scene as distinct parts and their instances.
+
+Stage: layout. Takes a `Scene`, gives `Parts`: the meshes that stand in the scene's coordinates, those that stand at
+several places, and where. `Layout` makes tables of them.
+
+>>> import numpy as np
+>>> from raytracer import Instance, Scene
+>>> from raytracer.meshes.shapes import box, floor
+>>> away = np.eye(4) + np.diag([3.0], 3)
+>>> parts = Parts.of(Scene([floor(9), *(Instance(box(), place) for place in (np.eye(4), away))]))
+>>> len(parts.settled), len(parts.sources), parts.number_of.tolist()
+(1, 1, [-1, 1, 2])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raytracer.accel.space import Rows, to_kernel
+from raytracer.accel.two_levels import TwoLevels, build_two_levels
+from raytracer.appearance.programs import examine_surface
+from raytracer.errors import SceneError
+from raytracer.meshes.mesh import MANY, Mesh, PlacedMesh
+from raytracer.scene.scene import Scene
+
+INSTANCES = "instances"
+"""The name of the accelerator of two levels."""
+_MOST = 2**31 - 1
+"""Triangles of all instances, at most: each has a number of 32 bits."""
+_LEAST = 1e-30
+"""The largest entry of an instance's matrix, at least: binary32 holds its inverse."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instanced:
+    """The two `levels` of a layout, and the meshes of I instances.
+
+    `settled` is the number of triangles, the first ones of the layout, that lie in the scene's coordinates; those of
+    parts follow. `meshes` (I, 3) int32 are the number of the mesh of each instance, its material, and the number that
+    its first triangle has among those of all meshes; 0 for the instance of the settled triangles, which have their own.
+    `numbers` (N,) int32 are those of the settled triangles, and the places in their meshes of others.
+    """
+
+    levels: TwoLevels
+    settled: int
+    meshes: NDArray[np.int32]
+    numbers: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The `settled` meshes of a scene, and the distinct `sources` of others; meshes without triangles are in neither.
+
+    `number_of` (I,) are the meshes of the instances, -1 for that of all settled ones, which comes first if there are
+    any; `source_of` (I,) the places of their sources among `sources`.
+    """
+
+    scene: Scene
+    settled: list[int]
+    sources: list[Mesh]
+    number_of: NDArray[np.int64]
+    source_of: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Parts:
+        """Return the parts of a scene: meshes at one place alone, and those that shine, are settled."""
+        shared: dict[Any, list[int]] = {}
+        settled = []
+        shining = {mesh.material for mesh in _distinct(scene.meshes) if _shines(mesh)}
+        for number, mesh in enumerate(scene.meshes):
+            if isinstance(mesh, PlacedMesh) and mesh.material not in shining:
+                shared.setdefault(_key(mesh), []).append(number)
+            elif len(mesh):
+                settled.append(number)
+        alone = [numbers[0] for numbers in shared.values() if len(numbers) == 1 and len(scene.meshes[numbers[0]])]
+        groups = [numbers for numbers in shared.values() if len(numbers) > 1 and len(scene.meshes[numbers[0]])]
+        settled = sorted(settled + alone)
+        places = np.repeat(np.arange(len(groups)), list(map(len, groups)))
+        numbers = np.array([number for group in groups for number in group], np.int64)
+        order = np.argsort(numbers)
+        first = [-1] * bool(settled)
+        sources = [scene.meshes[group[0]] for group in groups]
+        return cls(
+            scene, settled,
+            [mesh.source.with_material(mesh.material) for mesh in sources if isinstance(mesh, PlacedMesh)],
+            np.concatenate([first, numbers[order]]).astype(np.int64),
+            np.concatenate([first, places[order]]).astype(np.int64),
+        )  # fmt: skip
+
+    @property
+    def meshes(self) -> list[Mesh]:
+        """The meshes whose triangles a layout has, in order."""
+        return [*(self.scene.meshes[number] for number in self.settled), *self.sources]
+
+    def placed(
+        self, corners: Rows, origin: Rows, scale: float, backend: str, material_of: Sequence[int]
+    ) -> tuple[Rows, Instanced]:
+        """Return the corners of all parts as kernels hold them, and the instances.
+
+        `corners` (n, 3, 3) are those of the settled triangles in the kernel's coordinates, `material_of` the material
+        of each mesh of the scene.
+        """
+        meshes = self.scene.meshes
+        count = np.array([len(mesh) for mesh in meshes])
+        firsts = np.cumsum(count) - count
+        if int(count.sum()) > _MOST:
+            raise SceneError(f"{self.scene.name}: {int(count.sum()):,} triangles of instances exceed {_MOST:,}")
+        parts, matrices = [corners] if len(corners) else [], np.tile(np.eye(4)[:3], (len(self.number_of), 1, 1))
+        for place, source in enumerate(self.sources):
+            local, middle, size = to_kernel(source.corners, "f32")
+            parts.append(local)
+            for instance in np.flatnonzero(self.source_of == place):
+                mesh = meshes[self.number_of[instance]]
+                assert isinstance(mesh, PlacedMesh)
+                turn = mesh.transform[:3, :3]
+                matrices[instance, :, :3] = turn * (scale / size)
+                matrices[instance, :, 3] = (turn @ middle + mesh.transform[:3, 3] - origin) * scale
+        if not (np.abs(matrices).max(axis=(1, 2)) > _LEAST).all():
+            raise SceneError(f"{self.scene.name}: an instance is more than 10**30 times smaller than the scene")
+        levels = build_two_levels(parts, self.source_of + bool(self.settled), matrices, backend)
+        numbers = [np.arange(firsts[number], firsts[number] + count[number]) for number in self.settled]
+        numbers += [np.arange(len(source)) for source in self.sources]
+        whose = np.maximum(self.number_of, 0)
+        rows = np.stack([whose, np.array(material_of)[whose], firsts[whose]], axis=1)
+        rows[self.number_of < 0] = 0
+        instanced = Instanced(levels, len(corners), rows.astype(np.int32), np.concatenate(numbers).astype(np.int32))
+        return np.concatenate(parts), instanced
+
+
+def shares_many(scene: Scene) -> bool:
+    """Return whether two levels would save so many triangles that a scene is laid out in them."""
+    placed = [mesh for mesh in scene.meshes if isinstance(mesh, PlacedMesh)]
+    total = sum(map(len, placed))
+    different = sum({id(mesh.source): len(mesh) for mesh in placed}.values())
+    return total >= MANY and total >= 2 * different and obstacle_of(scene) is None
+
+
+def obstacle_of(scene: Scene) -> str | None:
+    """Return why a scene cannot be laid out in two levels; None if it can."""
+    clear = any(mesh.material.is_clear or "transmission" in _given(mesh) for mesh in _distinct(scene.meshes))
+    return "glass" if clear else None
+
+
+def _distinct(meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Return a mesh for each distinct material."""
+    return list({mesh.material: mesh for mesh in meshes}.values())
+
+
+def _given(mesh: Mesh) -> frozenset[str]:
+    """Return what the surface program of a mesh's material decides."""
+    program = mesh.material.surface
+    return frozenset() if program is None else examine_surface(program).gives
+
+
+def _shines(mesh: Mesh) -> bool:
+    return any(mesh.material.glow) or "emission" in _given(mesh)
+
+
+def _key(mesh: PlacedMesh) -> Any:
+    """Return what meshes share whose triangles are the same; the colours of a table have the material's in them."""
+    source = mesh.source
+    arrays = tuple(id(array) for array in (source.vertices, source.faces, source.normals, source.colors, source.uv))
+    return arrays, None if source.colors is None else mesh.material

@@ -1,0 +1,209 @@
+"""Instances that share triangles: hits and pictures are those of scenes in which each has triangles of its own."""
+
+import copy
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+import shpy as sh
+from raytracer import (
+    Camera,
+    GBuffer,
+    Hit,
+    Instance,
+    Material,
+    Mesh,
+    MetallicRoughness,
+    Path,
+    PointLight,
+    Renderer,
+    Scene,
+    SceneError,
+    Staged,
+    Surface,
+    Texture,
+    Whitted,
+    render,
+)
+from raytracer.accel.ploc import build_bvh
+from raytracer.accel.space import triangle_rows
+from raytracer.kernels.walk import walk_with
+from raytracer.meshes.mesh import PlacedMesh
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
+from raytracer.scene import instanced
+from raytracer.scene.layout import Layout
+
+BACKENDS = ["numpy", "opencl", "glsl"]
+SIZE = (64, 48)
+INTEGRATORS = {"whitted": Whitted, "path": lambda **options: Path(samples=1, bounces=2, **options)}
+
+
+def numbered(hit: Hit) -> Surface:
+    share = sh.Attrib1f((hit.triangle + 5 * hit.object) % 7) / 7
+    return Surface(color=sh.Color3f(share, 1 - share, 0.5))
+
+
+def place(random, scale=(1, 1, 1), spread=3.0):
+    turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * random.uniform(0.5, 1.0, 3) * scale
+    matrix[:3, 3] = random.uniform(-spread, spread, 3)
+    return matrix
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Mirrored, sheared and nested instances of smooth, flat, coloured, pictured and shining meshes, and a floor."""
+    random = np.random.default_rng(7)
+    holes = Texture((random.random((4, 4, 3)) > 0.3).astype(np.float32), filter="nearest")
+    bumps = Texture(random.uniform(0.3, 0.7, (4, 4, 3)).astype(np.float32), srgb=False)
+    ball = sphere(0.8, Material((0.9, 0.5, 0.2), reflectivity=0.3, normal_map=bumps), rings=8, segments=12)
+    leaf = floor(2, Material((0.2, 0.7, 0.2), cutout=holes))
+    stone = icosahedron(0.7, Material(surface=numbered))
+    gem = icosahedron(0.6, MetallicRoughness((0.9, 0.8, 0.4), metallic=1.0, roughness=0.4))
+    painted = dataclasses.replace(box(), colors=random.random((8, 3)))
+    lamp = icosahedron(0.2, Material(emission=(4, 4, 3)))
+    parts = [floor(12, Material((0.6, 0.6, 0.6))).moved((0, -3, 0))]
+    for mesh in (ball, leaf, stone, gem, painted, lamp):
+        parts += [Instance(mesh, place(random, scale)) for scale in ((1, 1, 1), (-1, 1, 1), (0.4, 1, 1.5))]
+    shear = np.eye(4)
+    shear[0, 1] = 0.6
+    parts.append(Instance(Instance(stone, place(random)).placed, shear))
+    parts.append(Instance(ball.with_material(Material((0.1, 0.2, 0.9))), place(random), "blue"))
+    camera = Camera((4, 3, 7), (0, -0.5, 0))
+    return Scene(parts, [PointLight((3, 8, 5), (1, 1, 1))], camera, background=(0.3, 0.4, 0.5))
+
+
+@pytest.fixture(scope="module", params=["whitted", pytest.param("path", marks=pytest.mark.slow)])
+def pictures(request, scene):
+    """An integrator's picture of triangles of their own, on numpy, and those of instances on all backends."""
+    integrator = INTEGRATORS[request.param]
+    plain = render(scene, SIZE, integrator=integrator(accel="bvh"), backend="numpy")
+    both = integrator(accel="instances")
+    return plain, {backend: render(scene, SIZE, integrator=both, backend=backend) for backend in BACKENDS}
+
+
+def test_pictures_have_the_same_bits_on_all_backends(pictures):
+    _, shared = pictures
+    for backend in BACKENDS[1:]:
+        for name in ("pixels", "depth", "normal", "object_id", "rays"):
+            np.testing.assert_array_equal(getattr(shared[backend], name), getattr(shared["numpy"], name), name)
+
+
+def test_pictures_are_those_of_triangles_of_their_own(pictures):
+    plain, shared = pictures
+    picture = shared["numpy"]
+    seen = plain.object_id >= 0
+    assert len(np.unique(plain.object_id)) > 18
+    assert np.count_nonzero(plain.object_id != picture.object_id) <= 1
+    assert np.count_nonzero(np.abs(plain.pixels - picture.pixels).max(axis=-1) > 1e-3) <= 4  # edges of shadows
+    same = seen & (plain.object_id == picture.object_id)
+    np.testing.assert_allclose(picture.depth[same], plain.depth[same], rtol=1e-6)
+    assert np.median(np.abs(picture.normal - plain.normal)[same]) < 1e-6
+
+
+def nearest_of(walk):
+    @sh.program
+    def nearest(eye: sh.Point3f, ray: sh.Vector3f):
+        hit = walk(ray, eye, 0.0, sh.Attrib1f(1e38), False)
+        return {"t": hit.l, "triangle": sh.Attrib1i(hit.id if hit.instance is None else hit.order), "uv": hit.uv}
+
+    return nearest
+
+
+def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
+    random = np.random.default_rng(2)
+    ball = sphere(1.0, rings=8, segments=12)
+    scene = Scene([Instance(ball, place(random, (1, 1, -1) if k % 2 else (1, 0.3, 1))) for k in range(40)])
+    layout = Layout.of(scene, "instances")
+    matrices = layout.instanced.levels.rows.reshape(-1, 9, 4)[:, :3]
+    local = layout.triangles[:, :3].astype(np.float32)
+    x, y, z = (local[:, None, axis] * matrices[:, None, :, axis] for axis in range(3))
+    corners = (((x + y) + z) + matrices[:, None, :, 3]).reshape(-1, 3, 3).astype(np.float64)
+    tree = build_bvh(corners)
+    walks = walk_with(tree, triangle_rows(corners), "numpy"), walk_with(layout.structure, layout.triangles, "numpy")
+    eyes, rays = (random.normal(size=(3000, 3)).astype(np.float32) for _ in range(2))
+    one, other = (nearest_of(walk).compile("numpy")(eyes * np.float32(layout.scale), rays) for walk in walks)
+    assert np.count_nonzero(one["triangle"] >= 0) > 1000
+    for name in ("triangle", "t", "uv"):
+        np.testing.assert_array_equal(one[name], other[name], name)
+
+
+def test_a_scene_without_instances_has_the_bits_of_its_hierarchy():
+    scene = Scene.builtin("boxes")
+    one, other = (
+        render(scene, SIZE, integrator=Whitted(accel=accel), backend="numpy") for accel in ("bvh", "instances")
+    )
+    for name in ("pixels", "depth", "normal", "object_id"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+
+
+def test_instances_alone_of_empty_meshes_and_without_an_inverse_are_settled():
+    empty, away, flat = Mesh(np.zeros((0, 3)), []), np.eye(4), np.diag([1.0, 0.0, 1.0, 1.0])
+    away[0, 3] = 5
+    scene = Scene([Instance(mesh, at) for mesh in (empty, box(), icosahedron()) for at in (np.eye(4), away)][:-1])
+    layout = Layout.of(scene, "instances")
+    assert (layout.settled, len(layout.triangles) // 3, len(layout.instanced.meshes)) == (20, 32, 3)
+    flattened = Scene([Instance(box(), flat), Instance(box(), flat)])
+    assert not any(isinstance(mesh, PlacedMesh) for mesh in flattened.meshes)
+    assert Layout.of(flattened, "instances").settled == 24
+    assert Layout.of(Scene([Instance(icosahedron(), away)]), "instances").settled == 20
+
+
+def test_many_instances_share_triangles_by_default(monkeypatch):
+    monkeypatch.setattr(instanced, "MANY", 40)
+    ball = icosahedron()
+    ways = [np.eye(4) + np.diag([0, 0, 0], 1) for _ in range(3)]
+    for k, way in enumerate(ways):
+        way[0, 3] = 3 * k
+    scene = Scene.framed([Instance(ball, way) for way in ways])
+    kinds = [Renderer(scene, integrator=kind, backend="numpy") for kind in (Whitted(), Whitted(accel="bvh"))]
+    assert [renderer.layout.settled for renderer in kinds] == [2, 62]
+    assert kinds[0].layout.instanced.meshes[:, 0].tolist() == [0, 0, 1, 2]
+    moved = kinds[0]
+    moved.move(1, ways[1])
+    moved.render((8, 6))
+    assert moved.layout.settled == 62  # objects that move have triangles of their own
+
+
+def test_what_cannot_share_triangles_says_so():
+    pair = [Instance(icosahedron(), np.eye(4)) for _ in range(2)]
+    glass = Scene([*pair, box(material=Material(transmission=1.0))])
+    with pytest.raises(SceneError, match='accel="instances" is for scenes without glass: choose accel="bvh"'):
+        render(glass, (4, 3), integrator=Whitted(accel="instances"))
+    with pytest.raises(SceneError, match='accel="instances" works at precision="f32", not \'f64\''):
+        Whitted(accel="instances", precision="f64")
+    with pytest.raises(SceneError, match="the staged tracer goes through cells of a grid"):
+        Staged(accel="instances")
+    renderer = Renderer(Scene(pair), integrator=Whitted(accel="instances"), backend="numpy")
+    with pytest.raises(SceneError, match="this Renderer has accel='instances': choose accel=\"bvh\""):
+        renderer.move(0, np.eye(4))
+    flat = np.zeros((3, 4, 3))
+    with pytest.raises(SceneError, match='a GBuffer does not tell instances apart: choose accel="bvh"'):
+        renderer.render(primary=GBuffer(flat, flat + 1, np.zeros((3, 4), np.int32)))
+
+
+def test_a_path_traced_picture_of_instances_goes_on_where_it_was(scene):
+    renderer = Renderer(scene, integrator=INTEGRATORS["path"](accel="instances"), backend="numpy")
+    whole, half = (renderer.render((16, 12), samples=samples) for samples in (2, 1))
+    continued = renderer.render((16, 12), samples=2, resume=half)
+    np.testing.assert_array_equal(continued.pixels, whole.pixels)
+    plain = Renderer(scene, integrator=INTEGRATORS["path"](accel="bvh"), backend="numpy")
+    with pytest.raises(SceneError, match="instances"):
+        plain.render((16, 12), samples=2, resume=half)
+
+
+def test_a_placed_mesh_is_the_transformed_one():
+    random = np.random.default_rng(4)
+    ball, matrix = sphere(rings=4, segments=5), place(random, (1, -1, 1))
+    mesh, whole = Instance(ball, matrix, "ball").placed, ball.transformed(matrix)
+    assert isinstance(mesh, PlacedMesh)
+    for made in (mesh, pickle.loads(pickle.dumps(mesh)), copy.deepcopy(mesh), dataclasses.replace(mesh, name="other")):
+        for name in ("vertices", "faces", "normals", "uv", "corners", "used_vertices"):
+            np.testing.assert_array_equal(getattr(made, name), getattr(whole, name), name)
+    red = mesh.with_material(Material((1, 0, 0)), "red")
+    assert (type(red), red.name, red.source) == (PlacedMesh, "red", ball)
+    assert type(mesh.moved((1, 0, 0))) is type(mesh.with_vertices(mesh.vertices, None)) is Mesh
+    assert (mesh.with_vertices(mesh.vertices, None).name, len(mesh), mesh.has_area) == ("ball", 30, True)
