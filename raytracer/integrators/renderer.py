@@ -120,7 +120,7 @@ class Renderer:
         self._options |= lanes_of(self.backend, secondary)
         started = time.perf_counter()
         self._tracer = tracer_of(self.integrator, scene, self.layout, self.backend)
-        self.features = self._tracer.features | ({"layered cube": secondary.options["resolution"]} if secondary else {})
+        self.features = self._tracer.features | self.layout.features
         self.record_seconds = time.perf_counter() - started
         self._kinds: dict[tuple[Any, ...], dict[str, Any]] = {}
         assert scene.camera is not None  # a Scene sets its own camera by default
@@ -151,8 +151,8 @@ class Renderer:
         of its own. From then on only the parts of tables that the object has are computed and sent, and the accelerator
         of what does not move stays. It is all built anew where the scene grows beyond the next power of two, or moves
         to far away from 0, which `builds` counts. With accel="grid" the objects that have moved leave the grid, which
-        stays, and are found by a hierarchy beside it. Raises SceneError for unknown names, for other matrices, and for
-        accel="brute".
+        stays, and are found by a hierarchy beside it. Instances get triangles of their own. Raises SceneError for
+        unknown names, for other matrices, and for accel="brute" and "instances".
         """
         self._check_movable()
         self._motion.move(name, transform)

@@ -161,6 +161,16 @@ class Layout:
         )
 
     @property
+    def features(self) -> dict[str, bool | int]:
+        """The features of a picture that decide how rays find triangles."""
+        features: dict[str, bool | int] = {}
+        if self.secondary is not None:
+            features["layered cube"] = self.secondary.options["resolution"]
+        if self.instanced is not None:
+            features["instances"] = len(self.instanced.meshes)
+        return features
+
+    @property
     def settled(self) -> int:
         """The number of triangles, the first ones, whose rows are in the scene's coordinates."""
         return len(self.material_of) if self.instanced is None else self.instanced.settled

@@ -36,7 +36,7 @@ from raytracer.meshes.appearance import (
 )
 from raytracer.meshes.folder import BadEntry, Folder, Notices, shown
 from raytracer.meshes.gltf import Document
-from raytracer.meshes.mesh import LOADERS, Mesh, joined, placed_all, smoothed
+from raytracer.meshes.mesh import LOADERS, Mesh, check_expansion, joined, placed_all, smoothed
 from raytracer.meshes.obj import read_obj
 from raytracer.meshes.off import read_off
 from raytracer.meshes.pictures import Picture, Pictures
@@ -89,6 +89,7 @@ def load_mesh(path: str | PathLike[str], *, material: AnyMaterial | None = None,
         notices.ignore("materials, which Scene.load reads", contents.materials)
     notices.warn()
     meshes = contents.meshes
+    check_expansion(path.name, meshes)
     one = meshes[0] if len(meshes) == 1 else joined(meshes, path.stem)
     return one.with_material(material or PLAIN, path.stem)
 

@@ -6,6 +6,7 @@ from gltf_files import CORNERS, HALVES, MATT, SQUARE, File
 
 import shpy as sh
 from raytracer import Camera, Scene, SceneError, Texture, render
+from raytracer.scene.layout import Layout
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 
@@ -22,7 +23,9 @@ def test_instances_of_one_node(tmp_path):
     mesh = file.mesh(file.square(), name="leaf")
     file.node(mesh=mesh, translation=[0, 0, 3], extensions={INSTANCING: {"attributes": attributes}})
     file.tree["extensionsUsed"] = file.tree["extensionsRequired"] = [INSTANCING]
-    one, other, _ = Scene.load(file.save(tmp_path / "leaves.glb")).meshes
+    scene = Scene.load(file.save(tmp_path / "leaves.glb"))
+    assert len(Layout.of(scene, "instances").triangles) == 3 * (2 + 2)  # of the leaf, and of the floor
+    one, other, _ = scene.meshes
     assert one.name == other.name == "leaf"
     np.testing.assert_allclose(one.vertices, SQUARE + (0, 0, 3))
     expected = SQUARE[:, [1, 0, 2]] * (-1, 2, 1) + (5, 0, 3)  # x to y, y to -x

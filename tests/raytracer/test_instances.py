@@ -10,6 +10,8 @@ import pytest
 import shpy as sh
 from raytracer import (
     Camera,
+    DirectionalLight,
+    EnvironmentLight,
     GBuffer,
     Hit,
     Instance,
@@ -131,6 +133,30 @@ def test_hits_are_to_the_bit_those_of_corners_that_the_matrices_place():
         np.testing.assert_array_equal(one[name], other[name], name)
 
 
+def test_random_scenes_have_the_same_bits_and_the_objects_of_triangles_of_their_own():
+    """Parts are flat, tiny or far away, and overlap: packets enter instances that some of their rays miss."""
+    spreads, scales = (0.3, 3, 300), ((1, 1, 1), (1, 1e-3, 1), (1e-4, -1e-4, 1e-4))
+    different = []
+    for seed in range(9):
+        random = np.random.default_rng(seed)
+        mesh, middle = sphere(1.0, rings=4, segments=6), random.uniform(-1, 1, 3) * 10.0 ** random.uniform(-1, 3)
+        spread, scale = spreads[seed % 3], scales[seed // 3]
+        parts = [
+            Instance(dataclasses.replace(mesh, normals=None, uv=None), place(random, scale, spread)) for _ in (0, 0)
+        ]
+        parts += [Instance(parts[0].mesh, place(random, scale, spread)) for _ in range(30)]
+        away = np.eye(4)
+        away[:3, 3] = middle
+        scene = Scene([Instance(part.placed, away) for part in parts], [DirectionalLight((-1, -2, -1))])
+        one, *others = (render(scene, SIZE, accel="instances", backend=backend) for backend in BACKENDS)
+        for other in others:
+            for name in ("pixels", "depth", "normal", "object_id"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name), f"{seed}: {name}")
+        plain = render(scene, SIZE, accel="bvh", backend="numpy")
+        different.append(np.count_nonzero(plain.object_id != one.object_id))
+    assert not any(different)
+
+
 def test_a_scene_without_instances_has_the_bits_of_its_hierarchy():
     scene = Scene.builtin("boxes")
     one, other = (
@@ -185,14 +211,18 @@ def test_what_cannot_share_triangles_says_so():
         renderer.render(primary=GBuffer(flat, flat + 1, np.zeros((3, 4), np.int32)))
 
 
-def test_a_path_traced_picture_of_instances_goes_on_where_it_was(scene):
+def test_a_path_traced_picture_of_instances_goes_on_where_it_was():
+    random, ball = np.random.default_rng(3), icosahedron()
+    scene = Scene([Instance(ball, place(random)) for _ in range(4)], [EnvironmentLight((1, 1, 1))])
     renderer = Renderer(scene, integrator=INTEGRATORS["path"](accel="instances"), backend="numpy")
     whole, half = (renderer.render((16, 12), samples=samples) for samples in (2, 1))
     continued = renderer.render((16, 12), samples=2, resume=half)
     np.testing.assert_array_equal(continued.pixels, whole.pixels)
-    plain = Renderer(scene, integrator=INTEGRATORS["path"](accel="bvh"), backend="numpy")
-    with pytest.raises(SceneError, match="instances"):
-        plain.render((16, 12), samples=2, resume=half)
+    moved = Scene([*scene.meshes[:3], Instance(ball, place(random))], scene.lights, scene.camera)
+    renderer.show(moved)
+    assert np.any(renderer.render((16, 12), samples=1).object_id != half.object_id)
+    with pytest.raises(SceneError, match="they differ in: instances"):
+        renderer.render((16, 12), samples=2, resume=half)
 
 
 def test_a_placed_mesh_is_the_transformed_one():
