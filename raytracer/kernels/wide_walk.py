@@ -11,7 +11,8 @@ unless a nearer hit has been found by then. A search for any hit visits boxes in
 A triangle's hit has the bits that `TriangleTest` gives.
 
 In times of blocks of four on vectors of four (knot of 70,400 triangles, Intel Xeon, AVX-512): .89 for the nearest
-and .92 for any hit of 67,523 rays in random directions.
+and .92 for any hit of 67,523 rays in random directions. Rays are not sorted first: 63,192 rays from the surface of the
+bunny, in the order of pixels, take .95 (any hit .90) of the time in the order of place and octant, and the sort .06.
 """
 
 from __future__ import annotations
