@@ -340,7 +340,7 @@ class Stream(StreamReductions, StreamFields):
         return StreamSource(self)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class StreamLeaf:
     """One leaf of a stream, as an input or output of a run."""
 

@@ -44,7 +44,7 @@ _DIGIT: Final = 8
 there are fewer passes.
 
 All digits of a key have about as many, an argument of the kernels, since a table of half the size takes less time.
-65,536 keys below 4,096 take one pass, and 0.73 of the CPU time of two with 11 bits.
+65,536 keys below 4,096 take one pass, and 0.76 of the CPU time of two with 11 bits.
 """
 _TABLES: Final = 12
 """Bytes of private tables for each digit, three of ints: they lie on the stack of a CPU's thread."""

@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from platform import machine as architecture
 from typing import Any, ClassVar, Final
 from weakref import WeakValueDictionary
@@ -132,6 +132,7 @@ def _opened(index: int) -> Machine:
     return Machine(_listed()[index])
 
 
+@lru_cache(maxsize=256)
 def kind_of(size: int) -> Kind:
     """Return the kind of the buffers with at least `size` bytes."""
     return Kind(rounded(max(size, _LEAST)))
