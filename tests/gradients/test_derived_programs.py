@@ -102,11 +102,13 @@ def test_precisions() -> None:
 
     @sh.program
     def mixed(x: sh.Attrib1h, y: sh.Attrib1d):
-        return sh.gradient(f, (0, 1))(sh.Attrib1d(x), y), sh.gradient(lambda h: h * h * sh.exp(h))(x)
+        inner = (sh.gradient(lambda h: f(sh.Attrib1d(h), y), mode=m)(x) for m in ("forward", "reverse"))
+        return sh.gradient(f, (0, 1))(sh.Attrib1d(x), y), sh.gradient(lambda h: h * h * sh.exp(h))(x), *inner
 
     x, y = np.float16([0.5, 1.25]), np.float64([0.7, 2.1])
-    (d_x, d_y), half = mixed.compile("numpy")(x, y)
+    (d_x, d_y), half, *inner = mixed.compile("numpy")(x, y)
     assert (d_x.dtype, half.dtype) == (np.float64, np.float16)
+    assert [c.tolist() for c in inner] == [d_x.astype(np.float16).tolist()] * 2
     wide, root = x.astype(float), np.hypot(x.astype(float), y)
     assert np.allclose(d_x, np.cos(wide * y) * y * y + wide / root, rtol=1e-14)
     assert np.allclose(d_y, np.cos(wide * y) * wide * y + np.sin(wide * y) + y / root, rtol=1e-14)

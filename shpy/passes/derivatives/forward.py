@@ -196,8 +196,6 @@ class _ForwardRewriter:
                 return args[0].wide(type.size)
             case "swizzle":
                 assert isinstance(let.attr, tuple)
-                if args[0].size == 1:
-                    return args[0].wide(type.size)
                 return args[0][let.attr[0] if type.size == 1 else list(let.attr)]
             case "component":
                 return Live(b, b.let("component", dense(args[0]).value, let.args[1], type=type))

@@ -436,8 +436,6 @@ class _ReverseRewriter:
                 table = str(let.attr)
                 at = self.reads.place_of(table, self.need(let.args[0], place))
                 self.reads.add(table, at, dense(bar).value)
-            case "half":
-                self.add(let.args[0], bar, place)
             case "const" | "param":
                 pass
             case _ if row is None:

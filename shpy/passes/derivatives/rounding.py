@@ -51,7 +51,7 @@ def rounding_error(
     """
     if let.op in ("mul", "div") and any(a in scales for a in let.args[let.op == "div" :]):
         return None
-    share: Any = abs(bar * value) * _HALF_UNITS[Base.H if let.op == "half" else value.type.base]
+    share: Any = abs(bar * value) * _HALF_UNITS[value.type.base]
     if let.op in ("add", "sub"):
         a, b = (abs(operand(x)) for x in let.args)
         share = (abs(value) * 2.01 <= a.op("max", b)).choose(share.constant(0), share)
