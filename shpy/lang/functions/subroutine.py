@@ -284,6 +284,16 @@ def _parameter(frame: Frame, name: str, value: Any) -> Any:
     return build_values(layout, iter(parts))
 
 
+def input_value(frame: Frame, layout: Layout, name: str, loc: Loc | None) -> tuple[Any, list[IrValue]]:
+    """Return a value of a layout in variables, into which new inputs are stored; and these inputs."""
+    inputs, parts = [], []
+    for leaf, _, cls in leaves(layout, name):
+        inputs.append(frame.new_value(cls.type, leaf, loc))
+        parts.append(_slot_value(frame, cls, leaf, loc))
+        frame.append(Store(parts[-1]._variable, inputs[-1].id, None, None, loc))
+    return build_values(layout, iter(parts)), inputs
+
+
 def _slot_value(frame: Frame, cls: type[Value], name: str, loc: Loc | None) -> Value:
     value = object.__new__(cls)
     slot = frame.variable(cls.type, name=name, loc=loc)

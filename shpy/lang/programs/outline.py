@@ -16,11 +16,11 @@ from shpy.errors import RecordError, ShpyTypeError
 from shpy.ir.nodes import Break, Call, Continue, Function, Let, Region, Return, Store, Value as IrValue, Variable
 from shpy.ir.traverse import callee_of, has_exit, is_straight, results, uses, walk
 from shpy.ir.types import Base
-from shpy.lang.functions.subroutine import _slot_value
+from shpy.lang.functions.subroutine import input_value
 from shpy.lang.recording.location import here
 from shpy.lang.recording.recorder import Frame, OpenRegion, need_frame, stores_in
 from shpy.lang.values import arithmetic
-from shpy.lang.values.structure import Layout, build_values, flatten, is_value, layout_from, leaves
+from shpy.lang.values.structure import Layout, flatten, is_value, layout_from, leaves
 from shpy.lang.values.value import CLASSES
 
 Place = int | str
@@ -94,7 +94,8 @@ def outlined(
     frame.scopes.append(region)
     try:
         symbolic: dict[Any, Any] = {**dict(enumerate(args)), **named}
-        symbolic.update({p: _opened(frame, m) for p, m in zip(places, moved, strict=True)})
+        for place, m in zip(places, moved, strict=True):
+            symbolic[place], m.inputs = input_value(frame, m.layout, m.name, here())
         result = f(*(symbolic[k] for k in range(len(args))), **{k: symbolic[k] for k in named})
         layout = layout_from(result, what)
         outputs = []
@@ -155,18 +156,6 @@ def _floats(what: str, name: str, x: Any) -> Any:
             cure=f"sh.Attrib{wrong.size}f({name}) as the argument, or wrt= another one",
         )
     return x
-
-
-def _opened(frame: Frame, moved: DerivedArgument) -> Any:
-    """Return a symbolic argument, which holds new inputs."""
-    parts = []
-    for leaf, _, cls in leaves(moved.layout, moved.name):
-        incoming = frame.new_value(cls.type, leaf, here())
-        moved.inputs.append(incoming)
-        part = _slot_value(frame, cls, leaf, here())
-        frame.append(Store(part._variable, incoming.id, None, None, here()))
-        parts.append(part)
-    return build_values(moved.layout, iter(parts))
 
 
 def _cut(

@@ -19,7 +19,7 @@ from shpy.ir import nodes
 from shpy.ir.collector import uncollected
 from shpy.ir.constants import encode
 from shpy.ir.metadata import NOTHING
-from shpy.ir.nodes import Loc, Module, Port, Store
+from shpy.ir.nodes import Loc, Module, Port
 from shpy.ir.traverse import walk
 from shpy.ir.verifier import verify
 from shpy.lang.data.defaults import check_default
@@ -27,12 +27,12 @@ from shpy.lang.data.params import Param
 from shpy.lang.data.tables import Table, TableType, argument
 from shpy.lang.data.textures import TextureArgument, TextureType
 from shpy.lang.functions.returns import Returns
-from shpy.lang.functions.subroutine import _slot_value
+from shpy.lang.functions.subroutine import input_value
 from shpy.lang.recording.location import at, here, loc_in
 from shpy.lang.recording.recorder import Frame, Recording, recording
 from shpy.lang.recording.signature import bodies_of, fixed_by_partials, hints_of, loc_of, plain_function, return_loc
 from shpy.lang.values.dependent import first_value
-from shpy.lang.values.structure import Layout, build_values, layout_of, leaves, outside
+from shpy.lang.values.structure import Layout, layout_of, leaves, outside
 
 InputType = Layout | TableType | TextureType
 
@@ -232,15 +232,9 @@ def _open_inputs(frame: Frame, types: dict[str, InputType]) -> tuple[list[nodes.
         if isinstance(type_, TextureType):
             arguments[name] = TextureArgument(name, type_)
             continue
-        parts = []
-        for leaf, kind, cls in leaves(type_, name):
-            incoming = frame.new_value(cls.type, leaf, frame.loc)
-            inputs.append(incoming)
-            ports.append(Port(leaf, kind))
-            part = _slot_value(frame, cls, leaf, frame.loc)
-            frame.append(Store(part._variable, incoming.id, None, None, frame.loc))
-            parts.append(part)
-        arguments[name] = build_values(type_, iter(parts))
+        arguments[name], new = input_value(frame, type_, name, frame.loc)
+        inputs += new
+        ports += [Port(leaf, kind) for leaf, kind, _ in leaves(type_, name)]
     return inputs, ports, arguments
 
 
