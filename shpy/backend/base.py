@@ -184,8 +184,11 @@ class Collectives:
 
     select: Callable[[Any], Any] | None = None
     """select(mask): the indices of the elements that are true, in ascending order."""
-    take: Callable[[Any, Any], Any] | None = None
-    """take(source, index): the element at each index, the nearest where it is out of range."""
+    take: Callable[[Sequence[Any], Any], list[Any]] | None = None
+    """take(sources, index): the element of each source at each index, the nearest where it is out of range.
+
+    All sources have as many elements.
+    """
     put: Callable[[Any, Any, Any], None] | None = None
     """put(values, index, target): write each value to its place; the last of several values for one place remains."""
     place: Callable[[Any, Any, Any], None] | None = None

@@ -17,6 +17,7 @@ from shpy.collectives.arguments import check_stream, indices_at, shaped
 from shpy.collectives.leaves import Leaves, element_class, is_mapped, over_leaf, run_over
 from shpy.collectives.programs import annotated, mapped
 from shpy.collectives.sorting import keys_of
+from shpy.collectives.trees import memories_of
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import is_int
@@ -86,7 +87,7 @@ def top_k(stream: Stream, k: int, key: Program | None = None) -> TopK:
     place, leaves = elements.place, Leaves(elements.place)
     order = leaves.order(keys_of(elements, key, "top_k"), descending=True)
     index = leaves.take(order, indices_at(place, np.arange(k, dtype=np.int32), "index")[0])
-    memories = [leaves.take(entry.memory, index) for entry in elements.leaf_entries()]
+    memories = leaves.take_each(memories_of(elements), index)
     return TopK(shaped(elements, memories, (int(k),)), over_leaf(place, index))
 
 

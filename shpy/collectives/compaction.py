@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from shpy.collectives.arguments import check_stream, mask_at, shaped
 from shpy.collectives.chunk_places import compact_chunks
 from shpy.collectives.leaves import Leaves
+from shpy.collectives.trees import memories_of
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.values.structure import is_lazy
 from shpy.lang.values.types import Attrib1i
@@ -42,5 +43,5 @@ def compact(stream: Any, mask: Any) -> Compaction:
     marks = mask_at(place, mask, elements.shape)
     leaves = Leaves(place)
     index = leaves.select(marks)
-    memories = [leaves.take(entry.memory, index) for entry in elements.leaf_entries()]
+    memories = leaves.take_each(memories_of(elements), index)
     return Compaction(shaped(elements, memories, (index.count,)), Stream.over(Attrib1i, (index.count,), place, [index]))

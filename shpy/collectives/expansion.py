@@ -14,6 +14,7 @@ from shpy.collectives.arguments import check_stream, indices_at, shaped
 from shpy.collectives.leaves import Leaves
 from shpy.collectives.programs import annotated
 from shpy.collectives.scanning import scan
+from shpy.collectives.trees import memories_of
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.lang.data.tables import Table, TableType
@@ -54,7 +55,7 @@ def expand(stream: Stream, counts: Any) -> Expansion:
     if total:
         index = _owners().compile_for(ends)(Table(ends), shape=(total,))
     source = index.leaf_entries()[0].memory
-    memories = [leaves.take(entry.memory, source) for entry in elements.leaf_entries()]
+    memories = leaves.take_each(memories_of(elements), source)
     return Expansion(shaped(elements, memories, (total,)), index)
 
 

@@ -8,6 +8,7 @@ any device. They read but never write by index, since fragment shaders cannot: t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -59,12 +60,20 @@ class Leaves:
 
     def take(self, source: Memory, index: Memory) -> Memory:
         """Return the element of a scalar or vector leaf at each index; an index out of range reads the nearest one."""
+        return self.take_each([source], index)[0]
+
+    def take_each(self, sources: Sequence[Memory], index: Memory) -> list[Memory]:
+        """Return what `take` returns of each leaf of a stream."""
         if not index.count:
-            return self._place.space.allocate(0, source.type, source.dtype)
+            return [self._place.space.allocate(0, source.type, source.dtype) for source in sources]
         if self._own.take is not None:
-            return self._own.take(source, index)  # type: ignore[no-any-return]
-        program = _taking(element_class(source), element_class(index))
-        return _memory(self._run(program, index.count, index=self._stream(index), source=self._stream(source)))
+            return self._own.take(sources, index)
+        at = self._stream(index)
+        programs = [_taking(element_class(source), element_class(index)) for source in sources]
+        return [
+            _memory(self._run(program, index.count, index=at, source=self._stream(source)))
+            for program, source in zip(programs, sources, strict=True)
+        ]
 
     def put(self, values: Memory, index: Memory, target: Memory) -> Memory:
         """Return memory, possibly the target, with each value at its index; the last of several values stays.

@@ -64,7 +64,7 @@ def gather(stream: Any, index: Any, type: Any = None) -> Any:
     if memory.count and not elements.size:
         raise ShpyTypeError("gather from a stream without elements", loc=here(), cure="a stream of one element or more")
     leaves_at = Leaves(elements.place)
-    return shaped(elements, [leaves_at.take(entry.memory, memory) for entry in elements.leaf_entries()], shape)
+    return shaped(elements, leaves_at.take_each(memories_of(elements), memory), shape)
 
 
 @in_ieee_arithmetic
@@ -139,8 +139,8 @@ def _fold_by_programs(values: Stream, index: Memory, target: Stream, combine: Pr
     (unordered,) = memories_of(keys)
     order = leaves_at.order(unordered, descending=False)
     inputs = {"keys": over_leaf(place, leaves_at.take(unordered, order))}
-    for k, entry in enumerate(values.leaf_entries()):
-        inputs[f"given{k}"] = over_leaf(place, leaves_at.take(entry.memory, order))
+    for k, memory in enumerate(leaves_at.take_each(memories_of(values), order)):
+        inputs[f"given{k}"] = over_leaf(place, memory)
     out = retyped(target, target.type, (target.size,))
     program = _folding(combine, values.type)
     for first in range(0, values.size, _AT_ONCE):

@@ -18,7 +18,7 @@ from shpy.backend.base import Memory
 from shpy.collectives.arguments import check_stream, shaped
 from shpy.collectives.chunk_sorting import argsort_chunks, sort_chunks
 from shpy.collectives.leaves import Leaves
-from shpy.collectives.trees import leaf_types
+from shpy.collectives.trees import leaf_types, memories_of
 from shpy.errors import ShpyTypeError
 from shpy.ieee import in_ieee_arithmetic
 from shpy.ir.constants import is_int
@@ -52,7 +52,7 @@ def sort(stream: Any, key: Program | None = None, descending: bool = False) -> A
     if key is None:
         return shaped(elements, [leaves.sort(keys, descending)], (elements.size,))
     order = leaves.order(keys, descending)
-    return shaped(elements, [leaves.take(entry.memory, order) for entry in elements.leaf_entries()], (elements.size,))
+    return shaped(elements, leaves.take_each(memories_of(elements), order), (elements.size,))
 
 
 @in_ieee_arithmetic

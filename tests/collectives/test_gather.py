@@ -65,6 +65,22 @@ def test_every_type(moved, cls):
     assert_same_bits(sh.gather(given, index), given.numpy()[index])
 
 
+FIELDS = {f"field{k}": (sh.Attrib1f, sh.Attrib3f, sh.Attrib1b, sh.Attrib2i)[k % 4] for k in range(18)}
+Wide = sh.struct(type("Wide", (), {"__annotations__": dict(FIELDS)}))
+"""A struct of more leaves than a kernel of OpenCL gathers."""
+
+
+def test_elements_of_many_leaves(moved):
+    rng = np.random.default_rng(8)
+    shapes = {sh.Attrib3f: (20, 3), sh.Attrib2i: (20, 2)}
+    fields = {name: rng.integers(0, 2, shapes.get(cls, (20,))) for name, cls in FIELDS.items()}
+    fields |= {name: fields[name] != 0 for name, cls in FIELDS.items() if cls is sh.Attrib1b}
+    index = rng.integers(0, 20, 33)
+    found = sh.gather(sh.Stream(fields, Wide, moved), index).numpy()
+    for name, array in fields.items():
+        assert np.array_equal(getattr(found, name), array[index])
+
+
 def test_halves_and_doubles():
     x = np.random.default_rng(6).standard_normal(20)
     for backend, precision in (("numpy", "f64"), ("opencl", "f64"), ("opencl", "f16"), ("glsl", "f16")):

@@ -142,7 +142,8 @@ class ListedKernel:
         if not live.count:
             return
         begin = self._now(live)
-        gathered = tuple(m if m.count == 1 else own.take(m, live) for m in call.inputs[:-1])
+        moved = iter(own.take([m for m in call.inputs[:-1] if m.count > 1], live))
+        gathered = tuple(m if m.count == 1 else next(moved) for m in call.inputs[:-1])
         outputs = tuple(space.allocate(live.count, m.type, m.dtype) for m in call.outputs)
         ended: Any = None if self.plain.writes_all else space.allocate(live.count, vec(Base.I), np.dtype(np.int32))
         part = replace(call, shape=(live.count,), inputs=gathered, outputs=outputs, status=ended)

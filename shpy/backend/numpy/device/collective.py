@@ -30,8 +30,8 @@ def _select(mask: Any) -> NumpyMemory:
     return _indices(np.flatnonzero(mask.array))
 
 
-def _take(source: Any, index: Any) -> NumpyMemory:
-    return NumpyMemory(np.take(source.array, index.array, axis=0, mode="clip"), source.type)
+def _take(sources: Sequence[Any], index: Any) -> list[NumpyMemory]:
+    return [NumpyMemory(np.take(s.array, index.array, axis=0, mode="clip"), s.type) for s in sources]
 
 
 def _put(values: Any, index: Any, target: Any) -> None:

@@ -5,15 +5,6 @@
 #define MOVE(from, i, to, j) vstoreSIZE(vloadSIZE(i, from), j, to)
 #endif
 
-__kernel void take(__global const WORD *given, __global const INDEX *indices, uint n, INDEX last,
-                   __global WORD *taken) {
-    size_t i = get_global_id(0);
-    if (i < n) {
-        size_t from = clamp(indices[i], (INDEX)0, last);
-        MOVE(given, from, taken, i);
-    }
-}
-
 __kernel void forget(__global int *winners, uint n) {
     if (get_global_id(0) < n)
         winners[get_global_id(0)] = -1;
