@@ -1,8 +1,9 @@
 """Gradients beside JAX's at f64, in both modes: equal to 1e-13 of the gradient's length, at 200 places each.
 
-`pip install jax`, then `pytest tests/gradients/beside_jax.py`: no other run collects this file. Each function is
-written once, for a namespace: that of shpy or of JAX. The places lie inside of the domains and off the kinks, whose
-derivatives docs/gradients.md lists.
+At f32 they have the same bits on OpenCL at every width and on GLSL as on numpy. `pip install jax`, then
+`pytest tests/gradients/beside_jax.py`: no other run collects this file. Each function is written once, for a namespace:
+that of shpy or of JAX. The places lie inside of the domains and off the kinks, whose derivatives docs/gradients.md
+lists.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 import shpy as sh
+from tests.backends.running import LANES, differs, run
 
 jax.config.update("jax_enable_x64", True)
 
@@ -244,7 +246,22 @@ FUNCTIONS: dict[str, Function] = {
         + (stripes, chosen, series, angles)
     },
 }
+SHARES = [list(FUNCTIONS)[k::9] for k in range(9)]
 PLACES = np.random.default_rng(11).uniform(0.15, 0.95, (200, 3))
+
+
+def program_of(names: list[str]) -> sh.Program:
+    """Return the program of the value of each function and its gradients in both modes."""
+
+    def derived(f: Function, p: Any) -> Any:
+        g = lambda q: f(SHPY, q)  # noqa: E731
+        return *sh.gradient(g, value=True)(p), sh.gradient(g, mode="reverse")(p)
+
+    @sh.program
+    def own(p: sh.Attrib3f):
+        return tuple(x for name in names for x in derived(FUNCTIONS[name], p))
+
+    return own
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -254,13 +271,17 @@ def test_gradients_are_those_of_jax(name: str) -> None:
     assert np.isfinite(slopes).all()
     size = np.linalg.norm(slopes, axis=-1, keepdims=True)
 
-    @sh.program
-    def own(p: sh.Attrib3f):
-        g = lambda q: f(SHPY, q)  # noqa: E731
-        return *sh.gradient(g, value=True)(p), sh.gradient(g, mode="reverse")(p)
-
-    own_value, *both = own.compile("numpy", precision="f64")(PLACES)
+    own_value, *both = program_of([name]).compile("numpy", precision="f64")(PLACES)
     np.testing.assert_allclose(own_value, value, rtol=1e-12, atol=1e-13)
     for mode, own_slopes in zip(("forward", "reverse"), both, strict=True):
         error = (np.abs(own_slopes - slopes) / size).max()
         assert error < 1e-13, f"{mode}: {error:.3g}"
+
+
+@pytest.mark.parametrize("names", SHARES, ids=lambda names: names[0])
+def test_gradients_have_the_same_bits(names: list[str]) -> None:
+    program, places = program_of(names), PLACES.astype(np.float32)
+    expected = run(program, "numpy", places).outputs
+    for target in (*LANES, "glsl"):
+        for k, (a, b) in enumerate(zip(run(program, target, places).outputs, expected, strict=True)):
+            assert not differs(a, b).any(), f"{names[k // 3]}, {('value', 'forward', 'reverse')[k % 3]}, on {target}"
