@@ -26,13 +26,14 @@ from benchmarks.report import spread
 from benchmarks.rounds import Apart
 from benchmarks.studies import backend
 from benchmarks.tables import Table
-from raytracer import Camera, Material, Mesh, Renderer, Scene
+from raytracer import Camera, EnvironmentLight, Material, Mesh, MetallicRoughness, Renderer, Scene, Texture
 from raytracer.meshes.shapes import floor, knot
 
 SIZE, SAMPLES, BOUNCES = 192, 16, 8
 """Pixels along each side, samples of a pixel, and scatterings of a path."""
 CLAY = Material((0.72, 0.63, 0.52), diffuse=1.0, specular=0.0)
 STONE = Material((0.45, 0.47, 0.50), diffuse=1.0, specular=0.0)
+GOLD, PLASTIC = MetallicRoughness((1.0, 0.77, 0.34), 1, 0.3), MetallicRoughness((0.15, 0.3, 0.6), roughness=0.2)
 LAMP = Material((0, 0, 0), diffuse=0.0, specular=0.0, emission=(9.0, 8.6, 8.0))
 
 
@@ -61,11 +62,32 @@ def mesh_scene(quick: bool = False) -> Scene:
     return Scene(meshes, (), Camera((2.2, 2.6, 5.6), (0, 0.7, 0), fov=42), background=(0, 0, 0), ambient=0.0)
 
 
+def sky(height: int = 256) -> Texture:
+    """Return a picture of a blue sky over a brown ground, with a sun that takes some degrees."""
+    down, turn = np.pi * (np.arange(height) + 0.5) / height, np.pi * (np.arange(2 * height) + 0.5) / height
+    up, sun = np.cos(down)[:, None], np.array([0.5, 0.7, 0.51])
+    toward = np.stack(
+        np.broadcast_arrays(np.sin(down)[:, None] * -np.sin(turn), up, np.sin(down)[:, None] * np.cos(turn))
+    )
+    light = np.exp((np.tensordot(sun / np.linalg.norm(sun), toward, 1) - 1) / 0.005)
+    above = 1 / (1 + np.exp(-8 * up))
+    colors = above[..., None] * (0.35, 0.55, 0.9) + (1 - above)[..., None] * (0.25, 0.2, 0.15)
+    return Texture(np.float32(colors + 60 * light[..., None] * (1.0, 0.9, 0.75)))
+
+
+def layered_scene(quick: bool = False) -> Scene:
+    """Return the knot of rough gold on a floor of rough plastic, before a wall of it, under a sky with a sun."""
+    knot_, ground, wall, _ = mesh_scene(quick).meshes
+    meshes = [knot_.with_material(GOLD), *(mesh.with_material(PLASTIC) for mesh in (ground, wall))]
+    return Scene(meshes, [EnvironmentLight(sky())], Camera((2.2, 2.6, 5.6), (0, 0.7, 0), fov=42))
+
+
 def equal_error(quick: bool) -> Table:
     """Time, variance, and the time to equal error, round by round."""
     scenes: dict[str, Callable[[], Scene]] = {
         "ridged knot": partial(mesh_scene, quick),
         "cornell": partial(Scene.builtin, "cornell"),
+        "gold and plastic": partial(layered_scene, quick),
     }
     size, samples, rounds = (32, 4, 4) if quick else (SIZE, SAMPLES, 12)
     contenders: dict[str, Any] = {} if peers.available(["mitsuba"])[1] else {peers.PEERS["mitsuba"].label: _mitsuba}

@@ -17,7 +17,7 @@ import numpy as np
 
 import shpy as sh
 from benchmarks.work import TARGETS, Work
-from raytracer import Camera, Intersector, Mesh, PointLight, Scene
+from raytracer import Camera, Intersector, Mesh, MetallicRoughness, PointLight, Scene
 from raytracer.accel.choice import build
 from raytracer.accel.space import triangle_rows
 from raytracer.kernels.packet_walk import PacketIntersector
@@ -162,9 +162,23 @@ def mitsuba_mesh(mesh: Mesh, properties: Any = None, *, textured: bool = False) 
     return shape
 
 
+def mitsuba_surface(look: Any) -> dict[str, Any]:
+    """Return a matt surface, a perfect mirror, a rough metal or plastic as Mitsuba's."""
+    color = {"type": "rgb", "value": list(look.tint)}
+    if isinstance(look, MetallicRoughness) and look.metallic:
+        return {"type": "principled", "base_color": color, "metallic": 1.0, "roughness": look.roughness}
+    if isinstance(look, MetallicRoughness):
+        facets = {"distribution": "ggx", "alpha": float(look.roughness) ** 2}
+        return {"type": "roughplastic", "diffuse_reflectance": color, "int_ior": 1.5, "ext_ior": 1.0, **facets}
+    if look.numbers["reflectivity"] == 1:
+        return {"type": "conductor", "material": "none"}
+    color["value"] = [look.numbers["diffuse"] * c for c in look.tint]
+    return {"type": "diffuse", "reflectance": color}
+
+
 @cache
 def mitsuba_scene(scene: Scene) -> Any:
-    """Return a scene of matt surfaces, perfect mirrors, lamps and point lights as Mitsuba's.
+    """Return a scene of such surfaces, lamps and point lights, or under a picture, as Mitsuba's.
 
     A point light is so far away that its falloff, which Mitsuba's has, cannot be seen.
     """
@@ -174,10 +188,7 @@ def mitsuba_scene(scene: Scene) -> Any:
     description: dict[str, Any] = {"type": "scene"}
     for number, part in enumerate(scene.meshes):
         look, properties = part.material, mi.Properties()
-        color = [look.numbers["diffuse"] * c for c in look.tint]
-        matt = {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}
-        surface = {"type": "conductor", "material": "none"} if look.numbers["reflectivity"] == 1 else matt
-        properties["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": surface})
+        properties["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": mitsuba_surface(look)})
         properties["face_normals"] = True
         if any(look.emission):
             radiance = {"type": "rgb", "value": list(look.emission)}
@@ -188,6 +199,10 @@ def mitsuba_scene(scene: Scene) -> Any:
         square = float(np.sum((np.asarray(light.position) - scene.camera.target) ** 2))
         intensity = {"type": "rgb", "value": [np.pi * square * c for c in light.color]}
         description[f"light_{number}"] = {"type": "point", "position": list(light.position), "intensity": intensity}
+    if scene.environment is not None:
+        image = scene.environment.picture.image  # Mitsuba's begins half a turn from ours
+        around = np.roll(image, image.shape[1] // 2, axis=1)
+        description["around"] = {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(around))}
     return mi.load_dict(description)
 
 

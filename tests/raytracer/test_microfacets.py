@@ -224,38 +224,6 @@ def test_white_plastic_loses_nothing_below_its_upper_layer(roughness):
     check_gains_nothing(colors)
 
 
-def random_material(rng):
-    """Return a material with numbers anywhere in their ranges, and often at an end."""
-
-    def one_of(*values):
-        return values[rng.integers(len(values))]
-
-    look = MetallicRoughness(
-        base_color=one_of((1, 1, 1), tuple(rng.random(3))),
-        metallic=one_of(0, 1, rng.random()),
-        roughness=one_of(0, 1e-4, 0.03, 0.05, 1, rng.random(), rng.random()),
-        ior=one_of(1.5, 1.0, 0, 2.4, 1.33),
-        specular=one_of(1, 0, rng.random()),
-        specular_color=one_of((1, 1, 1), (1, 0, 0), (3, 2, 8)),
-        clearcoat=one_of(0, 0, 1, rng.random()),
-        clearcoat_roughness=one_of(0, rng.random()),
-        transmission=one_of(0, 0, 0, 1, rng.random()),
-        alpha=one_of(1, 1, 1, 0.5),
-        sheen_color=one_of((0, 0, 0), (0, 0, 0), (1, 1, 1), tuple(rng.random(3))),
-        sheen_roughness=one_of(0, 1, rng.random(), rng.random()),
-        anisotropy=one_of(0, 0, 1, rng.random()),
-        anisotropy_rotation=one_of(0, 90, 360 * rng.random()),
-        multiscatter=bool(rng.integers(2)),
-    )
-    return dataclasses.replace(look, thickness=one_of(0, 1)) if look.alpha == 1 and look.ior > 0 else look
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("seed", [pytest.param(k, marks=[] if k < 2 else pytest.mark.slow) for k in range(500)])
-def test_no_material_gains_light_in_a_furnace(seed):
-    check_gains_nothing(furnace(random_material(np.random.default_rng(seed)), backend="opencl"))
-
-
 @pytest.mark.sampled(15)
 @pytest.mark.parametrize("coarse", [True, False])
 @pytest.mark.parametrize(
