@@ -171,9 +171,9 @@ class Staged(Integrator):
 class Path(Integrator):
     """An unbiased estimate of all light that surfaces scatter at most `bounces` times, from `samples` paths a pixel.
 
-    Random numbers are points of Sobol', scrambled by hashes of `seed`, from 0 to 2**32 - 1, the pixel and the
+    Random numbers are points of Sobol', ordered and shifted by hashes of `seed`, from 0 to 2**32 - 1, the pixel and the
     dimension; a power of 2 as `samples` spreads them best. Layers other than the colour are those of the first sample.
-    `secondary` is that of `Whitted`. Sources: Kajiya 1986; Burley 2020.
+    `secondary` is that of `Whitted`. Sources: Kajiya 1986; Kollig and Keller 2002.
 
     With `clamp` a sample's light that more than one surface has scattered is at most so bright, in its brightest
     channel, from each surface of the path: fewer bright dots, in a picture that is biased, as it is too dark.

@@ -121,10 +121,11 @@ class Emitters:
         return True
 
     def aim(self, surface: Interaction, words: Callable[[int], tuple[Any, Any]]) -> Aim:
-        """Choose a light for a surface, and a direction to it; `words(k)` are two random ones, for k of 0, 2 and 4."""
+        """Choose a light for a surface, and a direction to it; `words(k)` are two random ones, for k of 0 and 2."""
         aim = Aim()
         place, number, density = self.chances.choose(*words(0))
-        u, v = map(sh.unit_float, words(2))
+        place_words = words(2)
+        u, v = map(sh.unit_float, place_words)
         if self.placed.count:
             with SH_IF(place < self.first):
                 self._aim_placed(aim, surface, number, density)
@@ -133,7 +134,7 @@ class Emitters:
                 self._aim_triangle(aim, surface, number, density, u, v)
         if self.around is not None:
             with SH_IF(place >= self.last):
-                self._aim_around(aim, self.around, surface, words, u, v)
+                self._aim_around(aim, self.around, surface, place_words)
         return aim
 
     def _aim_placed(self, aim: Aim, surface: Interaction, number: Any, chance: Any) -> None:
@@ -165,8 +166,8 @@ class Emitters:
                 aim.density[:] = self.per_glow * glow.w * square / cosine
                 aim.limit[:] = NEARER * hit.l
 
-    def _aim_around(self, aim: Aim, around: Environment, surface: Interaction, words: Any, u: Any, v: Any) -> None:
-        ray, density = around.sample(surface, words, u, v)
+    def _aim_around(self, aim: Aim, around: Environment, surface: Interaction, words: tuple[Any, Any]) -> None:
+        ray, density = around.sample(surface, words)
         aim.ray[:] = ray
         aim.density[:] = self.share_around * density
         with SH_IF(density > 0):
@@ -189,24 +190,23 @@ class Environment(EnvironmentSky):
 
     def __init__(self, light: EnvironmentLight) -> None:
         super().__init__(light)
-        self.cells: Chances | None = None
+        self.cells: BrightCells | None = None
         self.mean = light.strength * (1.0 if light.color is None else float(np.mean(light.color)))
         if light.picture is None:
             return
         weights = light.strength * brightness_table(light.picture.image)
-        self.rows, self.columns = weights.shape
         self.mean = float(weights.mean())
-        weights = weights + EVERYWHERE * (self.mean or 1.0)
-        self.cells = Chances(weights.reshape(-1), per=4 * pi / weights.size, name="bright_cells")
+        self.cells = BrightCells(weights + EVERYWHERE * (self.mean or 1.0))
 
-    def sample(self, surface: Interaction, words: Any, u: Any, v: Any) -> tuple[Any, Any]:
-        """Sample a direction, and its density, by the two words that `words(4)` gives, and two numbers in [0, 1)."""
+    def sample(self, surface: Interaction, words: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Sample a direction, and its density, by two random words."""
         if self.cells is None:
+            u, v = map(sh.unit_float, words)
             cosine = sh.sqrt(1 - u)
             return around(surface.normal, cosine, v), cosine * (1 / pi)
-        place, _, density = self.cells.choose(*words(4))
-        height = 1 - (place // self.columns + v) * (2 / self.rows)
-        angle = (place % self.columns + u) * (2 * pi / self.columns)
+        down, across, density = self.cells.choose(*words)
+        height = 1 - down * (2 / self.cells.rows)
+        angle = across * (2 * pi / self.cells.columns)
         radius = sh.sqrt(sh.max(1 - height * height, 0.0))
         ray = sh.normalize(sh.Vector3f(-radius * sh.sin(angle), height, radius * sh.cos(angle)))
         return self.turned(ray), density
@@ -216,9 +216,66 @@ class Environment(EnvironmentSky):
         if self.cells is None:
             return sh.max(sh.dot(surface.normal, ray), 0.0) * (1 / pi)
         ray = self.turned(ray, back=True)
-        row = sh.clamp(sh.Attrib1i((1 - ray.y) * (self.rows / 2)), 0, self.rows - 1)
-        column = sh.clamp(sh.Attrib1i(turn_of(ray) * self.columns), 0, self.columns - 1)
-        return self.cells.density_at(row * self.columns + column)
+        rows, columns = self.cells.rows, self.cells.columns
+        row = sh.clamp(sh.Attrib1i((1 - ray.y) * (rows / 2)), 0, rows - 1)
+        column = sh.clamp(sh.Attrib1i(turn_of(ray) * columns), 0, columns - 1)
+        return self.cells.densities[row, column]
+
+
+class BrightCells:
+    """The cells of the sphere, all of the same area, with probabilities in proportion to `weights` (rows, columns).
+
+    Words choose a cell, and a place in it, by the inverse of the cumulative distributions of rows and of columns in a
+    row. The map is monotone, so that points that are spread evenly stay so: with a table of aliases the median error of
+    a pixel under a sky with a sun is 1.2 times as large.
+    """
+
+    def __init__(self, weights: Floats) -> None:
+        self.rows, self.columns = weights.shape
+        lines = weights.sum(axis=1)
+        starts = np.stack([_starts(line) for line in weights])
+        self._lines = sh.Table(_starts(lines), sh.Attrib1u, "bright_rows")
+        self._starts = sh.Table(starts, sh.Attrib1u, "bright_columns")
+        shares = _widths(_starts(lines))[:, None] * _widths(starts)
+        self.densities = sh.Table(np.float32(shares * (weights.size / (4 * pi))), sh.Attrib1f, "bright_densities")
+
+    def choose(self, first: Any, second: Any) -> tuple[Any, Any, Any]:
+        """Return a place, in rows and in columns, and the density of its direction, by two random words."""
+        row = _cell_of(first, self.rows, lambda k: self._lines[k])
+        column = _cell_of(second, self.columns, lambda k: self._starts[row, k])
+        down = _place_in(first, row, lambda k: self._lines[k])
+        across = _place_in(second, column, lambda k: self._starts[row, k])
+        return down, across, self.densities[row, column]
+
+
+def _starts(weights: Floats) -> NDArray[np.uint32]:
+    """Return the words at which the intervals of n weights begin, and 0, the end of the last one: (n + 1,)."""
+    sums = np.concatenate([[0.0], np.cumsum(weights)[:-1]])
+    starts = np.minimum(np.rint(sums * (2.0**32 / weights.sum())), 2.0**32 - 1)
+    return np.append(starts, 0).astype(np.uint32)
+
+
+def _widths(starts: NDArray[np.uint32]) -> Floats:
+    """Return the probabilities of intervals."""
+    ends = starts.astype(np.float64)
+    ends[..., -1] = 2.0**32
+    return np.diff(ends) / 2.0**32
+
+
+def _cell_of(word: Any, count: int, start_of: Callable[[Any], Any]) -> Any:
+    """Return the last of `count` intervals that begins at a word or before it, by bisection."""
+    cell, step = sh.Attrib1i(0), 1 << max(count - 1, 1).bit_length()
+    while step := step // 2:
+        middle = cell + step
+        cell = sh.cond((middle < count) & (start_of(sh.min(middle, count - 1)) <= word), middle, cell)
+    return cell
+
+
+def _place_in(word: Any, cell: Any, start_of: Callable[[Any], Any]) -> Any:
+    """Return the place of a word in units of intervals, the number of its own plus a part of it."""
+    start = start_of(cell)
+    width = sh.max(start_of(cell + 1) - start, sh.Attrib1u(1))
+    return sh.Attrib1f(cell) + sh.min(sh.Attrib1f(word - start) / sh.Attrib1f(width), 1.0)
 
 
 def brightness_table(image: NDArray[np.float32]) -> NDArray[np.float64]:

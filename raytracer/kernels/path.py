@@ -10,7 +10,8 @@ A surface between equal media, or a thin wall of `ior` 1, lets light go straight
 there, nor does the path count it as a bounce, so that both ways find the same light. What is refracted ends a ray to a
 light. The medium travels with each ray (`kernels.media`).
 
-Random numbers are points of Sobol', which hashes of the seed, the pixel and the dimension scramble (`kernels.points`).
+Random numbers are points of Sobol', which hashes of the seed, the pixel and the dimension order and shift
+(`kernels.points`).
 Samples are averaged in their order, by a running mean, so that a picture may be continued: it is the same whoever
 computes which samples.
 """

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import types
 from contextlib import contextmanager, nullcontext
 from unittest.mock import Mock
 
@@ -16,9 +17,23 @@ from PIL import Image
 from scene_pictures import same
 
 import shpy as sh
-from raytracer import ClusterError, Material, Path, Scene, SceneError, Staged, Surface, Whitted, cli, render
+from raytracer import (
+    Camera,
+    ClusterError,
+    EnvironmentLight,
+    Material,
+    MetallicRoughness,
+    Path,
+    Scene,
+    SceneError,
+    Staged,
+    Surface,
+    Whitted,
+    cli,
+    render,
+)
 from raytracer.cluster import connection, tasks
-from raytracer.meshes.shapes import box
+from raytracer.meshes.shapes import box, floor, sphere
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +56,19 @@ def test_pictures_have_the_bits_of_one_process(client):
         scene = Scene.builtin(name)
         given = {"integrator": integrator, "backend": "numpy"}
         assert_same(render(scene, (16, 9), cluster=client, **given), render(scene, (16, 9), **given))
+
+
+@pytest.mark.slow
+def test_workers_render_bodies_and_brushed_metal_and_the_client_denoises(client, monkeypatch):
+    amber = MetallicRoughness(roughness=0.3, transmission=1, thickness=1, attenuation_color=(0.9, 0.5, 0.1))
+    steel = MetallicRoughness((0.8, 0.8, 0.8), 1, 0.3, anisotropy=0.8, multiscatter=True)
+    meshes = [sphere(0.5, amber, rings=6, segments=8), floor(3, steel).moved((0, -0.5, 0))]
+    scene = Scene(meshes, [EnvironmentLight((0.5, 0.7, 1.0))], Camera((0, 1, 4)))
+    options = {"integrator": Path(samples=3), "backend": "numpy"}
+    half = types.SimpleNamespace(denoise=lambda color, *guides, **_: color / 2)
+    monkeypatch.setitem(sys.modules, "pyoidn", half)
+    image = render(scene, (12, 9), cluster=client, denoise=True, **options)
+    np.testing.assert_array_equal(image.pixels, render(scene, (12, 9), **options).pixels / 2)
 
 
 @pytest.mark.slow

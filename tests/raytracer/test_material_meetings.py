@@ -9,6 +9,7 @@ from scene_pictures import CAMERA
 
 from raytracer import (
     Camera,
+    EnvironmentLight,
     GBuffer,
     LayeredCube,
     Material,
@@ -84,6 +85,16 @@ def test_alpha_beside_cubes_and_g_buffers():
     buffered = render(scene, primary=seen, backend="numpy", transparent=True)
     np.testing.assert_array_equal(buffered.alpha, (eyes.object_id >= 0).astype(np.float32))
     np.testing.assert_allclose(buffered.pixels, eyes.pixels, atol=0.02)
+
+
+def test_an_environment_lights_surfaces_that_rays_find_in_cubes():
+    """Mirrored rays find the same surfaces in a cube, but for its approximation, and the same light around it."""
+    light = np.linspace(0.2, 1.5, 8 * 16 * 3, dtype=np.float32).reshape(8, 16, 3)
+    meshes = [box((1, 1, 1), SHARP).moved((0, 0.5, 0), turn=30), floor(1.5, VELVET)]
+    scene = Scene(meshes, [EnvironmentLight(Texture(light, srgb=False))], CAMERA)
+    exact, shown = (render(scene, (48, 36), accel=accel, backend="opencl") for accel in ("bvh", "ldc:128"))
+    assert exact.stats.rays > 48 * 36
+    assert np.mean(abs(shown.pixels - exact.pixels).max(axis=2) < 0.02) > 0.99
 
 
 def places(image):

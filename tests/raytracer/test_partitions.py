@@ -98,7 +98,7 @@ def layers():
         MetallicRoughness((1, 0.77, 0.34), 1, 0.1),
         MetallicRoughness((0.2, 0.4, 0.9), 0, picture, clearcoat=1, sheen_color=(0.4, 0.2, 0.1), sheen_roughness=0.6),
         Material((0.2, 0.9, 0.3), reflectivity=(0.7, 0.2, 0.4)),
-        MetallicRoughness((0.8, 0.8, 0.8), 0.5, 0.6, emission=(0, 0.2, 0.1)),
+        MetallicRoughness((0.8, 0.8, 0.8), 0.5, 0.6, emission=(0, 0.2, 0.1), anisotropy=0.7),
     )
     balls = [sphere(0.6, m, rings=6, segments=8).moved((k % 2, k // 2, -0.3 * k)) for k, m in enumerate(materials)]
     return [*balls, floor(9, MetallicRoughness(picture, 0, 0.4)).moved((0, -0.5, 0))]

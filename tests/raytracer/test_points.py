@@ -1,4 +1,4 @@
-"""Noise: points of Sobol' with Owen's scrambling, their strata, what they leave in pictures, and what `clamp` cuts."""
+"""Noise: shifted points of Sobol', their strata, what they leave in pictures, and what `clamp` cuts."""
 
 from typing import NamedTuple
 
@@ -97,6 +97,15 @@ def test_clamp_bounds_what_more_than_one_surface_has_scattered():
     np.testing.assert_array_equal(
         render(scene, (16, 12), integrator=Path(samples=1, clamp=0.125), backend="opencl").pixels, bounded
     )
+
+
+@pytest.mark.parametrize(("ior", "brightest"), [(1.0, 9.0), (1.5, 0.5)])
+def test_clamp_counts_what_refracts_light_and_nothing_that_it_goes_straight_through(ior, brightest):
+    """A lamp is as bright as it is behind a pane of index 1, and bounded behind one of glass, which scatters twice."""
+    pane = box((3, 3, 0.5), Material(transmission=1, ior=ior))
+    scene = Scene([pane, LAMP.moved((0, -2, -2))], [], Camera((0, 0, 4), (0, 0, 0), fov=0.5), (0, 0, 0))
+    image = render(scene, (4, 4), integrator=Path(samples=1, clamp=0.5), backend="numpy")
+    assert image.pixels.max() == pytest.approx(brightest)
 
 
 @pytest.mark.parametrize("clamp", [0, -1.0, float("inf"), float("nan"), "1", True])
