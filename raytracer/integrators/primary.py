@@ -8,13 +8,13 @@ Stage: render. Takes a `GBuffer` in the scene's units, gives the inputs of `kern
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import shpy as sh
 from raytracer.arrays import numbers, one_float
 from raytracer.errors import SceneError
 from raytracer.integrators.integrator import Integrator, Whitted
@@ -183,7 +183,11 @@ def _check_objects(objects: NDArray[np.int32], scene: Scene, tracer: Any) -> Non
             raise SceneError(f"a GBuffer has no {unseen[0]}, and the surface program of {name} may read it")
 
 
-def first_triangles(scene: Scene) -> NDArray[np.int32]:
-    """Return the number of the first triangle of each mesh, 0 for one without triangles."""
-    sizes: Sequence[int] = [len(mesh) for mesh in scene.meshes]
-    return np.where(np.array(sizes) > 0, np.cumsum([0, *sizes[:-1]]), 0).astype(np.int32)
+def first_tables(scene: Scene, layout: Layout) -> list[Any]:
+    """Return the table of the first triangle of each mesh, and that of its instance if the layout has instances."""
+    sizes = np.array([len(mesh) for mesh in scene.meshes])
+    if layout.instanced is None:
+        first = np.where(sizes > 0, np.cumsum(sizes) - sizes, 0)
+        return [sh.Table(first.astype(np.int32), sh.Attrib1i, "first_of")]
+    first, instance = layout.instanced.places(sizes)
+    return [sh.Table(first, sh.Attrib1i, "first_of"), sh.Table(instance, sh.Attrib1i, "instance_of")]

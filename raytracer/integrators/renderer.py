@@ -20,7 +20,6 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import shpy as sh
 from raytracer.accel.choice import MOVABLE
 from raytracer.backends import chosen_backend
 from raytracer.errors import SceneError
@@ -40,7 +39,7 @@ from raytracer.integrators.layers import (
 )
 from raytracer.integrators.motion import Motion, all_or_nothing, has_cubes, moved_rows, object_cubes, scene_cube
 from raytracer.integrators.origin import origin_of
-from raytracer.integrators.primary import GBuffer, first_triangles, seen_inputs, size_of
+from raytracer.integrators.primary import GBuffer, first_tables, seen_inputs, size_of
 from raytracer.integrators.progressive import check_resume, passes, resumed
 from raytracer.integrators.staged import Log, StagedTracer
 from raytracer.integrators.tracers import tracer_of
@@ -259,8 +258,8 @@ class Renderer:
             self.compile_seconds += time.perf_counter() - started
             return {"staged": staged, "params": staged.params}
         elif seen:
-            first_of = sh.Table(first_triangles(self.scene), sh.Attrib1i, "first_of")
-            program = seen_rays(self._tracer, rays, first_of)
+            assert self.layout is not None
+            program = seen_rays(self._tracer, rays, *first_tables(self.scene, self.layout))
         else:
             program = eye_rays(self._tracer, rays)
         recorded = time.perf_counter()
@@ -327,8 +326,6 @@ class Renderer:
             aim = functools.partial(self._aim_paths, camera, width, height, transparent)
             *_, (layers, _) = (begun, first), *self._passes(aim, begun, first, samples, progress, top)
             return layers
-        if primary is not None and self.layout.instanced is not None:
-            raise SceneError('a GBuffer does not tell instances apart: choose accel="bvh", or leave primary out')
         fine = isqrt(samples)
         seen = [] if primary is None else seen_inputs(primary, self.scene, self.layout, self._tracer)
         self._aim(camera, width * fine, height * fine, primary is not None)

@@ -38,30 +38,35 @@ def eye_rays(tracer: Tracer, rays: EyeRays | PanoramaRays) -> Any:
     return picture
 
 
-def seen_rays(tracer: Tracer, rays: EyeRays | PanoramaRays, first_of: Any) -> Any:
+def seen_rays(tracer: Tracer, rays: EyeRays | PanoramaRays, first_of: Any, instance_of: Any = None) -> Any:
     """Record the program of a picture whose eye rays end where a rasteriser says.
 
-    `first_of` is the table of the first triangle of each mesh, `slack` a param: how far positions may be off their
-    surfaces, as a part of their distance.
+    `first_of` is the table of the first triangle of each mesh, `instance_of` that of its instance, None without any.
+    `slack` is a param: how far positions may be off their surfaces, as a part of their distance.
     """
     slack = sh.Param(sh.Attrib1f, 0, name="slack")
 
     @sh.program
     def picture(position: sh.Point3f, normal: sh.Normal3f, object: sh.Attrib1i, uv: sh.TexCoord2f) -> Pixel:
         row, column = sh.grid_index(2)
-        return _follow(tracer, SeenSurface(position, normal, object, uv), *rays(row, column), first_of, slack)
+        return _follow(
+            tracer, SeenSurface(position, normal, object, uv), *rays(row, column), first_of, instance_of, slack
+        )
 
     return picture
 
 
-def _follow(tracer: Tracer, seen: SeenSurface, direction: Any, eye: Any, first_of: Any, slack: Any) -> Pixel:
+def _follow(
+    tracer: Tracer, seen: SeenSurface, direction: Any, eye: Any, first_of: Any, instance_of: Any, slack: Any
+) -> Pixel:
     """Follow a ray from the surface that was seen."""
     ray, light, pixel = tracer.begin(direction, eye)
     surface = blank(tracer.surfaces.interaction)
     ray.tracing[:] = False
     with SH_IF(seen.object >= 0):
         distance = sh.dot(seen.position - ray.eye, ray.direction)
-        hit = SeenHit(distance, first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv)
+        instance = None if instance_of is None else instance_of[seen.object]
+        hit = SeenHit(distance, first_of[seen.object], sh.TexCoord2f(0, 0), seen.uv, instance)
         emission = sh.Color3f(0, 0, 0) if tracer.surfaces.glows else None
         light.rn.y = _arrive(tracer, seen, hit, ray.direction, surface, emission, slack)
         pixel.note(hit, surface, tracer.surfaces)

@@ -51,6 +51,18 @@ class Instanced:
     meshes: NDArray[np.int32]
     numbers: NDArray[np.int32]
 
+    def places(self, sizes: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return the first triangle of each mesh, of `sizes` triangles, and its instance; 0 for an empty mesh."""
+        firsts, instances = np.zeros((2, len(sizes)), np.int32)
+        places = np.searchsorted(self.numbers[: self.settled], np.cumsum(sizes) - sizes)
+        firsts[:] = np.where(places < self.settled, places, 0)
+        own = int(self.settled > 0)
+        numbers = self.meshes[own:, 0]
+        begins = self.settled + np.cumsum(sizes[numbers]) - sizes[numbers]
+        firsts[numbers] = begins - self.levels.numbers[own:, 1]
+        instances[numbers] = np.arange(own, len(self.meshes))
+        return firsts, instances
+
 
 @dataclass(frozen=True, eq=False)
 class Parts:

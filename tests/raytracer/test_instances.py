@@ -12,7 +12,6 @@ from raytracer import (
     Camera,
     DirectionalLight,
     EnvironmentLight,
-    GBuffer,
     Hit,
     Instance,
     Material,
@@ -206,9 +205,6 @@ def test_what_cannot_share_triangles_says_so():
     renderer = Renderer(Scene(pair), integrator=Whitted(accel="instances"), backend="numpy")
     with pytest.raises(SceneError, match="this Renderer has accel='instances': choose accel=\"bvh\""):
         renderer.move(0, np.eye(4))
-    flat = np.zeros((3, 4, 3))
-    with pytest.raises(SceneError, match='a GBuffer does not tell instances apart: choose accel="bvh"'):
-        renderer.render(primary=GBuffer(flat, flat + 1, np.zeros((3, 4), np.int32)))
 
 
 def test_a_path_traced_picture_of_instances_goes_on_where_it_was():

@@ -11,6 +11,7 @@ from raytracer import (
     Camera,
     GBuffer,
     Hit,
+    Instance,
     Intersector,
     Material,
     Mesh,
@@ -25,7 +26,7 @@ from raytracer import (
     Whitted,
     render,
 )
-from raytracer.meshes.shapes import box, floor, sphere
+from raytracer.meshes.shapes import box, floor, icosahedron, sphere
 
 SIZE = (40, 30)
 BOXES = Scene.builtin("boxes")
@@ -229,3 +230,20 @@ def test_the_arrays_of_a_buffer_fit_each_other():
             GBuffer(three, three, np.where(one == 0, number, one))
     with pytest.raises(SceneError, match="slack of a GBuffer is a share of the distance from 0 to 1, not 2"):
         GBuffer(three, three, one, slack=2)
+
+
+def by_object(hit: Hit) -> Surface:
+    return Surface(color=sh.Color3f(sh.Attrib1f(hit.object) / 8, 0.5, 0.2))
+
+
+def test_instances_have_the_materials_of_their_meshes():
+    gem, sheet = icosahedron(0.5, Material(surface=by_object)), floor(0.9, Material(Texture(np.eye(3)[None])))
+    red, ground = gem.with_material(Material((1, 0, 0))), floor(9, Material((0, 0, 1))).moved((0, -1, 0))
+    parts = [Instance(mesh, np.eye(4)) for mesh in (gem, ground, sheet, red, gem, sheet)]
+    for k in (0, 2, 3, 4, 5):
+        parts[k].transform[0, 3] = k - 2.5
+    scene = Scene(parts, [PointLight((2, 9, 3))], Camera((0, 3, 6), (0, 0, 0)))
+    primary = seen(scene, uv=np.zeros((*SIZE[::-1], 2)))
+    assert len(np.unique(primary.object)) == 7
+    one, other = (render(scene, accel=accel, primary=primary, backend="numpy") for accel in ("bvh", "instances"))
+    np.testing.assert_allclose(one.pixels, other.pixels, atol=1e-4)
