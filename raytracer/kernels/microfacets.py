@@ -19,8 +19,7 @@ from math import pi
 from typing import Any, NamedTuple
 
 import shpy as sh
-from raytracer.appearance.albedo import ACROSS, SMOOTHEST, albedo_table
-from raytracer.appearance.sheen_albedo import FINEST, sheen_table
+from raytracer.appearance.albedo import ACROSS, FINEST, SMOOTHEST, albedo_table, sheen_table
 from raytracer.kernels.anisotropy import MARGIN, brushed_lobe, masking_root, widen
 from raytracer.kernels.directions import around, frame, largest
 from raytracer.kernels.kinds import MaterialKinds
@@ -321,7 +320,7 @@ def body_tint(surface: Any) -> Any:
 
 
 class Sheen:
-    """The lobe of fibres (`appearance.sheen_albedo`).
+    """The lobe of fibres (`appearance.albedo`).
 
     It is divided by its albedos at the view and at the light where they exceed 1, so that it never sends out more.
     """

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from albedo_integrals import compute_table, integrals
 
 import shpy as sh
 from raytracer import Camera, EnvironmentLight, MetallicRoughness, Path, Scene, render
-from raytracer.appearance.albedo import ACROSS, albedo_table, compute_table, integrals
+from raytracer.appearance.albedo import ACROSS, albedo_table
 from raytracer.kernels.interactions import DetailedInteraction, LayeredInteraction, SheenInteraction, blank
 from raytracer.kernels.kinds import MaterialKinds
 from raytracer.kernels.microfacets import Microfacets

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from albedo_integrals import albedos, compute_sheen_table
 from scene_pictures import CAMERA, check_other_numbers, same, same_everywhere, two_balls
 from test_file_materials import gltf
 from test_microfacets import check_gains_nothing, error_of, furnace
@@ -24,8 +25,7 @@ from raytracer import (
     Whitted,
     render,
 )
-from raytracer.appearance.albedo import ACROSS
-from raytracer.appearance.sheen_albedo import FINEST, albedos, compute_sheen_table, sheen_table
+from raytracer.appearance.albedo import ACROSS, FINEST, sheen_table
 from raytracer.meshes.shapes import floor, sphere
 
 VELVET = MetallicRoughness((0.3, 0.02, 0.05), roughness=0.9, sheen_color=(0.9, 0.4, 0.5), sheen_roughness=0.4)
