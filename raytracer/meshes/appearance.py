@@ -33,8 +33,6 @@ CLOTH: Final = 0.5
 """The roughness of a sheen for which a file has none."""
 WHITE: Triple = (1.0, 1.0, 1.0)
 BLACK: Triple = (0.0, 0.0, 0.0)
-SHARPEST = 1000.0
-"""The largest exponent of a highlight: a roughness of about 0.15."""
 _SOFT = (0.05, 0.95)
 """The alpha between which a pixel is neither there nor not."""
 _EDGES = 0.1

@@ -2,7 +2,6 @@
 
 Stage: improve; it changes nothing. A loop's body counts once.
 
-    count_ops(module)        ->   {"mul": 12, "add": 9, "load": 3, "if": 2, "loop": 1, "store": 4, ...}
     inlined_sizes(module)    ->   {"f0": 4, "f1": 10, "f2": 22, ..., "main": 3_221_225_470}
     not_inlined(module)       ->   {"f3", "f5", ...}
 """
@@ -13,7 +12,7 @@ from collections import Counter
 from collections.abc import Container
 
 from shpy.errors import CompileError
-from shpy.ir.nodes import Let, Module
+from shpy.ir.nodes import Module
 from shpy.ir.traverse import calls_of, walk
 
 MOST_STATEMENTS = 100_000
@@ -22,15 +21,6 @@ WORTH_KEEPING = 20_000
 """The least number of statements of a program, with all calls inlined, at which functions are not inlined."""
 _SMALL = 30
 """The least number of statements of a function that is kept apart; a smaller body costs no more than a call."""
-
-
-def count_ops(module: Module) -> dict[str, int]:
-    """Count the occurrences of each operation and kind of statement in the module, most frequent first."""
-    counted: Counter[str] = Counter()
-    for function in module.functions:
-        for s in walk(function.body):
-            counted[s.op if isinstance(s, Let) else type(s).__name__.lower()] += 1
-    return dict(counted.most_common())
 
 
 def inlined_sizes(module: Module, apart: Container[str] = ()) -> dict[str, int]:

@@ -16,7 +16,6 @@ from shpy.passes.half import lower_half
 from shpy.passes.hide import hold_bools_as_ints
 from shpy.passes.lower import lower
 from shpy.passes.precision import set_precision
-from shpy.passes.size import count_ops
 
 
 def test_f32_rounds_constants_and_params():
@@ -296,13 +295,8 @@ def test_select_outputs_drops_what_the_others_needed():
     second = select_outputs(given, [1])
     verify(second)
     assert [p.name for p in second.outputs] == ["p"]
-    assert count_ops(second) == {"splat": 1, "store": 1}
+    assert [type(s).__name__ for s in second.entry.body] == ["Let", "Store"]
     assert select_outputs(given, [1, 0]).outputs == given.outputs[::-1]
-
-
-def test_count_ops():
-    given = module("%4: f = mul %a.0, %a.0\nif %c.3 {\n%5: f = mul %4, %a.0\nstore $o.0 = %5\n}")
-    assert count_ops(given) == {"mul": 2, "if": 1, "store": 1}
 
 
 def test_arrays_of_bools_are_held_as_ints():
