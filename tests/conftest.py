@@ -186,3 +186,12 @@ def impatient():
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Return the browser that the tests of a file share."""
+    from views import chromium  # here: few files have tests of pages
+
+    with chromium() as process:
+        yield process

@@ -11,7 +11,7 @@ import pytest
 from pages import wait_until
 from patience import HANGING
 from PIL import Image as pillow
-from views import chromium, new_page
+from views import new_page
 
 import shpy as sh
 from shpy.display.screen import Moment, drawn, pixels
@@ -235,12 +235,6 @@ HARNESS = """
   module.default.render({ model, el: document.body });
 })
 """
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def open_page(browser, widget, **options):

@@ -7,19 +7,13 @@ from pathlib import Path
 import pytest
 import views
 from pictured_chains import CHAINS, HEAD
-from views import chromium, viewed
+from views import viewed
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHOWN = sorted(
     path.stem for path in EXAMPLES.glob("*.py") if re.search(r"^def start\(height, width\)", path.read_text(), re.M)
 )
 FRAMES = 100
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def test_the_examples_have_chains():

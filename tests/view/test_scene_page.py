@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from patience import PAGE
-from views import chromium, new_page, viewed, watched
+from views import new_page, viewed, watched
 from websockets.sync.client import connect
 
 import raytracer as rt
@@ -21,12 +21,6 @@ def scene(time):
     return rt.Scene([ball.moved((time, 0, 0))], [light], camera, background=(0, 0, 0), ambient=0)
 """
 RED, BLUE = "(0.9, 0, 0)", "(0, 0, 0.9)"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import views
 from pages import wait_until
 from patience import PAGE
 from PIL import Image
-from views import chromium, viewed
+from views import viewed
 
 GOOD = """
 import shpy as sh
@@ -41,12 +41,6 @@ def start(height, width):
 def show(u: sh.Attrib1f) -> sh.Attrib1f:
     return u / 255
 """
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
