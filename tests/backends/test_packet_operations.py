@@ -119,6 +119,23 @@ def test_a_reciprocal_root_begins_with_the_processors_estimate(lanes: int, monke
         assert not differs(kernel(x), expected).any()
 
 
+@pytest.mark.parametrize("lanes", [4, 8, 32])
+def test_a_relaxed_reciprocal_root_is_the_processors_estimate_and_a_step(lanes: int) -> None:
+    special = np.float32([0, -0.0, np.inf, -np.inf, np.nan, -1])
+    bits = np.random.default_rng(6).integers(0, 1 << 31, 1 << 16).astype(np.uint32)  # denormals are some of these
+    kernel = compiled_anew(reciprocal_root, "opencl", lanes=lanes, math="relaxed")
+    if machine_of(None).abilities.guesses:
+        assert "__builtin_ia32_rsqrt" in kernel.source
+    with np.errstate(all="ignore"):
+        assert not differs(kernel(special), (1 / np.sqrt(special)).astype(np.float32)).any()
+        x = np.concatenate([np.geomspace(1e-45, 1e-38, 1000, dtype=np.float32), bits.view(np.float32)])
+        exact = 1 / np.sqrt(x.astype(np.float64))
+        assert (np.isnan(kernel(x)) == np.isnan(exact)).all()
+        finite = np.isfinite(exact) & (exact > 0)
+        error = kernel(x)[finite] - exact[finite]
+    assert (abs(error) <= 2 * np.spacing(exact[finite].astype(np.float32))).all()
+
+
 def test_another_function_of_that_name_is_not_replaced() -> None:
     @sh.subroutine
     def rsqrt_strict(x: sh.Attrib1f) -> sh.Attrib1f:

@@ -17,6 +17,7 @@ from shpy.backend.emit.tree import BOOL, INT, UINT, Block, Construct, Do, Expr, 
 from shpy.backend.opencl.packets.prologue import IN_REGISTERS, PacketPrologue
 from shpy.backend.opencl.packets.widen import Lanes, Rows, lanes_of
 from shpy.backend.opencl.text.operations import NATIVE, ClOperations, ClUnit
+from shpy.backend.opencl.text.prologue import name_of
 from shpy.ir.nodes import Let, Store, Variable
 from shpy.ir.types import Base, Type
 
@@ -102,6 +103,10 @@ class PacketOperations(ClOperations):
         type = types[0]
         ours = op in _PROLOGUE if op not in ("min", "max") else type.is_float
         ours = ours or (op == "pow" and type.base is Base.D)
+        if op == "rsqrt" and self.unit.math == "relaxed" and isinstance(type, Lanes) and type.base is Base.F:
+            name = name_of(op, type)
+            if self.unit.prologue.rsqrt(name, near=True):
+                return name
         fast = self.unit.math == "fast" and (op in NATIVE or op == "ldexp")
         if isinstance(type, Lanes) and ours and not fast:
             return self.unit.edge(op, types)
