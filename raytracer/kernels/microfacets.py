@@ -156,11 +156,12 @@ class Microfacets:
         return surface.coat.x * (COAT * scale.x + scale.y)
 
     def base_albedo(self, surface: Any, cosine: Any, roughness: Any) -> Any:
-        """Return the integrals a - b and b of the base: at least as large as those of an anisotropic one."""
+        """Return the integrals a - b and b of the base: at least those of an anisotropic one, and a at most 1."""
         if not self.brushed:
             return self.albedo(cosine, roughness)
         scale = sh.max(*(self.albedo(cosine, bound) for bound in surface.bounds))
-        return scale + sh.Attrib2f(0, sh.cond(surface.anisotropy > 0, MARGIN, 0.0))
+        edge = scale.y + sh.cond(surface.anisotropy > 0, MARGIN, 0.0)
+        return sh.Attrib2f(sh.min(scale.x, 1 - edge), edge)
 
     def base_mean(self, surface: Any, roughness: Any) -> Any:
         """Return the means of the integrals of the base: at most as large as those of `base_albedo`."""

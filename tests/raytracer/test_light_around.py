@@ -109,7 +109,9 @@ def test_a_white_furnace_gives_at_most_its_light():
     brushed = MetallicRoughness((1, 1, 1), 1, 0.6, anisotropy=0.7, multiscatter=True, clearcoat=0.5)
     body = MetallicRoughness((1, 1, 1), 0, 0.3, transmission=1, thickness=1)
     meshes = [*METALS, *CLEAR, ball(Material((1, 1, 1), diffuse=1, specular=0), -1.2, 1)]
+    sharp = MetallicRoughness((1, 1, 1), 0.75, 0.0, specular=0.1, anisotropy=1)
     meshes += [ball(material, x, 2) for material, x in ((brushed, 0.4), (body, -0.5))]
+    meshes += [ball(sharp).moved((0, 0.9, -1))]
     scenes = [scene_of(meshes, EnvironmentLight(light)) for light in ((1, 1, 1), np.ones((4, 8, 3), np.float32))]
     images = [render(scene, (48, 32), backend="numpy") for scene in scenes]
     np.testing.assert_allclose(images[0].pixels, images[1].pixels, rtol=1e-5)
