@@ -34,7 +34,7 @@ def mesh():
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("work", [*command.KERNELS.values(), *command.CHAINS.values()], ids=lambda work: work.name)
 def test_every_backend_gives_the_answer_of_numpy(work):
-    contenders = [*TARGETS, "masks"]
+    contenders = [*TARGETS, "masks", "hand"]
     measured = rounds.run(work, work.quick, contenders, rounds=0)
     assert measured.failed == {}
     assert list(measured.agreement) == [c for c in contenders if c in work.versions]

@@ -1,5 +1,6 @@
 """The commands at their ends: closed pipes, full disks, Ctrl-C, bad numbers, paths that cannot be written."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from patience import HANGING
@@ -170,6 +172,13 @@ def test_ctrl_c_while_python_m_imports_is_one_line_and_130(name, imported, optio
     words = [sys.executable, *(word.format(name) for word in options), "--help"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=HANGING, env=environment)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: stopped\n")
+
+
+def test_cycles_are_collected_while_a_command_runs(monkeypatch):
+    module = SimpleNamespace(main=lambda: int(gc.isenabled()))
+    monkeypatch.setitem(sys.modules, "started", module)
+    assert shpy_start.start("shpy", "started") == 1
+    gc.unfreeze()
 
 
 def test_programs_of_others_that_python_m_runs_keep_their_handler(tmp_path):

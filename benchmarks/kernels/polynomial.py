@@ -56,7 +56,7 @@ def masks(x):
 
 @WORK.version("hand")
 def by_hand(x):
-    """Four vectors a work item, for whose chains of operations a processor need not wait, each operation rounded."""
+    """Four vectors a work item, whose operations do not wait for each other; x (n,) for n a multiple of 1,024."""
     four = range(4)
     lines = [f"float16 x{k} = *(__global const numbers *)(x + {16 * k}), t{k} = {COEFFICIENTS[0]:.9e}f;" for k in four]
     lines += [f"t{k} = t{k} * x{k} + {c:.9e}f;" for c in COEFFICIENTS[1:] for k in four]

@@ -187,7 +187,7 @@ class Collectives:
     take: Callable[[Sequence[Any], Any], list[Any]] | None = None
     """take(sources, index): the element of each source at each index, the nearest where it is out of range.
 
-    All sources have as many elements.
+    All sources have the same number of elements.
     """
     put: Callable[[Any, Any, Any], None] | None = None
     """put(values, index, target): write each value to its place; the last of several values for one place remains."""

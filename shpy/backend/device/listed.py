@@ -142,7 +142,7 @@ class ListedKernel:
         if not live.count:
             return
         begin = self._now(live)
-        moved = iter(own.take([m for m in call.inputs[:-1] if m.count > 1], live))
+        moved = iter(own.take([m for m in call.inputs[:-1] if m.count != 1], live))
         gathered = tuple(m if m.count == 1 else next(moved) for m in call.inputs[:-1])
         outputs = tuple(space.allocate(live.count, m.type, m.dtype) for m in call.outputs)
         ended: Any = None if self.plain.writes_all else space.allocate(live.count, vec(Base.I), np.dtype(np.int32))
