@@ -4,6 +4,9 @@ Stage: run. Arrays of the host become lists where few elements run. A stream bec
 packet runs if one of its elements does, so where one element in ten is alive, most packets run for it alone. That pays
 where an element takes longer to compute than to move, which the first such runs of a kernel measure.
 
+CPU time of lists in times of packets, PoCL 3.1 with AVX-512, a million elements of which 2, 10, 30 and 68 % are alive:
+.11, .19, .40 and .75 for a program of 64 sines; 1.00, 1.05, 1.10 and 1.14 for one product, where packets run.
+
     live = few(mask)                            # their indices, or None where all elements are to run
     run_some(call, live, status, plain.run)
     Listed(guarded, plain, space).run(call)     # the last input says which elements run
