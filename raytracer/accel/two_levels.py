@@ -46,12 +46,13 @@ class TwoLevels:
     the matrix and a corner. It is 0 where the matrix is the identity. The last column of the inverse has the factor of
     a plane's distance from 0 beside the matrix for normals; 1 for the identity, otherwise 0; and -1 for a matrix that
     mirrors, otherwise 1. `numbers` (I, 2) int32 are the root of the instance's part, and its first triangle in the
-    order of all instances, less the part's first one.
+    order of all instances, less the part's first one. `boxes` (I, 2, 3) are the corners of the instances' boxes.
     """
 
     bvh: Bvh
     rows: NDArray[np.float32]
     numbers: NDArray[np.int32]
+    boxes: NDArray[np.floating]
 
     @property
     def bytes(self) -> int:
@@ -93,7 +94,8 @@ def build_two_levels(
         put_part(bvh, part, int(root), int(first), END)
     own_sizes = sizes[chosen]
     shifts = np.cumsum(own_sizes) - own_sizes - firsts[chosen]
-    return TwoLevels(bvh, rows, np.stack([roots[chosen], shifts], axis=1).astype(np.int32))
+    numbers = np.stack([roots[chosen], shifts], axis=1).astype(np.int32)
+    return TwoLevels(bvh, rows, numbers, np.stack([lower, upper], axis=1))
 
 
 def _rows(matrices: Floats, largest: Floats) -> tuple[NDArray[np.float32], Floats]:

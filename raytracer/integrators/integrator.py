@@ -25,7 +25,7 @@ from raytracer.errors import SceneError
 from raytracer.kernels.shares import MIN_CONTRIBUTION
 from raytracer.kernels.stages import AT_ONCE
 from raytracer.layered.cube import LayeredCube, is_layered
-from raytracer.scene.instanced import INSTANCES, obstacle_of, shares_many
+from raytracer.scene.instanced import INSTANCES, shares_many
 from raytracer.scene.scene import Scene
 
 THRESHOLD: Final = 0.2
@@ -263,12 +263,7 @@ def chosen(integrator: Choice, options: Mapping[str, Any]) -> Integrator:
 
 
 def structure_of(integrator: Integrator, scene: Scene) -> str:
-    """Return the accelerator of the eye rays in a scene: of many instances two levels, unless the user chose another.
-
-    Raises SceneError for a scene that cannot be laid out in the two levels that the user chose.
-    """
-    if integrator.structure == INSTANCES and (obstacle := obstacle_of(scene)):
-        raise SceneError(f'accel="instances" is for scenes without {obstacle}: choose accel="bvh"')
+    """Return the accelerator of the eye rays in a scene: two levels of many instances, unless the user chose one."""
     suits = not isinstance(integrator, Staged) and integrator.accel is None and integrator.precision == "f32"
     if suits and getattr(integrator, "secondary", None) is None and shares_many(scene):
         return INSTANCES

@@ -12,7 +12,6 @@ tries, so the hits are the same however many rays walk together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Final
 
 import shpy as sh
@@ -21,9 +20,10 @@ from raytracer.accel.two_levels import ROWS, TwoLevels
 from raytracer.kernels.bvh_walk import BoxTest, BvhIntersector, try_leaf
 from raytracer.kernels.triangle import (
     AheadBound,
-    CandidateHit,
+    Place,
     PlaneView,
     RayHit,
+    TouchingHit,
     Triangles,
     TriangleTest,
     farther,
@@ -70,12 +70,28 @@ class InstanceHit(RayHit):
             self.instance[:] = self.inside
             self.order[:] = order
 
-    def accepting(self, number: Any, weights: Sequence[Any]) -> AbstractContextManager[Any]:
-        """Open a branch for the points that pass the filter; open none without a filter."""
-        if self.accept is None:
-            return nullcontext()
-        wb, wc, whole = weights
-        return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole, self.inside)))
+
+class TouchingInstanceHit(TouchingHit):
+    """A `TouchingHit` whose triangles are those of instances, as those of an `InstanceHit` are."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.instance, self.order = self.blank_place()
+        inside, shift = sh.Attrib1i(0), sh.Attrib1i(0)
+        self.inside, self.shift = inside, shift
+
+    @property
+    def places(self) -> list[Place]:
+        """The nearest hit and the others."""
+        return [Place(self.l, self.uv, self.id, self.surface, self.instance, self.order), *self.others]
+
+    def blank_place(self) -> tuple[Any, ...]:
+        """Return variables for what `placed` gives."""
+        return sh.Attrib1i(-1), sh.Attrib1i(-1)
+
+    def placed(self, number: Any) -> tuple[Any, ...]:
+        """Return the instance of a triangle and its place in the order of all triangles."""
+        return sh.Attrib1i(self.inside), sh.Attrib1i(number + self.shift)
 
 
 class Instances:

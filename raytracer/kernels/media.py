@@ -18,7 +18,8 @@ import numpy as np
 
 import shpy as sh
 from raytracer.accel.bounds import far
-from raytracer.kernels.triangle import AheadBound, PlaneView, RayHit, TouchingHit, Triangles
+from raytracer.kernels.instances import TouchingInstanceHit
+from raytracer.kernels.triangle import AheadBound, CandidateHit, RayHit, TouchingHit, Triangles
 from raytracer.scene.bodies import Bodies
 from raytracer.scene.layout import Change
 from shpy import SH_DO, SH_IF, SH_UNTIL
@@ -129,7 +130,8 @@ class Media:
 
     def touching(self, limit: Any, ray: Any, accept: Any) -> TouchingHit:
         """Return the hit of a ray that searches for surfaces in contact with the nearest one."""
-        return TouchingHit(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
+        kind = TouchingHit if self.triangles.instances is None else TouchingInstanceHit
+        return kind(limit, accept, self.surface_of, ray, min(len(self.start), MOST_TOUCHING))
 
     def merge(self, hit: RayHit, ray: Any, behind: Callable[[], Any]) -> None:
         """Keep the other surfaces of a hit that touch the nearest one, and forget those that do not.
@@ -145,9 +147,11 @@ class Media:
         with SH_IF(functools.reduce(operator.or_, near)):
             place = behind()
             for other, is_near, touches in zip(hit.others, near, together, strict=True):
-                rows = self.triangles[sh.max(other.id, 0)]
+                instance = None if other.instance is None else sh.max(other.instance, 0)
+                candidate = CandidateHit(sh.max(other.id, 0), other.uv, instance)
+                rows = self.triangles.corners_of(candidate)
                 normal = [row.w for row in rows]
-                plane = PlaneView(normal, self.triangles.levels[sh.max(other.id, 0)], ray, place)
+                plane = self.triangles.plane_of(candidate, normal, ray, place)
                 touches[:] = is_near & ~self.ahead(plane, normal, rows[0].xyz - place)
         for other, touches in zip(hit.others, together, strict=True):
             with SH_IF(touches & (other.surface < 0) & (hit.surface >= 0)):

@@ -68,11 +68,12 @@ class RayHit:
     `kernels.queries` has other classes with this interface: a walk searches up to the distance `l`, reads `id`, and
     offers each triangle that the ray meets. With `accept` only points that pass this filter become hits. `sample` is
     the number of the shaded sample of a layered depth cube, -1 for no sample; None where no cube is shaded. `instance`
-    is that of the triangle; None for a triangle that lies in the scene's coordinates.
+    is that of the triangle, and `inside` the one in which the walk is; None for triangles in the scene's coordinates.
     """
 
     sample: Any = None
     instance: Any = None
+    inside: Any = None
 
     def __init__(self, limit: Any, accept: Accept | None = None) -> None:
         l = sh.Attrib1f(limit)  # noqa: E741 - the paper's name
@@ -107,15 +108,19 @@ class RayHit:
         if self.accept is None:
             return nullcontext()
         wb, wc, whole = weights
-        return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole)))
+        return SH_IF(self.accept(CandidateHit(number, sh.TexCoord2f(wb, wc) / whole, self.inside)))
 
 
 class Place:
-    """An entry of a list of hits: distance, weights, triangle (-1 if empty), and its surface."""
+    """An entry of a list of hits: distance, weights, triangle (-1 if empty), and its surface.
 
-    def __init__(self, l: Any, uv: Any, id: Any, surface: Any) -> None:  # noqa: E741 - as in RayHit
-        self.parts = l, uv, id, surface
-        self.l, self.uv, self.id, self.surface = self.parts
+    `placed` are the instance of the triangle and its place in the order of all; without them that is its number.
+    """
+
+    def __init__(self, l: Any, uv: Any, id: Any, surface: Any, *placed: Any) -> None:  # noqa: E741 - as in RayHit
+        self.parts = l, uv, id, surface, *placed
+        self.l, self.uv, self.id, self.surface = l, uv, id, surface
+        self.instance, self.order = placed or (None, id)
 
     def take(self, other: Place) -> None:
         """Become equal to another one."""
@@ -143,7 +148,8 @@ class TouchingHit(RayHit):
         surface = sh.Attrib1i(0)
         self.surface = surface
         self.others = [
-            Place(sh.Attrib1f(limit), sh.TexCoord2f(0, 0), sh.Attrib1i(-1), sh.Attrib1i(0)) for _ in range(count)
+            Place(sh.Attrib1f(limit), sh.TexCoord2f(0, 0), sh.Attrib1i(-1), sh.Attrib1i(0), *self.blank_place())
+            for _ in range(count)
         ]
 
     @property
@@ -151,17 +157,25 @@ class TouchingHit(RayHit):
         """The nearest hit and the others."""
         return [Place(self.l, self.uv, self.id, self.surface), *self.others]
 
+    def blank_place(self) -> tuple[Any, ...]:
+        """Return variables for what `placed` gives."""
+        return ()
+
+    def placed(self, number: Any) -> tuple[Any, ...]:
+        """Return the instance of a triangle and its place in the order of all triangles, of a hit in two levels."""
+        return ()
+
     def offer(self, met: Any, t: Any, number: Any, weights: Sequence[Any]) -> None:
         """Take the triangle `number` into the list, which has one hit of each surface, the nearest."""
-        last = self.others[-1]
-        before_last = (t < last.l) | ((t == last.l) & (number < last.id))
+        last, where = self.others[-1], self.placed(number)
+        before_last = (t < last.l) | ((t == last.l) & ((where[1] if where else number) < last.order))
         with SH_IF(met & before_last & (t <= farther(self.l))), self.accepting(number, weights):
             wb, wc, whole = weights
             surface = sh.Attrib1i(self.surface_of(number, self.ray))
-            carried = Place(sh.Attrib1f(t), sh.TexCoord2f(wb, wc) / whole, sh.Attrib1i(number), surface).copy()
+            carried = Place(sh.Attrib1f(t), sh.TexCoord2f(wb, wc) / whole, sh.Attrib1i(number), surface, *where).copy()
             moved, placed = sh.Attrib1b(False), sh.Attrib1b(False)
             for place in self.places:
-                nearer = (carried.l < place.l) | ((carried.l == place.l) & (carried.id < place.id))
+                nearer = (carried.l < place.l) | ((carried.l == place.l) & (carried.order < place.order))
                 same = ((place.surface == surface) & (place.id >= 0)).copy()
                 with SH_IF(~placed & (moved | (place.id < 0) | nearer)):
                     moved[:] = True

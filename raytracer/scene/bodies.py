@@ -58,7 +58,7 @@ class Shells(NamedTuple):
     @classmethod
     def of(cls, layout: Layout, clear: Sequence[bool]) -> Shells:
         """Return the shells of the materials that are `clear`, a flag for each material."""
-        triangles = np.flatnonzero(np.asarray(clear)[layout.material_of])
+        triangles = np.flatnonzero(np.asarray(clear)[layout.material_of[: layout.settled]])
         objects = layout.object_of[triangles]
         faces = _vertices(corners_of(layout, triangles), objects)
         shell = _joined(int(faces.max()) + 1, faces)[faces[:, 0]]
@@ -264,11 +264,14 @@ def _meet_opaque(layout: Layout, body_of: NDArray[np.int32], low: Floats, high: 
     ends = np.isfinite(low[:, 0])
     grown = (high[ends] - low[ends]) * _TOUCHING
     low, high = low[ends] - grown, high[ends] + grown
-    opaque = np.flatnonzero(body_of < 0)
-    if not (len(low) and len(opaque)):
-        return False
+    opaque = np.flatnonzero(body_of[: layout.settled] < 0)
     corners = layout.triangles.reshape(-1, 3, 4)[opaque, :, :3]
     least, most = corners.min(axis=1), corners.max(axis=1)
+    if layout.instanced is not None:
+        boxes = layout.instanced.boxes
+        least, most = np.concatenate([least, boxes[:, 0]]), np.concatenate([most, boxes[:, 1]])
+    if not (len(low) and len(least)):
+        return False
     near = ((least <= high.max(axis=0)) & (low.min(axis=0) <= most)).all(axis=1)
     least, most = least[near], most[near]
     if len(low) * len(least) > _MOST_PAIRS:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from raytracer.accel.space import Rows, to_kernel
 from raytracer.accel.two_levels import TwoLevels, build_two_levels
+from raytracer.appearance.metallic_roughness import AnyMaterial
 from raytracer.appearance.programs import examine_surface
 from raytracer.errors import SceneError
 from raytracer.meshes.mesh import MANY, Mesh, PlacedMesh
@@ -50,6 +51,11 @@ class Instanced:
     settled: int
     meshes: NDArray[np.int32]
     numbers: NDArray[np.int32]
+
+    @property
+    def boxes(self) -> NDArray[np.floating]:
+        """The corners (n, 2, 3) of the boxes of instances but that of the settled triangles."""
+        return self.levels.boxes[int(self.settled > 0) :]
 
     def places(self, sizes: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Return the first triangle of each mesh, of `sizes` triangles, and its instance; 0 for an empty mesh."""
@@ -80,12 +86,12 @@ class Parts:
 
     @classmethod
     def of(cls, scene: Scene) -> Parts:
-        """Return the parts of a scene: meshes at one place alone, and those that shine, are settled."""
+        """Return the parts of a scene: meshes at one place alone, those that shine, and glass are settled."""
         shared: dict[Any, list[int]] = {}
         settled = []
-        shining = {mesh.material for mesh in _distinct(scene.meshes) if _shines(mesh)}
+        materials = _settling(scene.meshes)
         for number, mesh in enumerate(scene.meshes):
-            if isinstance(mesh, PlacedMesh) and mesh.material not in shining:
+            if isinstance(mesh, PlacedMesh) and mesh.material not in materials:
                 shared.setdefault(_key(mesh), []).append(number)
             elif len(mesh):
                 settled.append(number)
@@ -147,30 +153,22 @@ class Parts:
 def shares_many(scene: Scene) -> bool:
     """Return whether two levels would save so many triangles that a scene is laid out in them."""
     placed = [mesh for mesh in scene.meshes if isinstance(mesh, PlacedMesh)]
-    total = sum(map(len, placed))
-    different = sum({id(mesh.source): len(mesh) for mesh in placed}.values())
-    return total >= MANY and total >= 2 * different and obstacle_of(scene) is None
+    if sum(map(len, placed)) < MANY:
+        return False
+    materials = _settling(scene.meshes)
+    placed = [mesh for mesh in placed if mesh.material not in materials]
+    total, different = sum(map(len, placed)), sum({id(mesh.source): len(mesh) for mesh in placed}.values())
+    return total >= MANY and total >= 2 * different
 
 
-def obstacle_of(scene: Scene) -> str | None:
-    """Return why a scene cannot be laid out in two levels; None if it can."""
-    clear = any(mesh.material.is_clear or "transmission" in _given(mesh) for mesh in _distinct(scene.meshes))
-    return "glass" if clear else None
+def _settling(meshes: Sequence[Mesh]) -> set[AnyMaterial]:
+    """Return the materials whose meshes are settled: those that shine, since rays aim at them, and glass."""
+    return {material for material in {mesh.material for mesh in meshes} if _settles(material)}
 
 
-def _distinct(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Return a mesh for each distinct material."""
-    return list({mesh.material: mesh for mesh in meshes}.values())
-
-
-def _given(mesh: Mesh) -> frozenset[str]:
-    """Return what the surface program of a mesh's material decides."""
-    program = mesh.material.surface
-    return frozenset() if program is None else examine_surface(program).gives
-
-
-def _shines(mesh: Mesh) -> bool:
-    return any(mesh.material.glow) or "emission" in _given(mesh)
+def _settles(material: AnyMaterial) -> bool:
+    given = frozenset() if material.surface is None else examine_surface(material.surface).gives
+    return any(material.glow) or material.is_clear or not given.isdisjoint(("emission", "transmission"))
 
 
 def _key(mesh: PlacedMesh) -> Any:

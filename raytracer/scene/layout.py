@@ -145,6 +145,7 @@ class Layout:
         check_range(scene, materials)
         origin, scale = frame_of(*scene.bounds, "f32")
         settled = [scene.meshes[number] for number in parts.settled]
+        check_expansion(scene.name, settled)
         corners = np.concatenate([np.zeros((0, 3, 3)), *(mesh.corners for mesh in settled)])
         corners, instanced = parts.placed(rounded((corners - origin) * scale, "f32"), origin, scale, backend, index)
         meshes, sizes = parts.meshes, list(map(len, settled))

@@ -195,9 +195,6 @@ def test_many_instances_share_triangles_by_default(monkeypatch):
 
 def test_what_cannot_share_triangles_says_so():
     pair = [Instance(icosahedron(), np.eye(4)) for _ in range(2)]
-    glass = Scene([*pair, box(material=Material(transmission=1.0))])
-    with pytest.raises(SceneError, match='accel="instances" is for scenes without glass: choose accel="bvh"'):
-        render(glass, (4, 3), integrator=Whitted(accel="instances"))
     with pytest.raises(SceneError, match='accel="instances" works at precision="f32", not \'f64\''):
         Whitted(accel="instances", precision="f64")
     with pytest.raises(SceneError, match="the staged tracer goes through cells of a grid"):
@@ -205,6 +202,30 @@ def test_what_cannot_share_triangles_says_so():
     renderer = Renderer(Scene(pair), integrator=Whitted(accel="instances"), backend="numpy")
     with pytest.raises(SceneError, match="this Renderer has accel='instances': choose accel=\"bvh\""):
         renderer.move(0, np.eye(4))
+
+
+@pytest.mark.parametrize("backend", ["numpy", *(pytest.param(name, marks=pytest.mark.slow) for name in BACKENDS[1:])])
+def test_glass_stands_on_instances_and_holds_them(backend):
+    """Each body of glass has triangles of its own; the ray in it meets instances inside, and the one below it."""
+    glass = Material((0.9, 1, 0.95), transmission=0.9, ior=1.4, absorption=(0.3, 0.1, 0.2))
+    plate, gem, drop = (
+        box((2, 0.2, 2), Material((0.8, 0.3, 0.2))),
+        icosahedron(0.3),
+        sphere(0.4, glass, rings=8, segments=12),
+    )
+    places = [np.eye(4) for _ in range(4)]
+    for at, (x, y, z) in zip(places, [(0, 0, 0), (1.4, 0.3, 0.2), (-1.2, 0.5, 0.3), (0.1, 0.6, 0)], strict=True):
+        at[:3, 3] = x, y, z
+    parts = [Instance(plate, at) for at in places[:2]] + [Instance(gem, at) for at in places[2:]]
+    parts += [Instance(drop, at) for at in places[1:3]] + [box((1, 1, 1), glass).moved((0, 0.6, 0))]
+    scene = Scene(parts, [PointLight((2, 5, 3))], Camera((1, 2, 4), (0.1, 0.3, 0)))
+    shared = Renderer(scene, accel="instances", backend=backend)
+    assert shared.layout.settled == 2 * len(drop) + 12
+    assert shared._tracer.surfaces.media.touches
+    one, other = (render(scene, SIZE, accel=accel, backend="numpy") for accel in ("bvh", "instances"))
+    np.testing.assert_array_equal(shared.render(SIZE).pixels, other.pixels)
+    assert np.count_nonzero(one.object_id != other.object_id) == 0
+    assert np.count_nonzero(np.abs(one.pixels - other.pixels).max(axis=-1) > 1e-3) <= 2
 
 
 def test_a_path_traced_picture_of_instances_goes_on_where_it_was():
