@@ -90,7 +90,8 @@ def test_rules_of_solvers(mode: Any) -> None:
             h = np.eye(3)[axis] * 1e-4
             ends = [whole(*(y + s * h if y is x else y for y in (ORIGINS, DIRECTIONS))) for s in (1, -1)]
             assert np.allclose(derivatives[k][:, axis], (ends[0] - ends[1]) / 2e-4, atol=1e-4)
-    assert np.allclose(derivatives[2], -derivatives[0] + derivatives[2] + derivatives[0])
+    alone = depth.gradient("o", mode=mode).compile("numpy", precision="f64").run(ORIGINS, DIRECTIONS).outputs
+    assert np.allclose(alone[0], derivatives[0], rtol=1e-13)
     single = [x.astype(np.float32) for x in (ORIGINS, DIRECTIONS)]
     expected = run(slopes, "numpy", *single).outputs
     for target in TARGETS[1:]:

@@ -20,7 +20,7 @@ from shpy.ir.builder import Builder
 from shpy.ir.constants import decode
 from shpy.ir.nodes import Call, Function, Let, Loc, Store, Value
 from shpy.ir.traverse import walk
-from shpy.passes.derivatives.activity import Activities, Activity, Moving
+from shpy.passes.derivatives.activity import Activities, Moving
 from shpy.passes.derivatives.loop_state import LoopLimits
 
 _FIRST = frozenset({"div", "component", "ldexp", "splat", "swizzle", "convert", "neg"})
@@ -74,12 +74,13 @@ def reverse_by_rule(function: Function, moving: Moving, reverse: Function, moves
 
 
 def check_linear(
-    function: Function, activity: Activity, activities: Activities, limits: LoopLimits, outputs: Collection[int]
+    function: Function, moving: Moving, activities: Activities, limits: LoopLimits, outputs: Collection[int]
 ) -> None:
-    """Raise RecordError unless all values that move are linear in the inputs that do.
+    """Raise RecordError unless all values that move are linear in the inputs that are `moving`.
 
     A variable that holds such a value somewhere has to do so everywhere, and so do `outputs` in any case.
     """
+    activity = activities.of(function.name, moving)
 
     def fail(loc: Loc | None) -> NoReturn:
         raise RecordError(
@@ -93,10 +94,10 @@ def check_linear(
     for s in walk(function.body):
         match s:
             case Let(op="call") | Call():
-                args = [a in activity.values for a in s.args]
+                args = tuple(a in activity.values for a in s.args)
                 if any(args):
                     name = str(s.attr) if isinstance(s, Let) else s.function
-                    check_linear(activities.functions(name), activities.of(name, args), activities, limits, ())
+                    check_linear(activities.functions(name), args, activities, limits, ())
             case Let(value, op, args, attr):
                 if op == "const" and isinstance(attr, tuple) and not any(decode(value.type, attr)):
                     zeros.add(value.id)

@@ -128,10 +128,11 @@ class ReverseFunctions:
         """Return the reverse function of one with a rule."""
         rule = self.rules[function.name]
         directions = [m for m, port in zip(moving, function.inputs, strict=True) if port.type.is_float]
-        tangents = (*[False] * (len(rule.inputs) - len(directions)), *directions)
-        activity = self.activities.of(rule.name, tangents)
-        check_linear(rule, activity, self.activities, self.limits, {v.id for v in rule.outputs})
-        return reverse_by_rule(function, moving, self.of(rule.name, tangents).function, activity.outputs)
+        others = [False] * (len(rule.inputs) - len(directions))
+        outputs = {v.id for v in rule.outputs}
+        check_linear(rule, (*others, *[True] * len(directions)), self.activities, self.limits, outputs)
+        moves = self.activities.of(rule.name, tangents := (*others, *directions)).outputs
+        return reverse_by_rule(function, moving, self.of(rule.name, tangents).function, moves)
 
     def reversed(self, function: Function, moving: Moving, kept: Sequence[int], *, unit: bool) -> Reverse:
         """Return the reverse function, with the outputs `kept`, by position, and the bars of the inputs that move.
