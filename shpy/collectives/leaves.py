@@ -63,7 +63,7 @@ class Leaves:
         return self.take_each([source], index)[0]
 
     def take_each(self, sources: Sequence[Memory], index: Memory) -> list[Memory]:
-        """Return what `take` returns of each leaf of a stream."""
+        """Return the elements of several leaves of a stream at each index, as `take` does."""
         if not index.count:
             return [self._place.space.allocate(0, source.type, source.dtype) for source in sources]
         if self._own.take is not None:

@@ -107,7 +107,7 @@ T {name}(T x) {
     }
     return guess + guess * lack * (0.375f * lack + 0.5f);
 }"""
-"""That of relaxed mode: at most 1.5 units of error, and n-body in 0.57 of its CPU time with OpenCL's `rsqrt`.
+"""Relaxed mode's root: at most 1.5 units of error, and n-body in 0.57 of its CPU time with OpenCL's `rsqrt`.
 
 In fast mode the compiler removes the test for rare numbers, and 1 / sqrt(0) would be NaN.
 """
@@ -199,7 +199,7 @@ class PacketPrologue(Prologue):
     def rsqrt(self, name: str, *, near: bool = False) -> bool:
         """Add 1 / sqrt(x) of lanes of binary32 by an estimate; return whether there is one.
 
-        It is correctly rounded, or `near` that.
+        It is correctly rounded, or has at most two units of error if `near`.
         """
         length = max((n for n in self.abilities.guesses if n <= self.lanes), default=0)
         if not length:
