@@ -2,7 +2,8 @@
 
 A package of its own, since whatever stands in `shpy` is imported after `shpy`, which takes most of that time. For the
 same reason `shpy` and `raytracer` import it first: `python -m shpy` imports `shpy` before the module that starts the
-command, and Ctrl-C is quiet from the import of this package on.
+command, and Ctrl-C is quiet from the import of this package on. pytest's plugin stands beside it, since every run of
+pytest loads that.
 
     sys.exit(start("shpy", "shpy.cli"))     # calls shpy.cli.main()
 """

@@ -31,7 +31,7 @@ from tests.mutation.map import Reach
 from tests.mutation.small_faults import ROOT, Fault
 
 COPIED = ("shpy", "raytracer", "shpy_start", "tests", "examples", "benchmarks", "docs", "scripts")
-IMPORTED = ("shpy", "raytracer", "shpy.testing.plugin")
+IMPORTED = ("shpy", "raytracer", "shpy_start.pytest_plugin")
 OF_TEXT = (
     "tests/backends/test_snapshots.py",
     "tests/backends/test_numpy_text.py",

@@ -8,6 +8,7 @@ import sys
 import pytest
 from patience import HANGING
 
+PLUGIN = "shpy_start.pytest_plugin"
 TESTS = """
 import numpy as np
 import shpy as sh
@@ -36,7 +37,7 @@ def pytest_runs(tmp_path):
     (tmp_path / "test_user.py").write_text(TESTS)
 
     def run(*options):
-        command = [sys.executable, "-m", "pytest", "-p", "shpy.testing.plugin", "-v", "-s", "-p", "no:cacheprovider"]
+        command = [sys.executable, "-m", "pytest", "-p", PLUGIN, "-v", "-s", "-p", "no:cacheprovider"]
         return subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=HANGING)
 
     return run
@@ -58,6 +59,13 @@ def test_the_options_choose_backends_and_distance(pytest_runs):
     assert "4 passed" in said
 
 
+def test_a_run_without_tests_of_shpy_loads_the_plugin_alone(pytest_runs, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # other plugins may import numpy
+    names = "[name for name in sys.modules if name.split('.')[0] in ('numpy', 'raytracer', 'shpy', 'shpy_start')]"
+    (tmp_path / "test_user.py").write_text(f"import sys\ndef test_plain(): print('loaded', *sorted({names}))")
+    assert f"loaded shpy_start {PLUGIN}\n" in pytest_runs().stdout
+
+
 def test_an_unknown_backend_is_a_usage_error(pytest_runs):
     done = pytest_runs("--shpy-backends", "numpy,metal")
     assert done.returncode == 4
@@ -69,5 +77,5 @@ def test_the_package_declares_it():
     from pathlib import Path
 
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["pytest11"] == {"shpy.testing.plugin": "shpy.testing.plugin"}
+    assert project["entry-points"]["pytest11"] == {PLUGIN: PLUGIN}
     assert {"testing", "accuracy"} <= project["optional-dependencies"].keys()
