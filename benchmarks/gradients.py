@@ -4,7 +4,7 @@
 
 The four programs are compiled for OpenCL where there is a device, otherwise for numpy, in strict mode, and read and
 write streams, so that only kernels count. Differences are central ones: six evaluations in one kernel. JAX and Dr.Jit,
-where they are installed, read and write arrays of their own, one for each component, which both are fastest with.
+where they are installed, read and write arrays of their own, one for each component.
 """
 
 from __future__ import annotations
@@ -322,8 +322,8 @@ def fitting(quick: bool) -> Table:
     value, slopes = step(*streams)
     of_peers = (SHEET.table.host_array().ravel(), *np.moveaxis(arrays[0], -1, 0), arrays[1])
     for peer, run in runs_of_peers(misfit_of, slice(0, 1), [a.ravel() for a in of_peers]).items():
-        values, found = run()
-        check(peer, np.sum(values), found, [value, slopes.ravel()])
+        errors, by_sheet = run()
+        check(peer, np.sum(errors), by_sheet, [value, slopes.ravel()])
         runs[f"step, {peer}"] = run
     for run in runs.values():
         run()

@@ -203,8 +203,8 @@ class _ReverseRewriter:
                 b.store(output, dense(self.take(port.id, port.type, top)).value)
             b.outputs += self.errors.slots.values()
             b.outputs += self.reads.finish()
-            stored_around = {output.id for output, slot in primals if slot is not f.outputs[0]}
-            self._poison([v for v in b.outputs if v.id not in stored_around])
+            around = {output.id for output, slot in primals if slot is not f.outputs[0]}
+            self._poison([v for v in b.outputs if v.id not in around])
         reverse = b.finish()
         function = replace(reverse, body=rewrite(reverse.body, self._spilled))
         return Reverse(function, tuple(self.errors.slots), self.reads.reads)
