@@ -277,6 +277,46 @@ def test_rules_with_blocks() -> None:
     assert np.allclose(by_root, by_root[0], rtol=1e-5)  # the loop in root has no bound
 
 
+@sh.struct
+class Pair:
+    u: sh.Attrib1f
+    w: sh.Attrib2f
+
+
+@sh.subroutine
+def paired(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib2f) -> Pair:
+    return Pair(sh.sin(a), sh.vec2(b * c.x, c.y * b))
+
+
+@paired.tangent
+def paired_tangent(y: Any, a: Any, b: Any, c: Any, d_a: Any, d_b: Any, d_c: Any) -> Any:
+    """Store one component in each iteration."""
+    w = sh.Attrib2f(0, 0)
+    with SH_FOR(0, 2) as k:
+        with SH_IF(k == 0):
+            w.x = d_b * c.x + b * d_c.x
+        with SH_ELSE():
+            w.y = d_c.y * b + c.y * d_b
+    return Pair(sh.cos(a) * d_a, w)
+
+
+@sh.program
+def pairs(a: sh.Attrib1f, b: sh.Attrib1f, c: sh.Attrib2f) -> sh.Attrib1f:
+    p = paired(a, b, c)
+    return p.u * p.w.x + p.w.y * p.w.y
+
+
+@pytest.mark.parametrize("wrt", [("a",), ("c",), ("b", "c")])
+def test_rules_of_structs_by_some_of_the_arguments(wrt: tuple[str, ...]) -> None:
+    """Not every component of the result moves; the tangents of the other arguments are 0."""
+    a = np.linspace(0.1, 1, 5)
+    inputs = a, 2 * a[::-1], np.stack([a * 3, 2 * a], -1)
+    both = [pairs.gradient(*wrt, mode=m).compile("numpy", precision="f64").run(*inputs).outputs for m in MODES]
+    for forward, reverse in zip(*both, strict=True):
+        assert np.allclose(forward, reverse, rtol=1e-14)
+        assert (forward != 0).any()
+
+
 class Solver:
     def __init__(self, factor: float) -> None:
         self.factor = factor
