@@ -42,7 +42,7 @@ def tuft(seed, material, blades=250, steps=5):
     return Mesh(places.reshape(-1, 3), faces.reshape(-1, 3), material=material)
 
 
-def turned(angle, scale, x, y, z):
+def placing(angle, scale, x, y, z):
     """Return the matrix that turns about y, scales and moves."""
     c, s = scale * np.cos(angle), scale * np.sin(angle)
     return np.array([[c, 0, s, x], [0, scale, 0, y], [-s, 0, c, z], [0, 0, 0, 1]])
@@ -53,7 +53,7 @@ def poppy():
     petal = sphere(0.09, POPPY, rings=10, segments=16).transformed(
         np.array([[1, 0, 0, 0.06], [0.5, 0.35, 0, 0.78], [0, 0, 1, 0], [0, 0, 0, 1]])
     )
-    return joined([petal.transformed(turned(k * np.pi / 2, 1, 0, 0, 0)) for k in range(4)])
+    return joined([petal.transformed(placing(k * np.pi / 2, 1, 0, 0, 0)) for k in range(4)])
 
 
 def meadow(tufts=5000, size=16.0):
@@ -68,7 +68,7 @@ def meadow(tufts=5000, size=16.0):
     for mesh, share in kinds.items():
         for x, z in random.uniform(-size, size, (max(1, share * tufts // 100), 2)):
             turn, scale = random.uniform(0, 2 * np.pi), random.uniform(0.6, 1.2)
-            parts.append(Instance(mesh, turned(turn, scale, x, height(x, z), z)))
+            parts.append(Instance(mesh, placing(turn, scale, x, height(x, z), z)))
     lights = [EnvironmentLight((0.42, 0.58, 0.9)), DirectionalLight((-3, -2.2, -1), (2.6, 2.3, 1.7))]
     return Scene(parts, lights, Camera((1.5, 1.75, 9.5), (0.2, 0.1, 0), fov=42))
 

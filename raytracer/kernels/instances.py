@@ -119,29 +119,29 @@ class Placement:
 
     def normal(self, normal: Any) -> Any:
         """Return a unit normal of the part in the scene."""
-        return sh.Normal3f(*self._turned(normal)[0])
+        return sh.Normal3f(*self._across(normal)[0])
 
     @property
     def hand(self) -> Any:
         """Return -1 where the instance is mirrored, so that corners go round triangles the other way; otherwise 1."""
         return self.rows[self.first + 8].w
 
-    def _turned(self, normal: Any) -> tuple[list[Any], Any, list[Any]]:
+    def _across(self, normal: Any) -> tuple[list[Any], Any, list[Any]]:
         """Return a unit normal in the scene, the length that it had before, and the matrix's rows."""
         rows = [self.rows[self.first + 3 + axis] for axis in range(3)]
-        turned = [product(row, normal) for row in rows]
-        length = sh.sqrt(product(turned, turned))
+        across = [product(row, normal) for row in rows]
+        length = sh.sqrt(product(across, across))
         # The normals of what is not moved stay as they are, to the bit.
         kept = (length == 0) | (self.rows[self.first + 7].w > 0)
         length = sh.cond(kept, 1.0, length)
-        return [component / length for component in turned], length, rows
+        return [component / length for component in across], length, rows
 
     def plane(self, normal: Sequence[Any], level: Any, ray: Any, eye: Any) -> tuple[list[Any], PlaneView]:
         """Return the unit normal in the scene of a triangle of the part, and its plane."""
-        turned, length, rows = self._turned(normal)
-        level = self.rows[self.first + 6].w * level / length + product(turned, [row.w for row in self.matrix])
+        across, length, rows = self._across(normal)
+        level = self.rows[self.first + 6].w * level / length + product(across, [row.w for row in self.matrix])
         steep = [product([abs(row[k]) for k in range(3)], [abs(n) for n in normal]) / length for row in rows]
-        return turned, PlaneView(turned, level, ray, eye, BESIDE * product(steep, [row.w for row in rows]))
+        return across, PlaneView(across, level, ray, eye, BESIDE * product(steep, [row.w for row in rows]))
 
     def ray(self, ray: Any, eye: Any) -> tuple[Any, Any, Any]:
         """Return a ray in the part's coordinates, its origin, and how far it may be off along each axis."""

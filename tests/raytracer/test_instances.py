@@ -179,6 +179,7 @@ def test_instances_alone_of_empty_meshes_and_without_an_inverse_are_settled():
 
 def test_many_instances_share_triangles_by_default(monkeypatch):
     monkeypatch.setattr(instanced, "MANY", 40)
+    monkeypatch.setattr(instanced, "BEGINNING", 10)
     ball = icosahedron()
     ways = [np.eye(4) + np.diag([0, 0, 0], 1) for _ in range(3)]
     for k, way in enumerate(ways):
@@ -247,9 +248,9 @@ def test_a_placed_mesh_is_the_transformed_one():
     ball, matrix = sphere(rings=4, segments=5), place(random, (1, -1, 1))
     mesh, whole = Instance(ball, matrix, "ball").placed, ball.transformed(matrix)
     assert isinstance(mesh, PlacedMesh)
-    for made in (mesh, pickle.loads(pickle.dumps(mesh)), copy.deepcopy(mesh), dataclasses.replace(mesh, name="other")):
+    for each in (mesh, pickle.loads(pickle.dumps(mesh)), copy.deepcopy(mesh), dataclasses.replace(mesh, name="other")):
         for name in ("vertices", "faces", "normals", "uv", "corners", "used_vertices"):
-            np.testing.assert_array_equal(getattr(made, name), getattr(whole, name), name)
+            np.testing.assert_array_equal(getattr(each, name), getattr(whole, name), name)
     red = mesh.with_material(Material((1, 0, 0)), "red")
     assert (type(red), red.name, red.source) == (PlacedMesh, "red", ball)
     assert type(mesh.moved((1, 0, 0))) is type(mesh.with_vertices(mesh.vertices, None)) is Mesh
